@@ -1,0 +1,79 @@
+# make demo    the whole story on the built-in scenario; recording, calibration, plots and .rrd land in ./out
+# make test    the tests                  make lint    ruff and mypy
+# make bench   the benchmarks, beside the packages people use today
+# make lock    newest versions within pyproject.toml's ranges, with their hashes
+# make clean   everything made here, but the environments; make distclean these too
+#
+# Needs Python 3.11 to 3.13 (with venv and pip), make and bash. Another interpreter: make PYTHON=/path/to/python3.12 demo
+
+SHELL := bash
+.DEFAULT_GOAL := demo
+.DELETE_ON_ERROR:
+.PHONY: demo test lint bench lock clean distclean
+
+PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
+	"$$python" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && echo "$$python" && break; done)
+WORKERS ?= 2
+ARGS ?=
+
+# One BLAS thread: two of them make small fits erratic.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+export VECLIB_MAXIMUM_THREADS ?= 1
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+# $(call locked_install,ENVIRONMENT,LOCK,OPTIONS): the lock's versions and hashes. One line counts on, on a terminal;
+# pip's warnings are shown where it fails.
+locked_install = set -o pipefail; \
+	"$(1)/bin/python" -m pip install --progress-bar off $(3) --require-hashes --requirement "$(2)" 2>"$(1)/pip.log" | awk \
+	-v total="$$(grep -c == "$(2)")" \
+	'BEGIN { live = !system("test -t 1"); printf "$(1): packages of $(2)"; fflush() } \
+	/^(Collecting|Processing|Requirement already)/ && live { printf "\r$(1): package %d of %d ", ++n, total; fflush() } \
+	/^Installing/ { printf ", installing them"; fflush() } \
+	END { print "" }' || { cat "$(1)/pip.log" >&2; exit 1; }
+
+demo: .venv/.installed
+	CI=1 .venv/bin/rig demo $(ARGS)  # rerun reports no usage to its makers where CI is set
+
+test: .venv/.installed
+	.venv/bin/pytest -n $(WORKERS) $(ARGS)
+
+lint: .venv/.installed
+	.venv/bin/ruff check
+	.venv/bin/ruff format --check
+	.venv/bin/mypy
+
+bench: .venv-bench/.installed
+	.venv-bench/bin/python -m benchmarks $(ARGS)
+
+# No index address is written, so that the locks say what is installed and the user's own settings say where from.
+lock: compile = .venv/bin/uv pip compile --quiet --upgrade --python-version 3.11 --universal \
+	--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --custom-compile-command "make lock"
+lock: .venv/.installed
+	$(compile) --extra cluster --group dev --output-file requirements.lock pyproject.toml
+	$(compile) --group peers --constraint requirements.lock --output-file bench.lock
+
+.venv/.installed: pyproject.toml requirements.lock
+	@$(if $(PYTHON),,echo "no Python 3.11 to 3.13 found: name one, as in make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 1)
+	@test -x .venv/bin/python || "$(PYTHON)" -m venv .venv
+	@$(call locked_install,.venv,requirements.lock,)
+	@.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# The peers stay out of the environment that is tested. Their own version limits cannot all be met at once (see
+# pyproject.toml), hence --no-deps: the lock is complete.
+.venv-bench/.installed: pyproject.toml requirements.lock bench.lock
+	@$(if $(PYTHON),,echo "no Python 3.11 to 3.13 found: name one, as in make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 1)
+	@test -x .venv-bench/bin/python || "$(PYTHON)" -m venv .venv-bench
+	@$(call locked_install,.venv-bench,requirements.lock,)
+	@$(call locked_install,.venv-bench,bench.lock,--no-deps)
+	@.venv-bench/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+clean:
+	rm -rf out dist build .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find benchmarks docs estimators rig scenarios tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+distclean: clean
+	rm -rf .venv .venv-bench

@@ -1,0 +1,112 @@
+"""The shape of the house: layers, lengths, what is never imported, what is declared."""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LAYERS = ("rig", "estimators", "scenarios")  # a later one may import an earlier one, never the reverse
+CONSUMERS_OF_RESULTS = {"matplotlib", "rerun"}  # visualisation: scenarios only
+UNSAFE_LOADERS = {"cloudpickle", "dill", "joblib", "marshal", "pickle", "shelve"}
+MOST_LINES = 400
+
+
+def sources(*folders: str) -> list[Path]:
+    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+
+
+def imports(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and absolute dotted name of everything that the file imports, wherever in it the statement stands."""
+    package = path.relative_to(ROOT).parent.parts
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom):
+            anchor = package[: len(package) - node.level + 1] if node.level else ()
+            yield node.lineno, ".".join((*anchor, *filter(None, [node.module])))
+
+
+def place(path: Path, line: int) -> str:
+    return f"{path.relative_to(ROOT)}:{line}"
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_a_layer_imports_nothing_above_it(layer: str) -> None:
+    above = {*LAYERS[LAYERS.index(layer) + 1 :], "benchmarks", "tests"}
+    found = [
+        f"{place(path, line)} imports {name}"
+        for path in sources(layer)
+        for line, name in imports(path)
+        if name.split(".")[0] in above
+    ]
+    assert sources(layer), f"no source in {layer}: the test looks in the wrong place"
+    assert not found, found
+
+
+def test_models_hold_no_code() -> None:
+    assert (ROOT / "models" / "a465" / "a465.xml").is_file()
+    assert not sources("models")
+
+
+def test_visualisation_is_the_scenarios_business() -> None:
+    found = [
+        f"{place(path, line)} imports {name}"
+        for path in sources("rig", "estimators")
+        for line, name in imports(path)
+        if name.split(".")[0] in CONSUMERS_OF_RESULTS
+    ]
+    assert not found, found
+
+
+def test_nothing_is_unpickled() -> None:
+    found = []
+    for path in sources(*LAYERS):
+        found += [place(path, line) for line, name in imports(path) if name.split(".")[0] in UNSAFE_LOADERS]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            # The bare presence is enough: allow_pickle=False is the default of numpy.load.
+            if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+                found.append(place(path, node.value.lineno))
+            if isinstance(node, ast.Attribute) and node.attr in {"read_pickle", "to_pickle"}:
+                found.append(place(path, node.lineno))
+    assert not found, found
+
+
+def test_no_file_is_too_long_for_one_concept() -> None:
+    lengths = {
+        str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines())
+        for path in sources(*LAYERS, "tests", "benchmarks")
+    }
+    assert not {name: lines for name, lines in lengths.items() if lines > MOST_LINES}
+
+
+def normalised(name: str) -> str:
+    """The form in which two spellings of one distribution's name are equal (PEP 503), without extras and versions."""
+    stem = re.match(r"[A-Za-z0-9._-]+", name)
+    assert stem, name
+    return re.sub(r"[-_.]+", "-", stem.group()).lower()
+
+
+def test_every_imported_distribution_is_declared() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    optional = [entry for extra in project["project"]["optional-dependencies"].values() for entry in extra]
+    declared = {normalised(entry) for entry in project["project"]["dependencies"] + optional}
+    declared |= {normalised(name) for entry in optional for name in re.findall(r"\[(.*?)]", entry)}  # dask[distributed]
+    distributions = importlib.metadata.packages_distributions()
+    found = []
+    for path in sources(*LAYERS):
+        for line, name in imports(path):
+            top = name.split(".")[0]
+            if top in sys.stdlib_module_names or top in LAYERS:
+                continue
+            if not declared & {normalised(owner) for owner in distributions.get(top, [top])}:
+                found.append(f"{place(path, line)} imports {top}")
+    assert not found, found
