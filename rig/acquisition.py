@@ -1,0 +1,75 @@
+"""The acquisition board: sampling, noise, range and converter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.channels import CHANNELS
+from rig.errors import RigError, unknown_name
+
+Pose = Literal["joints", "tool", "none"]
+POSES: Final[tuple[Pose, ...]] = ("joints", "tool", "none")
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Acquisition:
+    """What the board makes of six voltages.
+
+    Attributes:
+        noise_V: (6,) standard deviation of white noise [V], in channel order.
+        range_V: the sensor's output range [V], at which readings clip; None: unlimited.
+        bits, full_scale_V: the converter rounds to 2 full_scale / 2^bits; bits None: no rounding.
+        decimation: every so many samples of the maneuver are kept (25: 100 Hz become 4 Hz).
+        pose: what is recorded of the pose: joint angles, the tool's pose as a tracking system gives it, or nothing.
+            A maneuver without joints has no joint angles: there "joints" records nothing.
+    """
+
+    noise_V: tuple[float, ...] = (0.0,) * 6
+    range_V: tuple[float, float] | None = (0.0, 5.0)
+    bits: int | None = 14
+    full_scale_V: float = 10.0
+    decimation: int = 25
+    pose: Pose = "joints"
+
+    def __post_init__(self) -> None:
+        noise = np.asarray(self.noise_V, dtype=float)
+        if noise.shape != (len(CHANNELS),) or not np.isfinite(noise).all() or (noise < 0).any():
+            raise RigError(f"acquisition.noise_V: found {self.noise_V}, expected {len(CHANNELS)} numbers, none negative")
+        object.__setattr__(self, "noise_V", tuple(float(value) for value in noise))
+        if self.range_V is not None:
+            if len(self.range_V) != 2 or not self.range_V[0] < self.range_V[1]:
+                raise RigError(f"acquisition.range_V: found {self.range_V}, expected a lower and a higher voltage")
+            object.__setattr__(self, "range_V", (float(self.range_V[0]), float(self.range_V[1])))
+        if self.bits is not None and not 1 <= self.bits <= 32:
+            raise RigError(f"acquisition.bits: found {self.bits}, expected 1 to 32")
+        if not self.full_scale_V > 0:
+            raise RigError(f"acquisition.full_scale_V: found {self.full_scale_V}, expected a positive voltage")
+        if self.pose not in POSES:
+            raise unknown_name("acquisition.pose", str(self.pose), POSES)
+        if self.decimation < 1:
+            raise RigError(f"acquisition.decimation: found {self.decimation}, expected 1 or more")
+
+    @property
+    def step_V(self) -> float:
+        """One step of the converter [V]; 1.2207 mV for 14 bit over +-10 V; zero without rounding."""
+        return 0.0 if self.bits is None else 2.0 * self.full_scale_V / 2.0**self.bits
+
+    def add_noise(self, volts: Array, rng: np.random.Generator) -> Array:
+        """Voltages (n, 6) [V] with each channel's white noise."""
+        if not any(self.noise_V):
+            return volts
+        return volts + rng.standard_normal(volts.shape) * self.noise_V
+
+    def convert(self, volts: Array) -> Array:
+        """Voltages (n, 6) [V] as the converter gives them: clipped to the range, rounded to its steps."""
+        if self.range_V is not None:
+            volts = np.clip(volts, *self.range_V)
+        if self.bits is not None:
+            volts = np.round(volts / self.step_V) * self.step_V
+        return volts

@@ -1,0 +1,54 @@
+"""Directions and their two angles: sensor axes by (beta, gamma), fields by (phi, psi); Renk (6), (12)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def direction_from_angles(elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> Array:
+    """Unit vectors R_k(azimuth) R_j(elevation) i = (cos a cos e, sin a cos e, -sin e); Renk (6), (12).
+
+    Args:
+        elevation_deg: (...) [deg] beta of an axis or phi of a field; +90 points along -z.
+        azimuth_deg: (...) [deg] gamma of an axis or psi of a field.
+
+    Returns:
+        (..., 3) unit vectors, in frame 6 for axes and in the base frame for fields.
+    """
+    elevation, azimuth = np.radians(elevation_deg), np.radians(azimuth_deg)
+    return np.stack(
+        np.broadcast_arrays(
+            np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), -np.sin(elevation)
+        ),
+        axis=-1,
+    )
+
+
+def angles_from_direction(direction: ArrayLike) -> tuple[Array, Array]:
+    """The angles of ``direction_from_angles``: elevation in [-90, 90], azimuth in [0, 360) [deg].
+
+    Args:
+        direction: (..., 3) vectors of any length above zero.
+    """
+    x, y, z = np.moveaxis(np.asarray(direction, dtype=float), -1, 0)
+    elevation = np.degrees(np.arctan2(-z, np.hypot(x, y)))
+    azimuth = np.degrees(np.arctan2(y, x)) % 360.0
+    return elevation, np.where(azimuth >= 360.0, 0.0, azimuth)  # a tiny negative angle rounds up to 360
+
+
+def tangent_basis(direction: ArrayLike) -> Array:
+    """Two unit vectors (..., 2, 3) that span the plane at right angles to unit vectors (..., 3).
+
+    The branch-free construction of Duff et al., "Building an orthonormal basis, revisited" (2017): no direction is
+    singular, unlike the derivative with respect to the two angles.
+    """
+    x, y, z = np.moveaxis(np.asarray(direction, dtype=float), -1, 0)
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    second = np.stack([b, sign + y * y * a, -y], axis=-1)
+    return np.stack([first, second], axis=-2)

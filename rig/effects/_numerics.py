@@ -1,0 +1,142 @@
+"""The arithmetic that several effects share: turning vectors, filters with memory, derivatives along a path."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solve_banded
+
+Array = NDArray[np.float64]
+
+#: Span [s] of the parabola that is fitted to a path for its curvature: at 100 Hz a path known to 0.1 mm gives
+#: 0.07 m/s^2, and motions up to 2 Hz keep 97 % of their acceleration.
+CURVATURE_SPAN: Final = 0.1
+
+_BLOCK = 16384  # rows at a time, where windows are written out
+
+
+def turned(axis: ArrayLike, angle: ArrayLike, vectors: Array) -> Array:
+    """Vectors turned about an axis (Rodrigues' rotation formula).
+
+    Args:
+        axis: (3,) or (n, 3) unit vectors.
+        angle: scalar or (n,) [rad].
+        vectors: (n, 3) vectors, or (n, 3, 3) with the vectors as columns.
+    """
+    columns = vectors[:, :, None] if vectors.ndim == 2 else vectors
+    x, y, z = np.moveaxis(np.asarray(axis, dtype=float), -1, 0)[..., None]
+    a, b, c = columns[:, 0], columns[:, 1], columns[:, 2]
+    sine, versine = np.sin(angle)[..., None], 2.0 * np.sin(0.5 * np.asarray(angle))[..., None] ** 2
+    along = versine * (x * a + y * b + z * c)
+    result = np.empty_like(columns)
+    for row, (own, unit, cross) in enumerate(((a, x, y * c - z * b), (b, y, z * a - x * c), (c, z, x * b - y * a))):
+        result[:, row] = own + sine * cross + (along * unit - versine * own)
+    return result[:, :, 0] if vectors.ndim == 2 else result
+
+
+def recursion(decay: Array, drive: Array) -> Array:
+    """y[0] = drive[0], y[k] = decay[k-1] y[k-1] + drive[k].
+
+    Solved as the bidiagonal system it is, so that unequal steps cost nothing.
+
+    Args:
+        decay: (n - 1,) below one.
+        drive: (n, m).
+    """
+    bands = np.ones((2, len(drive)))
+    bands[1, :-1] = -decay
+    return np.asarray(solve_banded((1, 0), bands, drive, check_finite=False))
+
+
+def play(x: Array, half_width: float) -> Array:
+    """The play operator: y[0] = x[0], y[k] = the point of x[k] -+ half_width that is nearest to y[k-1].
+
+    Each step clamps y to an interval, and clamps upon clamps are a clamp: composed over ever longer spans of samples
+    (a prefix scan) they give all y in log n passes, of which only the first few have anything left to do.
+
+    Args:
+        x: (n,).
+        half_width: not negative.
+    """
+    low, high = x - half_width, x + half_width
+    low[0] = high[0] = x[0]
+    span = 1
+    open_ = np.flatnonzero(low < high)
+    while span < len(x) and open_.size:
+        open_ = open_[open_ >= span]  # those before reach back to the first sample: settled
+        earlier = open_ - span
+        below, above = low[open_], high[open_]
+        low[open_], high[open_] = np.clip(low[earlier], below, above), np.clip(high[earlier], below, above)
+        open_ = open_[low[open_] < high[open_]]
+        span *= 2
+    return low
+
+
+def shifted(t: Array, values: Array, at: Array) -> Array:
+    """Samples (n, m) at times t (n,) read at other times ``at`` (n,) instead: a cubic spline, held beyond its ends.
+
+    Columns of a sensor that is not there (NaN) stay as they are.
+    """
+    result = values.copy()
+    there = np.flatnonzero(np.isfinite(values[0]))
+    result[:, there] = CubicSpline(t, values[:, there], axis=0)(np.clip(at, t[0], t[-1]))
+    return result
+
+
+def low_passed(t: Array, values: Array, tau: float) -> Array:
+    """The response of tau y' + y = x to samples x (n, m) at times t (n,): exact for the cubic spline through them.
+
+    It starts settled, y[0] = x[0]. As tau goes to zero it goes to x smoothly, however coarse the sampling.
+    """
+    spline = CubicSpline(t, values, axis=0)
+    cube, square, slope, level = spline.c  # each (n - 1, m), powers of the time since the interval's start
+    step = np.diff(t)[:, None]
+    # The forced response to a polynomial p is p - tau p' + tau^2 p'' - tau^3 p'''.
+    start = level - tau * (slope - tau * (2.0 * square - tau * 6.0 * cube))
+    end_slope = slope + step * (2.0 * square + step * 3.0 * cube)
+    end = values[1:] - tau * (end_slope - tau * (2.0 * square + 6.0 * cube * (step - tau)))
+    decay = np.exp(-step / tau)
+    return recursion(decay[:, 0], np.concatenate([values[:1], end - decay * start]))
+
+
+def curvature(t: Array, path: Array) -> Array:
+    """Second derivative (n, m) of samples (n, m) at times t (n,): of the parabola fitted to the samples around each.
+
+    The samples within ``CURVATURE_SPAN`` count, at least one on either side: then it is the second difference. The
+    first and last windows also serve the samples at the ends.
+    """
+    count = len(t)
+    if count < 3:
+        return np.zeros_like(path)
+    steps = np.diff(t)
+    half = int(np.clip(round(0.5 * CURVATURE_SPAN / float(np.median(steps))), 1, (count - 1) // 2))
+    uniform = np.ptp(steps) <= 1e-6 * steps[0]
+    windows = _uniform_windows if uniform else _fitted_windows
+    inner = windows(t, path, half)
+    return np.concatenate([np.repeat(inner[:1], half, axis=0), inner, np.repeat(inner[-1:], half, axis=0)])
+
+
+def _uniform_windows(t: Array, path: Array, half: int) -> Array:
+    offset = np.arange(-half, half + 1, dtype=float)
+    square = offset**2 - np.mean(offset**2)
+    weights = 2.0 * square / (square @ square) / ((t[-1] - t[0]) / (len(t) - 1)) ** 2
+    return np.stack([np.convolve(column, weights, mode="valid") for column in path.T], axis=1)
+
+
+def _fitted_windows(t: Array, path: Array, half: int) -> Array:
+    width = 2 * half + 1
+    times = sliding_window_view(t, width)
+    values = sliding_window_view(path, width, axis=0)  # (n - 2 half, m, width)
+    result = np.empty(values.shape[:2])
+    for first in range(0, len(result), _BLOCK):
+        rows = slice(first, first + _BLOCK)
+        tau = times[rows] - times[rows].mean(axis=1, keepdims=True)
+        square = tau**2 - np.mean(tau**2, axis=1, keepdims=True)
+        square -= tau * (np.sum(square * tau, axis=1) / np.sum(tau**2, axis=1))[:, None]  # at right angles to 1 and tau
+        weights = 2.0 * square / np.sum(square**2, axis=1)[:, None]
+        result[rows] = np.einsum("nmw,nw->nm", values[rows], weights)
+    return result

@@ -1,0 +1,289 @@
+"""What an effect is: one small frozen dataclass, used by the simulator and by the diagnosis alike."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Any, ClassVar, Final, Literal, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.channels import CHANNELS, COLUMNS_OF
+from rig.errors import RigError, nearest, unknown_name
+from rig.signals import Signals
+
+Array = NDArray[np.float64]
+
+
+class Stage(IntEnum):
+    """Where on its way from encoder angles to volts a reading is changed, in this order."""
+
+    TRANSMISSION = 0  #: q, the true joint angles
+    POSE = 1  #: R_base_tool, position, acceleration
+    FIELD = 2  #: gravity, magnetic, acceleration
+    INPUT = 3  #: inputs: what the axes feel
+    VOLTS = 4  #: volts, before sampling
+    ELECTRONIC = 5  #: volts, sampled and noisy, before the converter
+
+
+class Kind(Enum):
+    """What an effect changes, hence which test can find it."""
+
+    MEAN = "mean"  #: the expected reading
+    NOISE = "noise"  #: the covariance of the readings
+    DISTRIBUTION = "distribution"  #: clipping, steps, spikes, repeats
+
+
+#: Within a stage noise comes before what is done to a noisy reading: a repeat repeats the noise too.
+_ORDER: Final = {kind: order for order, kind in enumerate(Kind)}
+
+Value = float | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes:
+        name, unit: as in the catalogue.
+        typical: typical size, in ``unit``; a starting point with a guess's weight.
+        lower, upper: bounds, in ``unit``.
+        size: number of components (1 for a scalar).
+        strength: True where the effect vanishes with this parameter at ``neutral``; the others shape it.
+        neutral: the value of a strength that changes nothing, zero but for a level that nothing reaches.
+        spanned: values of a shape whose effects span, to first order in the strength, those of all other values: a sine
+            and a cosine span every phase. Such a shape need not be searched.
+        grid: values to search where a shape is not spanned; empty where they depend on the recording (``searched``).
+    """
+
+    name: str
+    unit: str
+    typical: float
+    lower: float
+    upper: float
+    size: int
+    strength: bool
+    neutral: float = 0.0
+    spanned: tuple[Value, ...] = ()
+    grid: tuple[Value, ...] = ()
+
+
+def parameter(
+    unit: str,
+    typical: float,
+    *,
+    lower: float = -np.inf,
+    upper: float = np.inf,
+    size: int = 1,
+    strength: bool = True,
+    default: float | tuple[float, ...] | None = None,
+    neutral: float = 0.0,
+    spanned: Sequence[Value] = (),
+    grid: Sequence[Value] = (),
+) -> Any:
+    """A dataclass field that is a parameter of the effect; a strength starts neutral, a shape at its typical size."""
+    start: Any = default if default is not None else (neutral if strength else typical)
+    if size > 1 and not isinstance(start, tuple):
+        start = (start,) * size
+    meta: dict[str, Any] = {"unit": unit, "typical": typical, "lower": lower, "upper": upper, "size": size}
+    meta |= {"strength": strength, "neutral": neutral, "spanned": tuple(spanned), "grid": tuple(grid)}
+    return dataclasses.field(default=start, metadata=meta)
+
+
+def choice(choices: Sequence[str], default: str | None = None) -> Any:
+    """A dataclass field that is one of several names; required where there is no default."""
+    meta = {"choices": tuple(choices)}
+    return dataclasses.field(metadata=meta) if default is None else dataclasses.field(default=default, metadata=meta)
+
+
+def phase() -> Any:
+    """A dataclass field that is the phase of a sine [rad]."""
+    return parameter("rad", np.pi, strength=False, default=0.0, spanned=QUADRATURE)
+
+
+QUADRATURE: Final = (0.0, np.pi / 2.0)
+JOINTS: Final = tuple(f"joint{number}" for number in range(1, 7))
+SWEPT_JOINTS: Final = ("joint1", "joint5", "joint6")
+LINKS: Final = tuple(f"link{number}" for number in range(1, 6))
+
+Requirement = Literal["joints", "position", "temperature"]
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """An unmodelled effect at its place.
+
+    Attributes:
+        where: the place, one of ``places``.
+    """
+
+    name: ClassVar[str]
+    stage: ClassVar[Stage]
+    kind: ClassVar[Kind] = Kind.MEAN
+    places: ClassVar[tuple[str, ...]]
+    #: What a recording must have for the effect to act on it.
+    requires: ClassVar[tuple[Requirement, ...]] = ()
+    #: True where the effect acts by being there, even with all its strengths at zero.
+    acts_at_zero: ClassVar[bool] = False
+    #: True where the effect is a sine in time of ``freq_Hz`` and ``phase_rad``. At frequency zero and phase pi/2 it is
+    #: the envelope of that tone, so that one Fourier transform searches all frequencies.
+    tone: ClassVar[bool] = False
+    #: Where a tone lies [Hz], as pairs of bounds; empty: anywhere.
+    bands: ClassVar[tuple[tuple[float, float], ...]] = ()
+
+    #: Of a noise effect: True where its variance follows time (the slope of the signal), False where it has a spectrum.
+    adds_in_time: ClassVar[bool] = False
+
+    where: str
+
+    def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
+        """The spectrum of a noise effect's readings at strength one, of its shape.
+
+        Args:
+            frequency: (m,) [cycles a sample], above zero.
+            interval_s: between samples [s].
+
+        Returns:
+            (m,) such that its mean over all frequencies is the variance; white noise of variance one has one.
+
+        Raises:
+            NotImplementedError: the effect is not noise with a spectrum.
+        """
+        raise NotImplementedError(f"effect {self.name} has no spectrum")
+
+    @abstractmethod
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        """The signals with the effect; the input is left as it is. Neutral strengths change nothing."""
+
+    def __post_init__(self) -> None:
+        if self.where not in self.places:
+            raise unknown_name(f"place of effect {self.name}", str(self.where), self.places)
+        for name, choices in self.choices().items():
+            if getattr(self, name) not in choices:
+                raise unknown_name(f"{name} of effect {self.name}", str(getattr(self, name)), choices)
+        for item in self.parameters():
+            value = getattr(self, item.name)
+            try:
+                values = np.asarray(value, dtype=float)
+            except (TypeError, ValueError):
+                values = np.asarray(np.nan)
+            shape = () if item.size == 1 else (item.size,)
+            if values.shape != shape or not np.isfinite(values).all():
+                count = "a finite number" if item.size == 1 else f"{item.size} finite numbers"
+                raise RigError(f"effect {self.name}.{item.name}: found {value!r}, expected {count} [{item.unit}]")
+            if (values < item.lower).any() or (values > item.upper).any():
+                bounds = f"{item.lower:g} to {item.upper:g} [{item.unit}]"
+                raise RigError(f"effect {self.name}.{item.name}: found {value}, expected {bounds}")
+            object.__setattr__(self, item.name, float(values) if item.size == 1 else tuple(float(x) for x in values))
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """The parameters in the order of the class."""
+        return tuple(
+            Parameter(item.name, **item.metadata) for item in dataclasses.fields(cls) if "unit" in item.metadata
+        )
+
+    @classmethod
+    def choices(cls) -> dict[str, tuple[str, ...]]:
+        """The fields that are names, each with the names it may be."""
+        return {item.name: item.metadata["choices"] for item in dataclasses.fields(cls) if "choices" in item.metadata}
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Self:
+        """From a table of a scenario or a cause: ``where``, parameters and choices by name.
+
+        Raises:
+            RigError: a name the effect does not have, no ``where`` although there are several places, a bad value.
+        """
+        names = [item.name for item in dataclasses.fields(cls)]
+        for key in values:
+            if key not in names:
+                expected = f"expected {', '.join(names)}{nearest(key, names)}"
+                raise RigError(f"effect {cls.name}: unknown key {key!r}, {expected}")
+        given = {"where": cls.places[0], **values} if len(cls.places) == 1 else dict(values)
+        choices = {"where": cls.places, **cls.choices()}
+        for item in dataclasses.fields(cls):
+            if item.default is dataclasses.MISSING and item.name not in given:
+                raise RigError(
+                    f"effect {cls.name}: {item.name!r} is missing, expected one of {', '.join(choices[item.name])}"
+                )
+        return cls(**given)
+
+    @classmethod
+    def lacking(cls, signals: Signals) -> str:
+        """What the recording lacks for this effect, in words; empty where it has all."""
+        joints = signals.q_encoder is not None
+        has = {
+            "joints": (joints, "joint angles (columns q1_rad..qN_rad)"),
+            "position": (joints or signals.position.size > 0, "the sensor's position (columns tool_x_m..tool_z_m)"),
+            "temperature": (signals.temperature is not None, "the temperature (column temperature_degC)"),
+        }
+        return " and ".join(has[requirement][1] for requirement in cls.requires if not has[requirement][0])
+
+    @classmethod
+    def searched(cls, signals: Signals) -> list[dict[str, Value]]:
+        """The shapes to try on a recording: every combination of the grids; one empty table where there is none."""
+        grids = {item.name: item.grid for item in cls.parameters() if item.grid}
+        return [dict(zip(grids, values, strict=True)) for values in itertools.product(*grids.values())]
+
+    @classmethod
+    def spanning(cls) -> list[dict[str, Value]]:
+        """The shapes whose effects together span, to first order, those of all values of the spanned parameters."""
+        spans = {item.name: item.spanned for item in cls.parameters() if item.spanned}
+        return [dict(zip(spans, values, strict=True)) for values in itertools.product(*spans.values())]
+
+    @property
+    def joint(self) -> int:
+        """The column of the joint or link that ``where`` names."""
+        return int(self.where[-1]) - 1
+
+    @property
+    def columns(self) -> slice:
+        """The channels (columns of ``inputs`` and ``volts``) that ``where`` names; all where it names no sensor."""
+        if self.where in CHANNELS:
+            column = CHANNELS.index(self.where)
+            return slice(column, column + 1)
+        return COLUMNS_OF.get(self.where, slice(0, len(CHANNELS)))
+
+
+EffectClass = TypeVar("EffectClass", bound=type[Effect])
+
+#: Every effect by its name in the catalogue; command line, diagnosis, report and documentation read it.
+EFFECTS: dict[str, type[Effect]] = {}
+
+
+def register(effect: EffectClass) -> EffectClass:
+    """Class decorator: enter an effect into the registry."""
+    if effect.name in EFFECTS:
+        raise ValueError(f"effect {effect.name!r} is registered twice")
+    EFFECTS[effect.name] = effect
+    return effect
+
+
+def make_effect(name: str, values: Mapping[str, Any]) -> Effect:
+    """An effect by its name in the catalogue and a table of ``where``, parameters and choices.
+
+    Raises:
+        RigError: the catalogue has no such effect, or its table is wrong.
+    """
+    if name not in EFFECTS:
+        raise unknown_name("effect", name, EFFECTS)
+    return EFFECTS[name].from_mapping(values)
+
+
+def apply_stage(effects: Sequence[Effect], stage: Stage, signals: Signals, rng: np.random.Generator) -> Signals:
+    """Apply the effects that act on ``stage``: in their order, but noise before what is done to noisy readings.
+
+    Raises:
+        RigError: the signals lack what an effect needs.
+    """
+    for effect in sorted((effect for effect in effects if effect.stage is stage), key=lambda each: _ORDER[each.kind]):
+        if lacking := effect.lacking(signals):
+            raise RigError(f"effect {effect.name} at {effect.where}: the recording lacks {lacking}")
+        signals = effect.apply(signals, rng)
+    return signals

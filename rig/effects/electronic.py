@@ -1,0 +1,103 @@
+"""Effects of the supply and the wiring: what they add to the readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebval
+
+from rig.channels import CHANNELS
+from rig.effects.base import Effect, Stage, choice, parameter, register
+from rig.effects.drift import with_volts
+from rig.errors import RigError
+from rig.signals import Signals
+
+#: The middle [V] of the sensors' output range of 0 to 5 V.
+MIDDLE: Final = 2.5
+
+#: Half waves of the supply's waveform: it resolves a twelfth of the recording, 140 s of a sweep of 1664 s, faster than
+#: a supply warms or a laboratory's heating cycles.
+_COSINES: Final = 24
+
+
+@register
+@dataclass(frozen=True)
+class SupplyRatiometric(Effect):
+    """The supply drifts, and every reading with it: V (1 + e(t)), e slow.
+
+    e(t) = supply_V (U(t)/mean U - 1) + sum_k w_k cos(pi k (t - t0)/(t1 - t0)), k = 1 to 24: the recorded supply U,
+    followed in full where supply_V is 1 (one that was not recorded counts as constant); and a smooth waveform over the
+    recording from t0 to t1, which resolves a twelfth of it. The mean is left out: sensitivities and offsets hold it.
+    0.1-1 %; a guess.
+    """
+
+    name = "supply_ratiometric"
+    stage = Stage.VOLTS
+    places = ("supply",)
+
+    waveform: tuple[float, ...] = parameter("relative", 1e-3, lower=-0.5, upper=0.5, size=_COSINES)
+    supply_V: float = parameter("relative", 1.0, lower=-10.0, upper=10.0)
+
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        elapsed = (signals.t - signals.t[0]) / max(float(signals.t[-1] - signals.t[0]), np.finfo(float).tiny)
+        change = chebval(np.cos(np.pi * elapsed), (0.0, *self.waveform))  # cos k x is the k-th Chebyshev polynomial
+        if signals.supply is not None:
+            change = change + self.supply_V * (signals.supply / np.mean(signals.supply) - 1.0)
+        return replace(signals, volts=signals.volts * (1.0 + change)[:, None])
+
+
+@register
+@dataclass(frozen=True)
+class ChannelCrosstalk(Effect):
+    """A neighbouring wire couples in: V_i + c (V_j - 2.5), i the channel that is disturbed and j the source.
+
+    0.1-1 %; a guess.
+    """
+
+    name = "channel_crosstalk"
+    stage = Stage.VOLTS
+    places = CHANNELS
+
+    source: str = choice(CHANNELS)
+    coefficient: float = parameter("relative", 5e-3, lower=-1.0, upper=1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.source == self.where:
+            raise RigError(
+                f"effect channel_crosstalk.source: found {self.source}, expected another channel than its own"
+            )
+
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        coupled = self.coefficient * (signals.volts[:, [CHANNELS.index(self.source)]] - MIDDLE)
+        return with_volts(signals, self.columns, coupled)
+
+
+@register
+@dataclass(frozen=True)
+class MainsHum(Effect):
+    """The mains couple into every channel: V_k + A_k sin(2 pi f t + p_k), f near 50 or 60 Hz.
+
+    The frequency of a sampled signal is known only modulo the sampling rate. Millivolts; a guess.
+    """
+
+    name = "mains_hum"
+    stage = Stage.VOLTS
+    places = ("acquisition",)
+    tone = True
+    bands = ((49.8, 50.2), (59.8, 60.2))
+
+    freq_Hz: float = parameter("Hz", 50.0, lower=0.0, upper=1000.0, strength=False)
+    amplitude: tuple[float, ...] = parameter("V", 2e-3, size=6)
+    phase_rad: tuple[float, ...] = parameter(
+        "rad", np.pi, size=6, strength=False, default=0.0, spanned=((0.0,) * 6, (np.pi / 2.0,) * 6)
+    )
+
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        turns = 2.0 * np.pi * self.freq_Hz * signals.t
+        # A sin(x + p) = A cos p sin x + A sin p cos x: two columns of sines for six channels.
+        amplitude, phase = np.asarray(self.amplitude), np.asarray(self.phase_rad)
+        hum = np.outer(np.sin(turns), amplitude * np.cos(phase)) + np.outer(np.cos(turns), amplitude * np.sin(phase))
+        return with_volts(signals, self.columns, hum)

@@ -1,0 +1,104 @@
+"""Effects on where the sensor is: the arm's geometry, its base, its mount."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rig.effects._numerics import turned
+from rig.effects.base import Effect, Stage, Value, parameter, register
+from rig.signals import Signals
+
+#: Instants that are tried for a jump, evenly over the recording.
+INSTANTS = 60
+
+
+def instants(signals: Signals) -> list[dict[str, Value]]:
+    """The instants of a jump to try on a recording."""
+    return [{"at_s": float(at)} for at in np.linspace(signals.t[0], signals.t[-1], INSTANTS + 2)[1:-1]]
+
+
+@register
+@dataclass(frozen=True)
+class AxisMisalignment(Effect):
+    """The next joint's axis is not quite where it should be: the Denavit-Hartenberg twist is alpha_j + c.
+
+    R_0j' = R_0j Rx(c): everything beyond link j turns by c about the link's x axis, the sensor's position too.
+    1 mrad; a guess.
+    """
+
+    name = "axis_misalignment"
+    stage = Stage.POSE
+    places = ("joint1", "joint2", "joint3", "joint4", "joint5")
+    requires = ("joints",)
+
+    twist_rad: float = parameter("rad", 1e-3, lower=-0.5, upper=0.5)
+
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        axis = signals.links.rotation[:, self.joint, :, 0]
+        lever = signals.position - signals.links.position[:, self.joint]
+        return replace(
+            signals,
+            R_base_tool=turned(axis, self.twist_rad, signals.R_base_tool),
+            position=signals.position + (turned(axis, self.twist_rad, lever) - lever),
+        )
+
+
+@register
+@dataclass(frozen=True)
+class BaseRocking(Effect):
+    """The base tilts with the arm's azimuth: by the angle a cos(q1 - p) about (-sin p, cos p, 0), p the soft direction.
+
+    An arm that reaches along p tips down along p. 0.1-5 mrad; a guess.
+    """
+
+    name = "base_rocking"
+    stage = Stage.POSE
+    places = ("base",)
+    requires = ("joints",)
+
+    tilt_rad: float = parameter("rad", 1e-3, lower=-0.5, upper=0.5)
+    # cos(q1 - p) (-sin p, cos p) is quadratic in (cos p, sin p): three directions span all.
+    phase_rad: float = parameter(
+        "rad", np.pi, strength=False, default=0.0, spanned=(0.0, np.pi / 3.0, 2.0 * np.pi / 3.0)
+    )
+
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        axis = (-np.sin(self.phase_rad), np.cos(self.phase_rad), 0.0)
+        angle = self.tilt_rad * np.cos(signals.q[:, 0] - self.phase_rad)
+        return replace(
+            signals,
+            R_base_tool=turned(axis, angle, signals.R_base_tool),
+            position=turned(axis, angle, signals.position),
+        )
+
+
+@register
+@dataclass(frozen=True)
+class MountingSlip(Effect):
+    """The sensor slips on its mount at one instant: R_base_tool exp([r]x) from at_s on, r in frame 6.
+
+    1 mrad; a guess. The sensor's place on the tool stays as it was.
+    """
+
+    name = "mounting_slip"
+    stage = Stage.POSE
+    places = ("mount",)
+
+    rotation_rad: tuple[float, ...] = parameter("rad", 1e-3, lower=-0.5, upper=0.5, size=3)
+    at_s: float = parameter("s", 600.0, strength=False)
+
+    @classmethod
+    def searched(cls, signals: Signals) -> list[dict[str, Value]]:
+        return instants(signals)
+
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        if not any(self.rotation_rad):
+            return signals
+        R_tool_slipped = Rotation.from_rotvec(self.rotation_rad).as_matrix()
+        rotation = signals.R_base_tool.copy()
+        slipped = signals.t >= self.at_s
+        rotation[slipped] = rotation[slipped] @ R_tool_slipped
+        return replace(signals, R_base_tool=rotation)

@@ -1,0 +1,187 @@
+"""The dynamic engine: position actuators drive the arm along a maneuver, the encoders say where it really is.
+
+MuJoCo steps at about 1 kHz. The arm follows with the tracking error of its servos, so what the encoders read is not
+what was commanded, and the accelerations are real.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import mujoco
+import numpy as np
+from mujoco.rollout import Rollout
+from numpy.typing import ArrayLike, NDArray
+
+from rig.arm import Arm
+from rig.errors import RigError
+from rig.maneuver import Maneuver
+from rig.trajectory import JointTrajectory, sample_times
+
+Array = NDArray[np.float64]
+Progress = Callable[[float], None]
+
+_STEP_RATE_HZ: Final = 1000.0
+_BLOCK_S: Final = 10.0  # simulated at a time: memory stays constant, progress is smooth
+_SETTLE_S: Final = 2.0  # run before the start, so that the servos' transients are over when it begins
+_JUMP_RAD: Final = 0.01  # a command this far from where its velocity leads in one step is no motion
+
+
+@dataclass(frozen=True)
+class Followed:
+    """How the arm followed a maneuver, at the maneuver's n samples.
+
+    Attributes:
+        t: (n,) [s].
+        q: (n, N) [rad] true joint angles, which the encoders read.
+        qd: (n, N) [rad/s] true joint velocities, of the path through ``q``.
+        q_command: (n, N) [rad] where the maneuver wanted the joints.
+        acceleration: (n, 3) [m/s^2] of the sensor on that path, base frame, without gravity.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    q_command: Array
+    acceleration: Array
+
+    @property
+    def tracking_error(self) -> Array:
+        """(n, N) [rad], commanded minus true."""
+        return self.q_command - self.q
+
+
+def follow(
+    arm: Arm, maneuver: Maneuver, gravity: ArrayLike = (0.0, 0.0, -9.8), progress: Progress | None = None
+) -> Followed:
+    """Let the arm's servos follow a maneuver from its start, where it has settled.
+
+    Args:
+        arm: its model has a position actuator on every joint.
+        maneuver: of joints, without jumps.
+        gravity: (3,) [m/s^2], base frame.
+        progress: called with the share done, 0 to 1.
+
+    Raises:
+        RigError: the arm has no such actuators, the maneuver has no joints, jumps or leaves a limit, or the simulation
+            became unstable.
+    """
+    substeps = max(1, math.ceil(_STEP_RATE_HZ / maneuver.rate_Hz - 1e-9))
+    simulation = _Simulation(arm, np.asarray(gravity, dtype=float), 1.0 / (maneuver.rate_Hz * substeps))
+    times = sample_times(maneuver.duration_s, maneuver.rate_Hz)
+    q, qd, qdd, q_command = (np.empty((len(times), arm.dof)) for _ in range(4))
+    block = max(1, round(_BLOCK_S * maneuver.rate_Hz))
+    for start in range(0, len(times), block):
+        rows = slice(start, min(start + block, len(times)))
+        steps = np.arange(rows.start * substeps, rows.stop * substeps)
+        command = _commanded(arm, maneuver, np.multiply(steps, simulation.timestep))
+        if start == 0:
+            simulation.settle(command)
+        path = simulation.run(command)
+        q_command[rows] = command.q[::substeps]
+        for samples, values in zip((q, qd, qdd), path, strict=True):
+            samples[rows] = values[::substeps]
+        if progress is not None:
+            progress(rows.stop / len(times))
+    return Followed(times, q, qd, q_command, arm.site_acceleration(q, qd, qdd))
+
+
+def _commanded(arm: Arm, maneuver: Maneuver, t: Array) -> JointTrajectory:
+    trajectory = maneuver.trajectory(t)
+    if not isinstance(trajectory, JointTrajectory):
+        raise RigError(
+            "the dynamic engine drives joints: found a maneuver of the sensor alone, expected engine kinematic"
+        )
+    arm.check_limits(trajectory.q, f"the maneuver from t = {t[0]:g} s on")
+    return trajectory
+
+
+class _Simulation:
+    """The arm's model under way: its state goes from one block of steps to the next."""
+
+    def __init__(self, arm: Arm, gravity: Array, timestep: float) -> None:
+        self.timestep = timestep
+        self._arm = arm
+        self._model = copy.copy(arm.model)
+        self._model.opt.timestep = timestep
+        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
+        self._model.opt.gravity = arm.chain.R_world_base @ gravity
+        self._data = mujoco.MjData(self._model)
+        self._actuators = _position_actuators(arm)
+        self._qpos = self._model.jnt_qposadr[arm.chain.joints]
+        self._qvel = self._model.jnt_dofadr[arm.chain.joints]
+        self._physics = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        self._state = np.empty(mujoco.mj_stateSize(self._model, self._physics))
+        self._last_command: Array | None = None
+
+    def settle(self, command: JointTrajectory) -> None:
+        """Begin at rest with the servos' errors where they will be: joints without limits already turning."""
+        free = np.isinf(self._arm.lower) & np.isinf(self._arm.upper)
+        speed = np.where(free, command.qd[0], 0.0)
+        before = -self.timestep * np.arange(round(_SETTLE_S / self.timestep), 0, -1, dtype=float)
+        q = command.q[0] + before[:, None] * speed
+        self._data.qpos[self._qpos] = q[0]
+        self._data.qvel[self._qvel] = speed
+        mujoco.mj_getState(self._model, self._data, self._state, self._physics)
+        self.run(JointTrajectory(before, q, np.broadcast_to(speed, q.shape), np.zeros_like(q)))
+
+    def run(self, command: JointTrajectory) -> tuple[Array, Array, Array]:
+        """One step for each row of the command.
+
+        Returns:
+            The path (n, N) at the beginning of each step, when that row's command takes effect: angles [rad],
+            velocities [rad/s] and accelerations [rad/s^2].
+        """
+        self._refuse_jumps(command)
+        control = np.zeros((1, len(command), self._model.nu))
+        control[0, :, self._actuators] = command.q.T
+        with Rollout(nthread=0) as rollout:
+            states, _ = rollout.rollout(self._model, self._data, self._state[None], control)
+        after = states[0]
+        if not np.isfinite(after).all() or any(warning.number for warning in self._data.warning):
+            raise RigError(f"arm {self._arm.name}: the simulation became unstable before t = {command.t[-1]:g} s")
+        # A rollout returns the state after each step. The integrator moves q(k) to q(k+1) with v(k+1), so the path
+        # through q has these central differences at k, without error in h. MuJoCo's accelerometer is not used: it
+        # reads the acceleration before the servos' damping is made implicit, here up to three times that of the path.
+        before = np.concatenate([self._state[None], after[:-1]])
+        self._state = after[-1].copy()
+        qpos, qvel = 1 + self._qpos, 1 + self._model.nq + self._qvel  # time comes first
+        v, v_next = before[:, qvel], after[:, qvel]
+        return before[:, qpos], (v + v_next) / 2, (v_next - v) / self.timestep
+
+    def _refuse_jumps(self, command: JointTrajectory) -> None:
+        q, qd, t = command.q, command.qd, command.t
+        if self._last_command is not None:
+            q = np.vstack([self._last_command[0], q])
+            qd = np.vstack([self._last_command[1], qd])
+            t = np.concatenate([t[:1] - self.timestep, t])
+        off = np.abs(np.diff(q, axis=0) - (qd[1:] + qd[:-1]) * (self.timestep / 2)) > _JUMP_RAD
+        if off.any():
+            row, joint = np.argwhere(off)[0]
+            raise RigError(
+                f"the maneuver: {self._arm.joint_names[joint]} jumps at t = {t[row + 1]:g} s, "
+                "expected a motion without jumps (or engine kinematic)"
+            )
+        self._last_command = np.stack([q[-1], qd[-1]])
+
+
+def _position_actuators(arm: Arm) -> NDArray[np.int64]:
+    """The number of each joint's position actuator."""
+    model = arm.model
+    servo = (
+        (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE)
+        & (model.actuator_gainprm[:, 0] > 0)
+        & (model.actuator_biasprm[:, 1] == -model.actuator_gainprm[:, 0])
+    )
+    found = []
+    for joint, name in zip(arm.chain.joints, arm.joint_names, strict=True):
+        index = np.flatnonzero(servo & (model.actuator_trnid[:, 0] == joint))
+        if not len(index):
+            raise RigError(f"arm {arm.name}: {name} has no position actuator: expected engine kinematic for this arm")
+        found.append(index[0])
+    return np.array(found)

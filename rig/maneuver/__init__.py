@@ -1,0 +1,43 @@
+"""Maneuvers: joint angles or poses over time, each one small class."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.maneuver.hand_tumble import HandTumble
+from rig.maneuver.locked_poses import LockedPoses
+from rig.maneuver.static_poses import StaticPoses
+from rig.maneuver.torus_sweep import TorusSweep
+from rig.trajectory import JointTrajectory, PoseTrajectory
+
+
+class Maneuver(Protocol):
+    """A prescribed motion, known at any time."""
+
+    @property
+    def rate_Hz(self) -> float:
+        """The rate of its own samples."""
+        ...
+
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to the one after the last."""
+        ...
+
+    def trajectory(self, t: NDArray[np.float64] | None = None) -> JointTrajectory | PoseTrajectory:
+        """The motion at times (n,) [s], by default at its own samples 0, 1/rate, .."""
+        ...
+
+
+#: What a scenario's [maneuver] table may name.
+MANEUVERS: Final[dict[str, type[TorusSweep] | type[LockedPoses] | type[HandTumble] | type[StaticPoses]]] = {
+    "torus-sweep": TorusSweep,
+    "locked-poses": LockedPoses,
+    "static-poses": StaticPoses,
+    "hand-tumble": HandTumble,
+}
+
+__all__ = ["MANEUVERS", "HandTumble", "LockedPoses", "Maneuver", "StaticPoses", "TorusSweep"]

@@ -1,0 +1,108 @@
+"""The way of a reading through the rig: encoder angles in at the top, volts out at the bottom.
+
+The simulator runs it on a maneuver, the diagnosis on a recording's own angles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.effects.base import Effect, Stage, apply_stage
+from rig.environment import Environment
+from rig.errors import RigError
+from rig.sensor import TriaxialSensor
+from rig.signals import Signals
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """The stages with what they need: the surroundings, the two sensors and the effects.
+
+    Attributes:
+        accelerometer, magnetometer: at least one of the two; the other's channels read NaN.
+        effects: applied at their stage, in this order.
+    """
+
+    environment: Environment
+    accelerometer: TriaxialSensor | None
+    magnetometer: TriaxialSensor | None
+    effects: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.sensors:
+            raise RigError("the rig has no sensor: expected an accelerometer, a magnetometer or both")
+
+    @property
+    def sensors(self) -> dict[str, TriaxialSensor]:
+        """The sensors that are there, by name."""
+        both = {ACCELEROMETER: self.accelerometer, MAGNETOMETER: self.magnetometer}
+        return {name: sensor for name, sensor in both.items() if sensor is not None}
+
+    @property
+    def columns(self) -> list[int]:
+        """The channels that are there, as columns of an array (n, 6)."""
+        return [index for name in self.sensors for index in range(*COLUMNS_OF[name].indices(len(CHANNELS)))]
+
+    def expected(
+        self, signals: Signals, rng: np.random.Generator, first: Stage = Stage.TRANSMISSION, last: Stage = Stage.VOLTS
+    ) -> Signals:
+        """From angles or poses to volts before sampling and noise, with the effects of these stages.
+
+        Args:
+            signals: with ``q_encoder`` (angles) or ``R_base_tool`` and ``position`` (measured poses).
+            rng: for effects that are random.
+            first: the first stage to run; the stages before it have run already.
+            last: the last stage to run.
+
+        Raises:
+            RigError: joint angles without an arm, an effect on a joint where no joint angles were recorded.
+        """
+        steps = (self._jointed, self._posed, self._exposed, self._felt, self._measured)
+        for stage in range(first, last + 1):
+            signals = apply_stage(self.effects, Stage(stage), steps[stage](signals), rng)
+        return signals
+
+    def _jointed(self, signals: Signals) -> Signals:
+        if signals.q_encoder is not None:
+            return replace(signals, q=signals.q_encoder)
+        misplaced = [effect.name for effect in self.effects if effect.stage is Stage.TRANSMISSION]
+        if misplaced:
+            raise RigError(f"effect {misplaced[0]} acts on a joint: found poses without joint angles")
+        return signals
+
+    def _posed(self, signals: Signals) -> Signals:
+        if signals.q_encoder is None:
+            return signals
+        if signals.arm is None:
+            raise RigError("joint angles without an arm: expected an Arm beside them")
+        poses = signals.arm.poses(signals.q)
+        return replace(signals, R_base_tool=poses.R_base_tool, position=poses.position)
+
+    def _exposed(self, signals: Signals) -> Signals:
+        environment = self.environment
+        return replace(
+            signals,
+            gravity=environment.gravity,
+            magnetic=environment.magnetic,
+            references=np.repeat([environment.gravity_m_s2, environment.magnetic_field], 3),
+        )
+
+    def _felt(self, signals: Signals) -> Signals:
+        specific_force = signals.gravity - signals.acceleration
+        inputs = np.full((len(signals), len(CHANNELS)), np.nan)
+        for name, field in ((ACCELEROMETER, specific_force), (MAGNETOMETER, signals.magnetic)):
+            if name in self.sensors:
+                inputs[:, COLUMNS_OF[name]] = self.sensors[name].components(signals.R_base_tool, field)
+        return replace(signals, inputs=inputs)
+
+    def _measured(self, signals: Signals) -> Signals:
+        volts = np.full_like(signals.inputs, np.nan)
+        for name, sensor in self.sensors.items():
+            volts[:, COLUMNS_OF[name]] = sensor.volts(signals.inputs[:, COLUMNS_OF[name]])
+        return replace(signals, volts=volts)

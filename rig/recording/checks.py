@@ -1,0 +1,90 @@
+"""What must hold for the samples of a recording: numbers, in the order of time, with poses that are rotations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import RigError
+
+Array = NDArray[np.float64]
+
+#: How far a quaternion's norm may be from one. Rounding every component to three decimals moves it by up to
+#: 0.0005 * sum |q_i| <= 0.001; a norm further away is another mistake.
+NORM_TOLERANCE: Final = 1e-3
+
+
+def as_columns(values: object, what: str, where: str) -> Array:
+    """A read-only float64 array (n,) or (n, k) whose columns are contiguous, without a copy where it is one already.
+
+    Raises:
+        RigError: not numbers.
+    """
+    try:
+        array = np.asarray(values, dtype=np.float64, order="F").view()
+    except (TypeError, ValueError) as error:
+        raise RigError(f"{where}: {what} does not hold numbers: {error}") from error
+    array.flags.writeable = False
+    return array
+
+
+def check_shape(array: Array, shape: tuple[int, ...], what: str, where: str) -> None:
+    """Raise a RigError unless the array has the shape, in which -1 stands for any positive number."""
+    fits = len(array.shape) == len(shape) and all(
+        found == expected or (expected < 0 < found) for found, expected in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        expected = ", ".join("N" if size < 0 else str(size) for size in shape)
+        raise RigError(
+            f"{where}: {what} has shape {array.shape}, expected ({expected}{',' if len(shape) == 1 else ''})"
+        )
+
+
+def check_finite(array: Array, names: Sequence[str], where: str, first_row: int = 0) -> None:
+    """Raise a RigError that names the first NaN or infinity of (n, k), or (n,), with k column names."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = array.sum()  # one pass; finite only if all are
+    if np.isfinite(total):
+        return
+    columns = array.reshape(len(array), -1)
+    rows, bad = np.nonzero(~np.isfinite(columns))  # none where the sum itself has overflowed
+    if rows.size:
+        value = columns[rows[0], bad[0]]
+        found = "NaN (or missing)" if np.isnan(value) else str(value)
+        row = first_row + int(rows[0])
+        raise RigError(f"{where}: {names[bad[0]]} in row {row} (first row 0) is {found}, expected a number")
+
+
+def check_increasing(t: Array, where: str, first_row: int = 0) -> None:
+    """Raise a RigError that names the first time [s] that is not later than the one before."""
+    later = t[1:] > t[:-1]
+    if not later.all():
+        row = int(np.argmin(later)) + 1
+        _refuse_order(float(t[row - 1]), float(t[row]), first_row + row, where)
+
+
+def check_continues(t: Array, before: float, where: str, first_row: int) -> None:
+    """Raise a RigError unless t [s] begins later than the last time of the batch before."""
+    if not t[0] > before:
+        _refuse_order(before, float(t[0]), first_row, where)
+
+
+def check_unit(quaternion: Array, names: Sequence[str], where: str, first_row: int = 0) -> None:
+    """Raise a RigError that names the first quaternion of (n, 4) that is not a rotation."""
+    with np.errstate(over="ignore"):
+        squares = np.einsum("ij,ij->i", quaternion, quaternion)
+    # |norm - 1| <= tol, without the roots: (1 - tol)^2 <= squares <= (1 + tol)^2
+    good = (squares >= (1.0 - NORM_TOLERANCE) ** 2) & (squares <= (1.0 + NORM_TOLERANCE) ** 2)
+    if not good.all():
+        row = int(np.argmin(good))
+        norm = math.hypot(*quaternion[row].tolist())
+        columns = f"{names[0]}..{names[-1]}"
+        raise RigError(f"{where}: {columns} in row {first_row + row} (first row 0) has the norm {norm:.6g}, expected 1")
+
+
+def _refuse_order(before: float, after: float, row: int, where: str) -> None:
+    raise RigError(f"{where}: t_s does not increase: row {row} (first row 0) has {after!r} after {before!r}")

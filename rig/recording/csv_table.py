@@ -1,0 +1,154 @@
+"""CSV files whose first line may be ``# rig: {json}``."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import pyarrow as pa
+import pyarrow.csv
+
+from rig.errors import RigError
+from rig.recording.table import Array, as_float64, readable, short
+
+_COMMENT: Final = re.compile(r"#\s*rig\s*:\s*(.*)", re.DOTALL)
+_LONGEST_LINE: Final = 1 << 20  # of metadata and names [bytes]
+_BLOCK: Final = 1 << 20  # parsed at a time [bytes]
+
+# The parser's complaints that deserve better words.
+_NOT_A_NUMBER: Final = re.compile(r"CSV column #(\d+): (?:Row #(\d+): )?.*invalid value '(.*)'", re.DOTALL)
+_CELL_COUNT: Final = re.compile(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)")
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """A Table in a CSV file; its rows begin at the byte ``start``, and were so many when written, if that is known."""
+
+    path: Path
+    names: tuple[str, ...]
+    metadata: str | None
+    start: int
+    rows_written: int | None
+
+    @property
+    def rows(self) -> int | None:
+        """Not known before reading."""
+        return None  # lines may have been taken away with good reason
+
+    def batches(self, names: Sequence[str], batch_rows: int) -> Iterator[dict[str, Array]]:
+        """As of Table; the rows are parsed in blocks of bytes, so that there may be fewer of them than asked for."""
+        if self.path.stat().st_size == self.start:
+            return
+        rows = 0
+        for columns in self._blocks(names):
+            count = len(columns[names[0]])
+            for first in range(0, count, batch_rows):
+                yield {name: column[first : first + batch_rows] for name, column in columns.items()}
+            rows += count
+        if self.rows_written is not None and rows < self.rows_written and not _ends_with_newline(self.path):
+            raise RigError(f"{self.path}: is truncated: found {rows} rows, expected {self.rows_written}")
+
+    def _blocks(self, names: Sequence[str]) -> Iterator[dict[str, Array]]:
+        numbers = {name: str(index) for index, name in enumerate(self.names)}  # names not needed may occur twice
+        wanted = {name: numbers[name] for name in names}
+        with ExitStack() as opened:
+            file = opened.enter_context(self._data())
+            with self._checked():
+                source = pa.csv.open_csv(
+                    file,
+                    read_options=pa.csv.ReadOptions(
+                        column_names=[str(index) for index in range(len(self.names))],
+                        block_size=_BLOCK,
+                        use_threads=False,
+                    ),
+                    convert_options=pa.csv.ConvertOptions(
+                        include_columns=list(wanted.values()),
+                        column_types={number: pa.float64() for number in wanted.values()},
+                    ),
+                )
+            while True:
+                with self._checked():
+                    batch = next(source, None)
+                    columns = None if batch is None else {n: as_float64(batch.column(c)) for n, c in wanted.items()}
+                if columns is None:
+                    return
+                yield columns
+
+    def _data(self) -> Any:
+        with readable(self.path, "CSV"):
+            file = pa.OSFile(str(self.path))
+            file.seek(self.start)
+            return file
+
+    @contextmanager
+    def _checked(self) -> Iterator[None]:
+        """Say which row and column a complaint of the parser is about."""
+        with readable(self.path, "CSV"):
+            try:
+                yield
+            except pa.ArrowInvalid as error:
+                if found := _NOT_A_NUMBER.search(str(error)):
+                    column, line, text = found.groups()
+                    name = self.names[int(column)]
+                    raise RigError(
+                        f"{self.path}: {name}{_row(line)} holds {short(text)!r}, expected a number"
+                    ) from error
+                if found := _CELL_COUNT.search(str(error)):
+                    line, expected, cells = found.groups()
+                    what = f"found {cells} cells{_row(line)}, expected {expected}"
+                    raise RigError(f"{self.path}: is truncated or damaged: {what}") from error
+                if "Empty CSV" in str(error):  # nothing but blank lines
+                    raise RigError(f"{self.path}: has no samples") from error
+                raise
+
+
+def _row(line: str | None) -> str:
+    return "" if line is None else f" in row {int(line) - 1} (first row 0)"
+
+
+def open_csv(path: Path) -> CsvTable:
+    """Read the metadata and the names.
+
+    Raises:
+        RigError: a first line that is neither, or a file that is not text.
+    """
+    with readable(path, "CSV"), path.open("rb") as file:
+        line = _line(file, path).removeprefix("\ufeff")
+        metadata = rows = None
+        if line.startswith("#"):
+            if not (found := _COMMENT.fullmatch(line)):
+                raise RigError(f"{path}: begins with {short(line)!r}, expected '# rig: {{json}}' or the column names")
+            metadata = found[1].strip()
+            rows = _rows_written(metadata)
+            line = _line(file, path)
+        names = tuple(name.strip() for name in next(csv.reader([line], skipinitialspace=True), []))
+        return CsvTable(path, names, metadata, file.tell(), rows)
+
+
+def _line(file: BinaryIO, path: Path) -> str:
+    line = file.readline(_LONGEST_LINE)
+    if len(line) == _LONGEST_LINE or b"\0" in line:
+        raise RigError(f"{path}: is not a CSV file: no line of column names at its beginning")
+    return line.decode("utf-8").rstrip("\r\n")
+
+
+def _rows_written(metadata: str) -> int | None:
+    try:
+        content = json.loads(metadata)
+    except (ValueError, RecursionError):
+        return None  # complained about by whoever needs the metadata
+    rows = content.get("rows") if isinstance(content, dict) else None
+    return rows if isinstance(rows, int) else None
+
+
+def _ends_with_newline(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read(1) == b"\n"

@@ -1,0 +1,129 @@
+"""What a recording says about itself, and its JSON form."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from numbers import Real
+from typing import Any, Final
+
+from rig.channels import ACCELEROMETER
+from rig.errors import RigError, unknown_name
+
+#: The format of a recording, version included.
+FORMAT: Final = "rig-recording/1"
+
+_FIELD_UNITS: Final = ("G", "uT")
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What a recording says about itself.
+
+    Attributes:
+        gravity_m_s2: magnitude of gravity [m/s^2]; 9.8 as in Renk et al.
+        magnetic_field: magnitude of the magnetic field [field unit]; 1 as in Renk et al.
+        magnetic_field_unit: "G" or "uT"; None: the magnitude is relative, and so is every field found from it.
+        rate_Hz: sampling rate [Hz]; None: not stated.
+        arm: the arm's name; "none" without an arm.
+        notes: free, any JSON value.
+        extra: further JSON keys, which are kept as they are.
+
+    Raises:
+        RigError: a magnitude or rate that is not positive and finite, an unknown field unit, what JSON cannot hold.
+    """
+
+    gravity_m_s2: float = 9.8
+    magnetic_field: float = 1.0
+    rate_Hz: float | None = None
+    arm: str = "a465"
+    notes: Any = ""
+    magnetic_field_unit: str | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("gravity_m_s2", "magnetic_field"):
+            object.__setattr__(self, name, _positive(name, getattr(self, name)))
+        if self.rate_Hz is not None:
+            object.__setattr__(self, "rate_Hz", _positive("rate_Hz", self.rate_Hz))
+        if not isinstance(self.arm, str) or not self.arm:
+            raise RigError(f"metadata arm: found {self.arm!r}, expected the name of an arm")
+        if self.magnetic_field_unit is not None and self.magnetic_field_unit not in _FIELD_UNITS:
+            raise unknown_name("metadata magnetic_field_unit", str(self.magnetic_field_unit), _FIELD_UNITS)
+        object.__setattr__(self, "extra", dict(self.extra))
+        if taken := sorted(set(self.extra) & _RESERVED):
+            raise RigError(f"metadata extra: found {taken[0]!r}, which has its own field")
+        self.to_json()  # nothing may be accepted that cannot be written
+
+    def field_unit(self, sensor: str) -> str:
+        """The unit of calibrated readings: "m_s2"; the magnetic field's unit, or "raw" where that is relative."""
+        return "m_s2" if sensor == ACCELEROMETER else self.magnetic_field_unit or "raw"
+
+    def to_json(self) -> str:
+        """One line of JSON with ``format`` first; keys that say nothing beyond their default None are left out.
+
+        Raises:
+            RigError: notes or an extra value that JSON cannot hold.
+        """
+        known = {name: getattr(self, name) for name in _NAMES}
+        stated = {name: value for name, value in known.items() if value is not None or name not in _OPTIONAL}
+        content = {"format": FORMAT, **stated, **self.extra}
+        try:
+            return json.dumps(content, allow_nan=False)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise RigError(f"metadata cannot be written as JSON: {error}") from error
+
+    @classmethod
+    def from_json(cls, text: str | bytes, where: str) -> Metadata:
+        """Read the JSON of ``to_json``; missing keys have their defaults, unknown ones go to ``extra``.
+
+        Raises:
+            RigError: not a JSON object, another format, an invalid value, a key that is nearly a known one; ``where``
+                (the file) begins the message.
+        """
+        try:
+            content = json.loads(text, parse_constant=_refuse_constant)
+        except (ValueError, RecursionError) as error:
+            raise RigError(f"{where}: metadata is not JSON: {error}") from error
+        if not isinstance(content, dict):
+            raise RigError(f"{where}: metadata is a JSON {type(content).__name__}, expected an object")
+        if (found := content.pop("format", FORMAT)) != FORMAT:
+            raise RigError(f"{where}: metadata format: found {found!r}, expected {FORMAT!r}")
+        content.pop("rows", None)  # of the file, not of the recording
+        for name in content:
+            if name not in _NAMES and (meant := misspelt(name, set(_NAMES) - set(content))):
+                raise RigError(f"{where}: unknown metadata key {name!r} (nearest: {meant!r})")
+        known = {name: content.pop(name) for name in _NAMES if name in content}
+        try:
+            return cls(**known, extra=content)
+        except RigError as error:
+            raise RigError(f"{where}: {error}") from error
+
+
+_NAMES: Final = tuple(item.name for item in fields(Metadata) if item.name != "extra")
+_OPTIONAL: Final = ("rate_Hz", "magnetic_field_unit")
+_RESERVED: Final = frozenset((*_NAMES, "format", "rows"))
+
+
+def misspelt(name: str, valid: Iterable[str]) -> str | None:
+    """The valid name that ``name`` was probably meant to be (upper and lower case aside), or None."""
+    choices = {choice.casefold(): choice for choice in valid}
+    found = difflib.get_close_matches(name.casefold(), choices, n=1, cutoff=0.85)
+    return choices[found[0]] if found else None
+
+
+def _positive(name: str, value: Any) -> float:
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    if number and 0 < value < math.inf:
+        try:
+            return float(value)
+        except OverflowError:
+            pass  # an integer beyond the floating-point range
+    raise RigError(f"metadata {name}: found {value!r}, expected a positive number")
+
+
+def _refuse_constant(name: str) -> Any:
+    raise ValueError(f"{name} is not JSON")

@@ -1,0 +1,97 @@
+"""What the two kinds of tables on disk have in common."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from rig.errors import RigError
+
+Array = NDArray[np.float64]
+
+SUFFIXES: Final = (".parquet", ".csv")
+
+#: What the library and the decoders raise on a damaged file.
+_COMPLAINTS: Final = (
+    pa.ArrowException,
+    OSError,
+    ValueError,
+    KeyError,
+    IndexError,
+    OverflowError,
+    MemoryError,
+    csv.Error,
+)
+
+
+class Table(Protocol):
+    """A table on disk.
+
+    Attributes:
+        path: the file.
+        names: of all columns, in order.
+        metadata: the JSON text, None where there is none.
+        rows: how many there are; None where the file has to be read to know.
+    """
+
+    @property
+    def path(self) -> Path: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def metadata(self) -> str | None: ...
+    @property
+    def rows(self) -> int | None: ...
+
+    def batches(self, names: Sequence[str], batch_rows: int) -> Iterator[dict[str, Array]]:
+        """The named columns, at most ``batch_rows`` rows at a time, as float64; a missing value is a NaN.
+
+        Raises:
+            RigError: a damaged file, or a column that does not hold numbers.
+        """
+        ...
+
+
+def checked_suffix(path: Path) -> str:
+    """The ending that tells the format.
+
+    Raises:
+        RigError: another ending.
+    """
+    suffix = path.suffix.casefold()
+    if suffix not in SUFFIXES:
+        raise RigError(f"{path}: unknown ending {path.suffix!r}, expected {' or '.join(SUFFIXES)}")
+    return suffix
+
+
+def as_float64(column: Any) -> Array:
+    """An Arrow array of numbers as (n,) float64, without a copy where it is one; a missing value is a NaN."""
+    if column.type != pa.float64():
+        column = column.cast(pa.float64(), safe=False)  # integers beyond 2^53 are rounded
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+@contextmanager
+def readable(path: Path, kind: str) -> Iterator[None]:
+    """Whatever the library makes of a damaged file becomes one line."""
+    try:
+        yield
+    except RigError:
+        raise
+    except PermissionError as error:
+        raise RigError(f"{path}: cannot be read: {error.strerror}") from error
+    except _COMPLAINTS as error:
+        raise RigError(f"{path}: is not a whole {kind} file: {short(str(error))}") from error
+
+
+def short(text: str) -> str:
+    """The beginning of a text, in one line that any terminal can show."""
+    line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text[:400].split()))
+    return line if len(line) <= 120 else line[:117] + "..."

@@ -1,0 +1,125 @@
+"""What one recording looks like on its way from encoder angles to volts, stage by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import RigError
+
+if TYPE_CHECKING:
+    from rig.arm import Arm, LinkPoses
+
+Array = NDArray[np.float64]
+_SCALAR_PER_SAMPLE = ("t", "temperature", "supply")
+
+
+def _empty() -> Array:
+    return np.empty((0, 0))
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The signals of n samples; a stage that has not run yet has left its arrays empty.
+
+    Attributes:
+        t: (n,) [s].
+        arm: the arm, None where poses were measured instead of joint angles.
+        q_encoder: (n, N) [rad] what the encoders read; None without joints.
+        q: (n, N) [rad] the true joint angles, after the transmission.
+        R_base_tool: (n, 3, 3) orientation of frame 6.
+        position: (n, 3) [m] the sensor, base frame.
+        acceleration: (n, 3) [m/s^2] the sensor's acceleration, base frame; zero in the quasi-static model.
+        gravity: (n, 3) or (3,) [m/s^2], base frame, at the sensor.
+        magnetic: (n, 3) or (3,) [field unit], base frame, at the sensor.
+        inputs: (n, 6) what each channel's axis feels [m/s^2, field unit].
+        volts: (n, 6) [V].
+        references: (6,) full reference X of each channel: the stated magnitudes [m/s^2, field unit].
+        velocity: (n, N) [rad/s] joint velocity; from the encoders where nobody gave it.
+        temperature: (n,) [degC], currents: joint number -> (n,) [A], supply: (n,) [V]; where recorded.
+        known_links: the link poses of one array ``q``, so that effects which leave it alone need not compute them again.
+    """
+
+    t: Array
+    arm: Arm | None = None
+    q_encoder: Array | None = None
+    q: Array = field(default_factory=_empty)
+    R_base_tool: Array = field(default_factory=_empty)
+    position: Array = field(default_factory=_empty)
+    acceleration: Array = field(default_factory=lambda: np.zeros(3))
+    gravity: Array = field(default_factory=_empty)
+    magnetic: Array = field(default_factory=_empty)
+    inputs: Array = field(default_factory=_empty)
+    volts: Array = field(default_factory=_empty)
+    references: Array = field(default_factory=lambda: np.repeat([9.8, 1.0], 3))
+    velocity: Array | None = None
+    temperature: Array | None = None
+    currents: Mapping[int, Array] = field(default_factory=dict)
+    supply: Array | None = None
+    known_links: tuple[Array, LinkPoses] | None = None
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @cached_property
+    def joint_velocity(self) -> Array:
+        """(n, N) [rad/s]: as given, else by central differences of the encoder angles."""
+        if self.velocity is not None:
+            return self.velocity
+        return np.gradient(self.encoder_angles, self.t, axis=0)
+
+    @property
+    def encoder_angles(self) -> Array:
+        """(n, N) [rad].
+
+        Raises:
+            RigError: the recording has no joint angles.
+        """
+        if self.q_encoder is None:
+            raise RigError("the effect acts on a joint: found a recording without joint angles, expected q1_rad..qN_rad")
+        return self.q_encoder
+
+    @property
+    def links(self) -> LinkPoses:
+        """The poses of all links at the true joint angles, base frame; computed once for the same angles.
+
+        Raises:
+            RigError: the recording has no joint angles.
+        """
+        if self.known_links is not None and self.known_links[0] is self.q:
+            return self.known_links[1]
+        return self._links
+
+    @cached_property
+    def _links(self) -> LinkPoses:
+        if self.arm is None or self.q.size == 0:
+            raise RigError("the effect acts on a link: found a recording without joint angles, expected q1_rad..qN_rad")
+        return self.arm.link_poses(self.q)
+
+    @property
+    def temperatures(self) -> Array:
+        """(n,) [degC].
+
+        Raises:
+            RigError: the temperature was not recorded.
+        """
+        if self.temperature is None:
+            raise RigError("the effect follows the temperature: found none, expected a column temperature_degC")
+        return self.temperature
+
+
+def sampled(signals: Signals, rows: slice) -> Signals:
+    """The signals at some of their samples."""
+    count = len(signals)
+    kept: dict[str, Any] = {"currents": {joint: current[rows] for joint, current in signals.currents.items()}}
+    for item in fields(signals):
+        value = getattr(signals, item.name)
+        per_sample = isinstance(value, np.ndarray) and value.shape[:1] == (count,)
+        if per_sample and (value.ndim > 1 or item.name in _SCALAR_PER_SAMPLE):  # (3,) fields hold for every sample
+            kept[item.name] = value[rows]
+    return replace(signals, **kept)

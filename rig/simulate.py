@@ -1,0 +1,150 @@
+"""The simulated rig: a maneuver in, a recording out; two engines behind one call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rig.acquisition import Acquisition
+from rig.arm import Arm
+from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.effects.base import Effect, Stage, apply_stage
+from rig.engine_dynamic import follow
+from rig.environment import Environment
+from rig.errors import RigError, unknown_name
+from rig.maneuver import Maneuver
+from rig.pipeline import Pipeline
+from rig.recording import Metadata, Recording
+from rig.sensor import TriaxialSensor
+from rig.signals import Signals, sampled
+from rig.trajectory import JointTrajectory, PoseTrajectory
+
+Engine = Literal["kinematic", "dynamic"]
+Motion = Literal["quasi-static", "inertial"]
+ENGINES: Final[tuple[Engine, ...]] = ("kinematic", "dynamic")
+MOTIONS: Final[tuple[Motion, ...]] = ("quasi-static", "inertial")
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Rig:
+    """An arm with a sensor on it, in its surroundings.
+
+    Attributes:
+        arm: None for a sensor tumbled by hand.
+        accelerometer, magnetometer: at least one of the two.
+        effects: what the ideal model leaves out, each applied at its stage.
+    """
+
+    arm: Arm | None
+    environment: Environment
+    accelerometer: TriaxialSensor | None
+    magnetometer: TriaxialSensor | None
+    acquisition: Acquisition
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """The stages before the acquisition."""
+        return Pipeline(self.environment, self.accelerometer, self.magnetometer, self.effects)
+
+    def simulate(
+        self,
+        maneuver: Maneuver,
+        rng: np.random.Generator,
+        engine: Engine = "kinematic",
+        motion: Motion = "quasi-static",
+        progress: Progress | None = None,
+        name: str = "run",
+    ) -> Recording:
+        """Run a maneuver and record it.
+
+        Args:
+            maneuver: joint angles or poses over time.
+            rng: all randomness of the recording.
+            engine: "kinematic" puts the joints where the maneuver wants them; "dynamic" lets position actuators drive
+                them (MuJoCo, 1 kHz), reads the encoders and has real accelerations.
+            motion: of the kinematic engine: "quasi-static" ignores accelerations as Renk et al. do; "inertial" adds
+                the sensor's true acceleration along the maneuver.
+            progress: called with the share done, 0 to 1.
+            name: the recording's name.
+
+        Raises:
+            RigError: unknown engine or motion, a joint beyond its limit, a maneuver that does not suit the rig.
+        """
+        if engine not in ENGINES:
+            raise unknown_name("engine", engine, ENGINES)
+        if motion not in MOTIONS:
+            raise unknown_name("motion", motion, MOTIONS)
+        signals = self._start(maneuver, engine, motion, progress)
+        signals = replace(signals, temperature=self.environment.temperature(signals.t))
+        return self.record(signals, rng, maneuver.rate_Hz, name)
+
+    def record(self, signals: Signals, rng: np.random.Generator, rate_Hz: float, name: str = "run") -> Recording:
+        """From encoder angles or poses to a recording: the pipeline, sampling, noise and converter."""
+        kept = slice(None, None, self.acquisition.decimation)
+        signals = sampled(self.pipeline.expected(signals, rng), kept)
+        signals = replace(signals, volts=self.acquisition.add_noise(signals.volts, rng))
+        signals = apply_stage(self.effects, Stage.ELECTRONIC, signals, rng)
+        volts = self.acquisition.convert(signals.volts)
+        pose = self.acquisition.pose
+        return Recording(
+            t=signals.t,
+            q=signals.q_encoder if pose == "joints" else None,
+            tool_quaternion=quaternions(signals.R_base_tool) if pose == "tool" else None,
+            tool_position=signals.position if pose == "tool" else None,
+            accelerometer=None if self.accelerometer is None else volts[:, COLUMNS_OF[ACCELEROMETER]],
+            magnetometer=None if self.magnetometer is None else volts[:, COLUMNS_OF[MAGNETOMETER]],
+            units={sensor: "V" for sensor in self.pipeline.sensors},
+            temperature=signals.temperature,
+            metadata=Metadata(
+                gravity_m_s2=self.environment.gravity_m_s2,
+                magnetic_field=self.environment.magnetic_field,
+                rate_Hz=rate_Hz / self.acquisition.decimation,
+                arm=self.arm.name if self.arm else "none",
+            ),
+            name=name,
+        )
+
+    def _start(self, maneuver: Maneuver, engine: Engine, motion: Motion, progress: Progress | None) -> Signals:
+        if engine == "dynamic":
+            if self.arm is None:
+                raise RigError("the dynamic engine needs an arm: found a rig without one")
+            followed = follow(self.arm, maneuver, self.environment.gravity, progress)
+            return Signals(
+                t=followed.t, arm=self.arm, q_encoder=followed.q, velocity=followed.qd, acceleration=followed.acceleration
+            )
+        trajectory = maneuver.trajectory()
+        if isinstance(trajectory, PoseTrajectory):
+            return Signals(
+                t=trajectory.t,
+                R_base_tool=trajectory.R_base_tool,
+                position=trajectory.position,
+                acceleration=trajectory.acceleration if motion == "inertial" else np.zeros(3),
+            )
+        return self._joints(trajectory, motion)
+
+    def _joints(self, trajectory: JointTrajectory, motion: Motion) -> Signals:
+        if self.arm is None:
+            raise RigError("the maneuver moves joints: found a rig without an arm")
+        self.arm.check_limits(trajectory.q, "the maneuver")
+        acceleration = np.zeros(3)
+        if motion == "inertial":
+            acceleration = self.arm.site_acceleration(trajectory.q, trajectory.qd, trajectory.qdd)
+        return Signals(
+            t=trajectory.t,
+            arm=self.arm,
+            q_encoder=trajectory.q,
+            velocity=trajectory.qd,
+            acceleration=acceleration,
+        )
+
+
+def quaternions(R_base_tool: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit quaternions (n, 4), scalar first, of rotations (n, 3, 3)."""
+    return np.asarray(Rotation.from_matrix(R_base_tool).as_quat(scalar_first=True))

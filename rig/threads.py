@@ -1,0 +1,23 @@
+"""One BLAS thread inside fits: small systems run up to tens of times slower, and erratically, on several."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+from threadpoolctl import ThreadpoolController
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    import scipy.linalg  # noqa: F401  (SciPy brings a BLAS of its own, which must be loaded to be found)
+
+    return ThreadpoolController()  # finding the libraries takes milliseconds: once a process
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit every BLAS of this process to one thread inside the block."""
+    with _controller().limit(limits=1, user_api="blas"):
+        yield

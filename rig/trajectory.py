@@ -1,0 +1,55 @@
+"""Prescribed motions, sampled: of the joints of an arm, or of a sensor in a hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointTrajectory:
+    """A motion of N joints at n instants.
+
+    Attributes:
+        t: (n,) [s].
+        q: (n, N) [rad].
+        qd: (n, N) [rad/s], the time derivative of ``q``.
+        qdd: (n, N) [rad/s^2], the time derivative of ``qd``.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True)
+class PoseTrajectory:
+    """A motion of the sensor itself at n instants, without joints.
+
+    Attributes:
+        t: (n,) [s].
+        R_base_tool: (n, 3, 3) rotation from the sensor's frame to the base frame.
+        position: (n, 3) [m], base frame.
+        acceleration: (n, 3) [m/s^2], base frame, without gravity: the second time derivative of ``position``.
+    """
+
+    t: Array
+    R_base_tool: Array
+    position: Array
+    acceleration: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def sample_times(duration_s: float, rate_Hz: float) -> Array:
+    """(n,) [s]: 0, 1/rate, .. with n = duration times rate; the end itself belongs to the next sample."""
+    return np.arange(round(duration_s * rate_Hz)) / rate_Hz

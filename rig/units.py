@@ -1,0 +1,50 @@
+"""The units a reading can be recorded in, and the few conversions between them.
+
+A calibration needs none of them: it gives sensitivity and offset in the recorded unit, whatever that is. They serve
+where a reading is compared with a physical magnitude without a calibration.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from rig.channels import ACCELEROMETER, MAGNETOMETER
+from rig.errors import RigError, unknown_name
+
+#: Standard gravity [m/s^2], exact by the 3rd CGPM (1901): what a datasheet's "g" stands for.
+STANDARD_GRAVITY: Final = 9.80665
+
+#: The unit suffixes of a sensor's columns. "raw" is a number without a unit: converter counts, or a field relative to
+#: its stated magnitude.
+UNITS: Final[dict[str, tuple[str, ...]]] = {
+    ACCELEROMETER: ("V", "mV", "raw", "g", "m_s2"),
+    MAGNETOMETER: ("V", "mV", "raw", "G", "uT"),
+}
+
+#: Unit -> (unit it is a multiple of, multiple).
+_BASE: Final[dict[str, tuple[str, float]]] = {
+    "V": ("V", 1.0),
+    "mV": ("V", 1e-3),
+    "raw": ("raw", 1.0),
+    "g": ("m_s2", STANDARD_GRAVITY),
+    "m_s2": ("m_s2", 1.0),
+    "G": ("G", 1.0),
+    "uT": ("G", 1e-2),
+}
+
+
+def conversion_factor(unit: str, to: str) -> float:
+    """The number by which a reading in ``unit`` is multiplied to have it in ``to``.
+
+    Raises:
+        RigError: an unknown unit, or units of different quantities (volts become m/s^2 by a calibration only).
+    """
+    for name in (unit, to):
+        if name not in _BASE:
+            raise unknown_name("unit", name, _BASE)
+    base, factor = _BASE[unit]
+    target_base, target_factor = _BASE[to]
+    if base != target_base:
+        same = ", ".join(name for name, (other, _) in _BASE.items() if other == base)
+        raise RigError(f"unit {unit!r} cannot be converted to {to!r}: expected one of {same}")
+    return factor / target_factor
