@@ -1,0 +1,130 @@
+"""The known-angle model of one sensor: its parameters, their linear form and their tangent space.
+
+Renk (13), (19): V_k = S_k |f| f^T R P_k + delta_k, R = R_base_tool, f the field's unit direction (base frame) and P_k
+the axis's (frame 6). Unit vectors have no singular direction, their angles do; so derivatives are taken in tangent
+coordinates: two small rotations (rad) of each unit vector, along ``rig.directions.tangent_basis``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rig.directions import tangent_basis
+from rig.sensor import TriaxialSensor
+
+Array = NDArray[np.float64]
+
+Method = Literal["simultaneous", "separate"]
+METHODS: Final[tuple[Method, ...]] = ("simultaneous", "separate")
+
+#: Parameters of a sensor, Renk (15), (21) and three times (14), (20).
+PARAMETERS_OF: Final[dict[Method, int]] = {"simultaneous": 14, "separate": 18}
+#: Parameters one minimisation looks for: a sensor's, or a channel's.
+PARAMETERS_AT_ONCE: Final[dict[Method, int]] = {"simultaneous": 14, "separate": 6}
+
+
+@dataclass(frozen=True, eq=False)
+class SensorParameters:
+    """A point of the parameter space of one sensor.
+
+    Attributes:
+        reference_magnitude: |f| [m/s^2, field unit].
+        sensitivity: (3,) S_k [recorded unit per field unit].
+        offset: (3,) delta_k [recorded unit].
+        axes: (3, 3) unit vectors P_k as rows, frame 6.
+        fields: (3, 3) the unit direction of the field as each channel has it, as rows, base frame; equal rows in the
+            simultaneous model.
+    """
+
+    reference_magnitude: float
+    sensitivity: Array
+    offset: Array
+    axes: Array
+    fields: Array
+
+    @classmethod
+    def of(cls, sensor: TriaxialSensor, field: ArrayLike) -> Self:
+        """The parameters of a simulated sensor in a uniform field (3,) [m/s^2, field unit], base frame."""
+        vector = np.asarray(field, dtype=float)
+        magnitude = float(np.linalg.norm(vector))
+        return cls(
+            magnitude,
+            np.asarray(sensor.sensitivity, dtype=float),
+            np.asarray(sensor.offset, dtype=float),
+            sensor.axes,
+            np.tile(vector / magnitude, (3, 1)),
+        )
+
+    @property
+    def scaled_axes(self) -> Array:
+        """(3, 3) rows m_k = S_k |f| P_k [recorded unit]."""
+        return (self.reference_magnitude * self.sensitivity)[:, None] * self.axes
+
+    @property
+    def coefficients(self) -> Array:
+        """(10, 3) theta_k = [vec(f m_k^T), delta_k], so that readings are [vec R, 1] . theta_k [recorded unit]."""
+        return np.vstack([(self.fields[:, :, None] * self.scaled_axes[:, None, :]).reshape(3, 9).T, self.offset])
+
+    @property
+    def gain(self) -> Array:
+        """(3, 3) rows S_k P_k: readings - offset = gain @ (field in frame 6)."""
+        return self.sensitivity[:, None] * self.axes
+
+    def jacobian(self, method: Method) -> Array:
+        """Derivative of theta_k by the parameters in tangent coordinates.
+
+        The parameters are taken in their natural sizes, S_k |f| and the lengths of unit vectors, so all columns are in
+        the recorded unit: relative change of S_k, change of delta_k over S_k |f|, two small rotations of P_k (rad) for
+        k = 1, 2, 3, then two of f (simultaneous), or the same with f_k's two after each P_k's (separate).
+
+        Returns:
+            (3, 10, p), p = 14 or 18 [recorded unit].
+        """
+        m = self.scaled_axes
+        length = self.reference_magnitude * self.sensitivity
+        axis_basis, field_basis = self.bases
+        result = np.zeros((3, 10, PARAMETERS_OF[method]))
+        for k, start, of_field in columns_of_channels(method):
+            block = result[k]
+            turned = length[k] * axis_basis[k]
+            block[:9, start] = (self.fields[k][:, None] * m[k]).ravel()
+            block[9, start + 1] = length[k]
+            block[:9, start + 2 : start + 4] = (self.fields[k][:, None] * turned[:, None, :]).reshape(2, 9).T
+            block[:9, of_field] = (field_basis[k][:, :, None] * m[k]).reshape(2, 9).T
+        return result
+
+    @cached_property
+    def bases(self) -> tuple[Array, Array]:
+        """The tangent bases (3, 2, 3) of the axes and of the fields."""
+        both = tangent_basis(np.concatenate([self.axes, self.fields]))
+        return both[:3], both[3:]
+
+    @cached_property
+    def scales(self) -> Array:
+        """(3, 2) what one unit of the first two parameters of ``jacobian`` is: S_k, and S_k |f| for delta_k."""
+        return np.stack([self.sensitivity, self.reference_magnitude * self.sensitivity], axis=1)
+
+
+def columns_of_channels(method: Method) -> Iterator[tuple[int, int, slice]]:
+    """For each channel k: k, the column of its S_k (delta_k and P_k follow), and the columns of its field."""
+    for k in range(3):
+        if method == "simultaneous":
+            yield k, 4 * k, slice(12, 14)
+        else:
+            yield k, 6 * k, slice(6 * k + 4, 6 * k + 6)
+
+
+def parameter_names(method: Method) -> tuple[str, ...]:
+    """The names in the order of the Jacobian's columns, with angles in place of tangent coordinates."""
+    names: list[str] = []
+    for k in (1, 2, 3):
+        names += [f"sensitivity{k}", f"offset{k}", f"beta{k}_deg", f"gamma{k}_deg"]
+        if method == "separate":
+            names += [f"phi{k}_deg", f"psi{k}_deg"]
+    return (*names, "phi_deg", "psi_deg") if method == "simultaneous" else tuple(names)

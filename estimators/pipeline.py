@@ -1,0 +1,241 @@
+"""From a recording, in memory or on disk, to its calibration."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators.assemble import assemble
+from estimators.calibration import Calibration, SensorCalibration
+from estimators.kinematic import Weighting, fit_sensor
+from estimators.model import Method
+from estimators.noise import NoiseFloor, given_floor, noise_floor
+from estimators.statistics import Statistics
+from rig.channels import ACCELEROMETER, SENSORS
+from rig.errors import RigError, unknown_name
+from rig.recording import Metadata, Recording, RecordingScan, locked_beside, read_recording, scan_recording
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+Array = NDArray[np.float64]
+PathLike = str | os.PathLike[str]
+FieldPoints = str | Sequence[float] | Mapping[str, str | Sequence[float]]
+Noise = NoiseFloor | Mapping[str, ArrayLike] | ArrayLike | Literal["residuals"]
+
+_POINTS: Final = {"down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
+
+
+def calibrate(
+    run: Recording | PathLike,
+    method: Method = "simultaneous",
+    noise: Noise | None = None,
+    arm: Arm | None = None,
+    field_points: FieldPoints = "down",
+    weighting: Weighting = "likelihood",
+    sensors: Sequence[str] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Calibration:
+    """Calibrate the sensors of a recording that knows its attitude.
+
+    Args:
+        run: a recording; a path is read in batches, so that its length does not matter.
+        method: "simultaneous": one field direction a sensor, Renk (15), (21); "separate": one a channel, (14), (20).
+        noise: the standard deviation of a reading, as a ``NoiseFloor``, as sensor -> (3,) or as (6,) [recorded unit];
+            None: the locked recording beside a path, else the residuals; "residuals": these in any case.
+        arm: gives the orientations from the joint angles. None: those of the tool if they were recorded, else the A465
+            where the metadata name it.
+        field_points: "down", "up" or any vector (3,), base frame, within 90 degrees of the field, or one of these for
+        each
+            sensor: it chooses between (field, axes) and (-field, -axes), which give the same readings.
+        weighting: "likelihood" or, as in the paper, "equal" for all channels of a simultaneous fit.
+        sensors: which of the recorded ones; None: all.
+        progress: called with the number of samples of every batch that is done.
+
+    Raises:
+        RigError: the recording has no attitude, its arm is not known, a joint is beyond its limit, an option is
+        unknown, or
+            there are fewer samples than parameters.
+        RefusedFit: the poses cannot determine the parameters, two solutions fit alike, or a channel does not respond.
+    """
+    from_file = not isinstance(run, Recording)
+    source: Recording | RecordingScan = run if isinstance(run, Recording) else _scan(run, arm)
+    chosen = _chosen(source.sensors, sensors)
+    points = {sensor: _points(field_points, sensor) for sensor in chosen}
+    floors = _floors(run if from_file else None, noise)
+    summed = summarise(source, chosen, arm, progress)
+    results: dict[str, SensorCalibration] = {}
+    for position, sensor in enumerate(chosen):
+        floor = floors.of(sensor, summed.units[sensor])
+        fit = fit_sensor(
+            summed.statistics.select(slice(3 * position, 3 * position + 3)),
+            magnitude_of(summed.metadata, sensor),
+            method=method,
+            noise=None if floor is None else floor[0],
+            weighting=weighting,
+            field_points=points[sensor],
+            name=f"{summed.where}: {sensor}",
+        )
+        results[sensor] = assemble(
+            fit,
+            unit=summed.units[sensor],
+            noise_source="residuals" if floor is None else floors.source,
+            floor_std=0.0 if floor is None else floor[1],
+            field_points=points[sensor],
+        )
+    return Calibration(results, source.name, summed.arm)
+
+
+@dataclass(frozen=True)
+class Summed:
+    """A recording's statistics, and what is needed to interpret them.
+
+    Attributes:
+        statistics: of all channels of the chosen sensors, in their order.
+        units: sensor -> recorded unit. metadata: of the recording.
+        arm: the name of the arm that gave the orientations; None from tool poses.
+        where: the file or name, for messages.
+    """
+
+    statistics: Statistics
+    units: Mapping[str, str]
+    metadata: Metadata
+    arm: str | None
+    where: str
+
+
+def summarise(
+    source: Recording | RecordingScan,
+    sensors: Sequence[str],
+    arm: Arm | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Summed:
+    """Sum a recording, or a scan of one in constant memory, into its sufficient statistics.
+
+    Args:
+        source: the recording or scan.
+        sensors: whose readings.
+        arm, progress: as of ``calibrate``.
+
+    Raises:
+        RigError: no attitude, an unknown arm, or a joint beyond its limit.
+    """
+    batches: Iterable[Recording] = (source,) if isinstance(source, Recording) else source
+    total: Statistics | None = None
+    used: Arm | None = None
+    units: Mapping[str, str] = {}
+    where = source.name
+    for batch in batches:
+        if total is None:
+            where = batch.origin or batch.name
+            used = _arm_of(batch, arm, where)
+            units = batch.units
+        readings = [batch.readings(sensor) for sensor in sensors]
+        part = _part(batch, used, readings, where)
+        total = part if total is None else total + part
+        if progress is not None:
+            progress(len(batch))
+    if total is None:
+        raise RigError(f"{where}: has no samples")
+    return Summed(total, units, source.metadata, None if used is None else used.name, where)
+
+
+def _part(batch: Recording, arm: Arm | None, readings: Sequence[Array], where: str) -> Statistics:
+    if arm is not None and batch.q is not None:
+        _check_limits(arm, batch.q, where)
+        return Statistics.from_joints(arm.rotation_map, batch.q, *readings)
+    assert batch.tool_quaternion is not None  # as _arm_of has found
+    return Statistics.from_quaternions(batch.tool_quaternion, *readings)
+
+
+def magnitude_of(metadata: Metadata, sensor: str) -> float:
+    """The stated magnitude of the field that a sensor sees [m/s^2, field unit]."""
+    return metadata.gravity_m_s2 if sensor == ACCELEROMETER else metadata.magnetic_field
+
+
+def _scan(path: PathLike, arm: Arm | None) -> RecordingScan:
+    return scan_recording(path, joints=None if arm is None else arm.dof)
+
+
+def _chosen(recorded: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
+    if wanted is None:
+        return tuple(recorded)
+    for sensor in wanted:
+        if sensor not in recorded:
+            raise unknown_name("recorded sensor", sensor, recorded)
+    return tuple(sensor for sensor in SENSORS if sensor in wanted)
+
+
+def _points(given: FieldPoints, sensor: str) -> tuple[float, float, float]:
+    wanted = given.get(sensor, "down") if isinstance(given, Mapping) else given
+    if isinstance(wanted, str):
+        if wanted not in _POINTS:
+            raise unknown_name("field_points", wanted, _POINTS)
+        return _POINTS[wanted]
+    vector = np.asarray(wanted, dtype=float)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise RigError(f"field_points: found {wanted!r}, expected 'down', 'up' or three numbers, not all zero")
+    return (float(vector[0]), float(vector[1]), float(vector[2]))
+
+
+@dataclass(frozen=True)
+class _Floors:
+    """The noise by sensor, from wherever it is known."""
+
+    source: str = "residuals"
+    measured: NoiseFloor | None = None
+    given: Mapping[str, Array] | None = None
+
+    def of(self, sensor: str, unit: str) -> tuple[Array, Array] | None:
+        if self.measured is not None:
+            return self.measured.of(sensor, unit)
+        if self.given is not None and sensor in self.given:
+            return self.given[sensor], np.zeros(3)
+        return None
+
+
+def _floors(path: PathLike | Recording | None, noise: Noise | None) -> _Floors:
+    if isinstance(noise, NoiseFloor):
+        return _Floors("locked recording", measured=noise)
+    if isinstance(noise, str):
+        if noise != "residuals":
+            raise unknown_name("noise", noise, ("residuals",))
+        return _Floors()
+    if noise is not None:
+        return _Floors("given", given=given_floor(noise))
+    if path is None or isinstance(path, Recording):
+        return _Floors()
+    locked = locked_beside(Path(path))
+    return _Floors() if locked is None else _Floors("locked recording", measured=noise_floor(read_recording(locked)))
+
+
+def _arm_of(batch: Recording, arm: Arm | None, where: str) -> Arm | None:
+    """The arm whose kinematics give the orientations; None where the tool's are recorded and no arm was asked for."""
+    if batch.q is None and batch.tool_quaternion is None:
+        raise RigError(
+            f"{where}: has no pose, expected q1_rad..qN_rad or tool_qw..tool_qz; without a pose only an attitude-free"
+            " method can be used"
+        )
+    if batch.q is None or (arm is None and batch.tool_quaternion is not None):
+        return None
+    if arm is None and batch.metadata.arm != "a465":
+        raise RigError(
+            f"{where}: arm {batch.metadata.arm!r} is not built in, expected its model to be given, or 'a465'"
+        )
+    if arm is not None:
+        return arm
+    from rig.arm import Arm  # brings MuJoCo with it: only where it is needed
+
+    return Arm.a465()
+
+
+def _check_limits(arm: Arm, q: Array, where: str) -> None:
+    """As ``Arm.check_limits``, without its intermediate arrays where all is well."""
+    if q.shape[1] != arm.dof or (q.min(axis=0) < arm.lower).any() or (q.max(axis=0) > arm.upper).any():
+        arm.check_limits(q, where)
