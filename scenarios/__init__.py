@@ -1,0 +1,22 @@
+"""What a user runs: named scenarios, the command line, reports and pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from scenarios.loader import load, names
+    from scenarios.scenario import Scenario, Truth
+
+__all__ = ["Scenario", "Truth", "load", "names"]
+
+_MODULES = {"load": "loader", "names": "loader", "Scenario": "scenario", "Truth": "scenario"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use: MuJoCo and SciPy take a second that ``rig --help`` should not."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

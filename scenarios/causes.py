@@ -1,0 +1,68 @@
+"""Causes from JSON: a diagnosis, a list of causes or a single one, as effects for a scenario."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from rig.effects import Effect, make_effect
+from rig.errors import RigError, nearest
+
+_FORMAT: Final = "rig-diagnosis/1"
+_KEYS: Final = ("effect", "where", "parameters")
+
+
+def read_causes(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
+    """The effects that a file names: all causes of a diagnosis, a list of causes, or one cause.
+
+    A cause is ``{"effect": .., "where": .., "parameters": {..}}`` with each parameter a number, a list of them, or
+    ``{"value": ..}`` as in a diagnosis, whose further keys are passed over. A diagnosis without causes gives no effect.
+
+    Raises:
+        RigError: the file cannot be read, is not JSON, or holds something else.
+    """
+    file = Path(path)
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RigError(f"{file}: cannot be read: {error.strerror}") from error
+    except json.JSONDecodeError as error:
+        raise RigError(f"{file}: not JSON: {error.msg} at line {error.lineno}, column {error.colno}") from error
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise RigError(f"{file}: not JSON text") from error
+    diagnosis = isinstance(document, dict) and "effect" not in document
+    if diagnosis:
+        if document.get("format") != _FORMAT or not isinstance(document.get("causes"), list):
+            raise RigError(
+                f"{file}: found keys {', '.join(map(repr, document)) or 'none'}, "
+                f'expected a diagnosis ("format": "{_FORMAT}") with "causes", a list of causes, '
+                'or one cause with "effect"'
+            )
+        document = document["causes"]
+    causes = document if isinstance(document, list) else [document]
+    places = [f"{file}: cause {number}" for number in range(1, len(causes) + 1)]
+    return tuple(_effect(cause, where, strict=not diagnosis) for cause, where in zip(causes, places, strict=True))
+
+
+def _effect(cause: Any, where: str, strict: bool) -> Effect:
+    if not isinstance(cause, dict) or not isinstance(cause.get("effect"), str):
+        raise RigError(f'{where}: found {str(cause)[:60]}, expected an object with "effect", "where" and "parameters"')
+    for key in cause:
+        if strict and key not in _KEYS:
+            raise RigError(f"{where}: unknown key {key!r}, expected {', '.join(_KEYS)}{nearest(key, _KEYS)}")
+    parameters = cause.get("parameters", {})
+    if not isinstance(parameters, Mapping):
+        raise RigError(f"{where}: parameters: found {parameters!r}, expected an object of parameters by name")
+    values = {name: _value(given) for name, given in parameters.items()}
+    place = {"where": cause["where"]} if "where" in cause else {}
+    try:
+        return make_effect(cause["effect"], {**place, **values})
+    except RigError as error:
+        raise RigError(f"{where}: {error}") from error
+
+
+def _value(given: Any) -> Any:
+    return given["value"] if isinstance(given, Mapping) and "value" in given else given

@@ -1,0 +1,127 @@
+"""What several commands share: options, their types, checks of output files, JSON and the progress bar."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import click
+
+from rig.errors import RigError, nearest
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+Progress = Callable[[float], None]
+
+PATH: Final = click.Path(path_type=Path)
+RECORDING_SUFFIXES: Final = (".parquet", ".csv")
+_PATIENCE_S: Final = 2.0
+
+
+class Choice(click.Choice[str]):
+    """A choice whose error names the nearest one."""
+
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
+        """What was found, what was expected and the nearest of it."""
+        return f"found {value!r}, expected one of {', '.join(self.choices)}{nearest(str(value), self.choices)}"
+
+
+def json_option(command: Command) -> Command:
+    """``--json``: one JSON document on stdout, and nothing else there."""
+    return click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout, for machines.")(command)
+
+
+def print_json(document: Any) -> None:
+    """Print a document as JSON; not-a-number becomes null."""
+    click.echo(json.dumps(_plain(document), indent=1, allow_nan=False, ensure_ascii=False))
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON knows it."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy's arrays and scalars
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if value - value == 0.0 else None
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value
+
+
+def check_output(path: Path, suffixes: Sequence[str]) -> Path:
+    """Refuse, before any work, a file that could not be written at the end.
+
+    Raises:
+        RigError: another suffix, a folder, or a folder that is missing or not writable.
+    """
+    if path.suffix not in suffixes:
+        raise RigError(
+            f"{path}: found suffix {path.suffix!r}, expected {' or '.join(suffixes)}{nearest(path.suffix, suffixes)}"
+        )
+    if path.is_dir():
+        raise RigError(f"{path}: is a folder, expected the name of a file to write")
+    if not path.parent.is_dir():
+        raise RigError(f"{path}: folder {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK):
+        raise RigError(f"{path}: folder {path.parent} cannot be written to")
+    return path
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Progress]:
+    """A bar on stderr for what takes over two seconds; on a terminal only.
+
+    Yields:
+        What to call with the share done, 0 to 1; without a call the bar just moves.
+    """
+    if not sys.stderr.isatty():
+        yield lambda share: None
+        return
+    import rich.console
+    import rich.progress
+
+    console = rich.console.Console(stderr=True)
+    bar = rich.progress.Progress(console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
+    task = bar.add_task(title, total=None)
+    timer = threading.Timer(_PATIENCE_S, bar.start)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield lambda share: bar.update(task, total=1.0, completed=share)
+    finally:
+        timer.cancel()
+        timer.join()
+        bar.stop()
+
+
+def arm_options(command: Command) -> Command:
+    """``--arm`` and ``--tip``: the user's own arm."""
+    tip = click.option("--tip", metavar="LINK", help="The URDF's link whose frame is the sensor's.")
+    urdf = click.option("--arm", "urdf", type=PATH, metavar="my.urdf", help="Another arm than the A465, as URDF.")
+    return urdf(tip(command))
+
+
+def chosen_arm(urdf: Path | None, tip: str | None) -> Arm | None:
+    """The arm of ``--arm`` and ``--tip``; None where neither is given.
+
+    Raises:
+        RigError: one without the other, or the URDF cannot be used.
+    """
+    if urdf is None and tip is None:
+        return None
+    if urdf is None or tip is None:
+        raise RigError(f"--arm and --tip: found only {'--tip' if urdf is None else '--arm'}, expected both")
+    from rig.arm import Arm
+
+    return Arm.from_urdf(urdf, tip)

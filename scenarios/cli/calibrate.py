@@ -1,0 +1,169 @@
+"""``rig calibrate`` and ``rig apply``: volts in, answers out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from scenarios.cli._options import (
+    PATH,
+    RECORDING_SUFFIXES,
+    Choice,
+    arm_options,
+    check_output,
+    chosen_arm,
+    json_option,
+    print_json,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    from estimators import NoiseFloor
+    from rig.recording import RecordingScan
+
+
+@click.command(short_help="Calibrate the sensors of a recording.")
+@click.argument("run", type=PATH)
+@click.option("-o", "--output", type=PATH, metavar="CAL", help="Write the calibration: .json.")
+@click.option(
+    "--method",
+    type=Choice(("simultaneous", "separate")),
+    default="simultaneous",
+    help="One field for all axes, or one each.",
+)
+@arm_options
+@click.option("--locked", type=PATH, metavar="F", help="Locked-arm recording, for the noise floor.")
+@click.option("--noise", metavar="mV,mV,mV", help="Noise floor of each channel in mV: three numbers a sensor.")
+@click.option("--field-points", type=Choice(("up", "down")), default="down", help="Which of two equal solutions.")
+@click.option("--equal-weights", is_flag=True, help="All channels alike, as in the paper, not by their noise.")
+@json_option
+def calibrate(
+    run: Path,
+    output: Path | None,
+    method: Any,
+    urdf: Path | None,
+    tip: str | None,
+    locked: Path | None,
+    noise: str | None,
+    field_points: str,
+    equal_weights: bool,
+    as_json: bool,
+) -> None:
+    """Calibrate the sensors of RUN, a recording with joint angles or tool poses.
+
+    A RUN.locked.parquet beside RUN.parquet is taken as the noise floor; without one the noise comes from the residuals.
+
+    \b
+    Example:
+      rig calibrate run.parquet -o cal.json
+      rig calibrate run.csv --noise 13.4,13.6,14.6 --method separate
+      rig calibrate mine.parquet --arm mine.urdf --tip sensor_link -o cal.json
+    """
+    from rig.errors import RigError
+
+    if output is not None:
+        check_output(output, (".json",))
+    if locked is not None and noise is not None:
+        raise RigError("--locked and --noise: found both, expected one of them")
+    import estimators
+    from rig.recording import scan_recording
+
+    arm = chosen_arm(urdf, tip)
+    scan = scan_recording(run, joints=None if arm is None else arm.dof)
+    with progress_bar(f"calibrating {run}") as progress:
+        calibration = estimators.calibrate(
+            run,
+            method=method,
+            noise=_floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None,
+            arm=arm,
+            field_points=field_points,
+            weighting="equal" if equal_weights else "likelihood",
+            progress=_counted(progress, scan.rows),
+        )
+    if output is not None:
+        calibration.write(output)
+    if as_json:
+        click.echo(calibration.to_json())
+        return
+    from scenarios.calibration_report import calibration_report
+    from scenarios.report import show
+
+    show(calibration_report(calibration, scan.metadata.magnetic_field_unit))
+    if output is not None:
+        click.echo(f"\n{output}: written")
+
+
+def _floor(locked: Path) -> NoiseFloor:
+    from estimators import noise_floor
+    from rig.recording import read_recording
+
+    return noise_floor(read_recording(locked))
+
+
+def _given(text: str, scan: RecordingScan) -> dict[str, list[float]]:
+    """The noise floor of the command line, by sensor in the recorded unit."""
+    from rig.errors import RigError
+    from rig.units import conversion_factor
+
+    expected = 3 * len(scan.sensors)
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != expected or not all(0.0 < value < float("inf") for value in values):
+        raise RigError(
+            f"--noise: found {text!r}, expected {expected} positive numbers in mV, separated by commas, "
+            f"for {' and '.join(scan.sensors)}"
+        )
+    factors = {sensor: conversion_factor("mV", scan.columns.units[sensor]) for sensor in scan.sensors}
+    return {
+        sensor: [factors[sensor] * value for value in values[3 * index : 3 * index + 3]]
+        for index, sensor in enumerate(scan.sensors)
+    }
+
+
+def _counted(progress: Callable[[float], None], rows: int | None) -> Callable[[int], None]:
+    """From samples done to the share of all; nothing where their number is not known beforehand."""
+    done = 0
+
+    def count(samples: int) -> None:
+        nonlocal done
+        done += samples
+        if rows:
+            progress(done / rows)
+
+    return count
+
+
+@click.command(short_help="Turn a recording's volts into m/s² and field units.")
+@click.argument("calibration", type=PATH, metavar="CAL")
+@click.argument("run", type=PATH)
+@click.option("-o", "--output", type=PATH, required=True, metavar="OUT", help="In field units: .parquet or .csv.")
+@json_option
+def apply(calibration: Path, run: Path, output: Path, as_json: bool) -> None:
+    """Turn the readings of RUN into m/s² and field units with the calibration CAL.
+
+    The accelerometer's field is g - a, the magnetometer's the magnetic field, both in frame 6.
+
+    \b
+    Example:
+      rig apply cal.json run.parquet -o fields.parquet
+    """
+    check_output(output, RECORDING_SUFFIXES)
+    from estimators import Calibration
+    from estimators.fields import apply_file
+    from rig.recording import scan_recording
+
+    found = Calibration.read(calibration)
+    scan = scan_recording(run)
+    with progress_bar(f"applying {calibration}") as progress:
+        samples = apply_file(found, run, output, _counted(progress, scan.rows))
+    units = {sensor: scan.metadata.field_unit(sensor) for sensor in scan.sensors if sensor in found.sensors}
+    if as_json:
+        print_json({"recording": output, "samples": samples, "units": units})
+    else:
+        made = ", ".join(f"{sensor} [{unit}]" for sensor, unit in units.items())
+        click.echo(f"{output}: {samples:,} samples, {made}")

@@ -1,0 +1,144 @@
+"""``rig demo`` and ``rig sweep``: the rig runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from scenarios.cli._options import (
+    PATH,
+    RECORDING_SUFFIXES,
+    Choice,
+    check_output,
+    json_option,
+    print_json,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    from rig.recording import Recording
+    from scenarios.scenario import Scenario
+
+
+@click.command(short_help="The whole story on a built-in scenario, artefacts in ./out.")
+@click.option("-o", "--output", type=PATH, default="out", metavar="FOLDER", help="For the results; ./out by default.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the noise.")
+@json_option
+def demo(output: Path, seed: int, as_json: bool) -> None:
+    """Tell the whole story on the scenario ann-arbor, and leave recording, calibration, plots and view in FOLDER.
+
+    \b
+    Example:
+      rig demo
+      rig demo -o results --seed 7
+    """
+    from scenarios.demo import run_demo
+    from scenarios.report import show
+
+    result = run_demo(output, seed, tell=(lambda _: None) if as_json else show, working=progress_bar)
+    if as_json:
+        summary = {
+            "scenario": result.scenario.name,
+            "seed": seed,
+            "seconds": result.seconds,
+            "files": list(result.files.values()),
+            "parameters": [vars(row) for row in result.compared],
+        }
+        print_json(summary)
+        return
+    run, calibration = result.files["the recording"], result.files["the calibration"]
+    click.echo(f"\nDone in {result.seconds:.1f} s. Look at it: rig view {run} --calibration {calibration}")
+
+
+@click.command(short_help="Simulate a scenario and write its recording.")
+@click.argument("scenario")
+@click.option("-o", "--output", type=PATH, required=True, metavar="RUN", help="The recording: .parquet or .csv.")
+@click.option("--seed", type=click.IntRange(min=0), help="Of the noise; the scenario's own by default.")
+@click.option("--engine", type=Choice(("kinematic", "dynamic")), help="Joints as wanted, or driven by actuators.")
+@click.option("--motion", type=Choice(("quasi-static", "inertial")), help="Without or with the sensor's acceleration.")
+@click.option(
+    "--with", "causes", type=PATH, multiple=True, metavar="CAUSE.json", help="Add the effects that a diagnosis names."
+)
+@click.option("--noise", type=float, metavar="K", help="White noise times K.")
+@click.option("--locked", is_flag=True, help="Also write RUN.locked.parquet, for the noise floor.")
+@json_option
+def sweep(
+    scenario: str,
+    output: Path,
+    seed: int | None,
+    engine: Any,
+    motion: Any,
+    causes: tuple[Path, ...],
+    noise: float | None,
+    locked: bool,
+    as_json: bool,
+) -> None:
+    """Simulate SCENARIO, a name of rig scenarios or a TOML file, and write its recording.
+
+    CAUSE.json is a diagnosis, or one cause such as
+    {"effect": "backlash", "where": "joint5", "parameters": {"width_rad": 0.005}}.
+
+    \b
+    Example:
+      rig sweep ann-arbor -o run.parquet --locked
+      rig sweep mine.toml -o run.csv --seed 7 --engine dynamic --with backlash.json
+    """
+    check_output(output, RECORDING_SUFFIXES)
+    from scenarios.causes import read_causes
+    from scenarios.loader import load
+
+    chosen = load(scenario).with_effects(effect for path in causes for effect in read_causes(path))
+    if noise is not None:
+        chosen = chosen.scaled_noise(noise)
+    chosen = replace(chosen, engine=engine or chosen.engine, motion=motion or chosen.motion)
+    with progress_bar(f"sweeping {chosen.name}") as progress:
+        recording = chosen.simulate(seed, progress)
+    still = None
+    if locked:
+        with progress_bar("locked arm") as progress:
+            still = chosen.simulate_locked(seed, progress)
+    locked_path = _write(recording, output, still)
+    summary = _summary(chosen, recording, output, seed)
+    if as_json:
+        print_json(summary)
+    else:
+        sensors = " and ".join(recording.sensors)
+        click.echo(f"{output}: {len(recording):,} samples of {sensors} in {recording.duration_s:,.0f} s")
+        if locked_path is not None:
+            click.echo(f"{locked_path}: the arm locked, for the noise floor")
+        elif (older := summary["locked"]) is not None:
+            click.echo(f"{older}: was there before; rig calibrate takes it for the noise floor of {output}")
+
+
+def _write(recording: Recording, path: Path, locked: Recording | None) -> Path | None:
+    """Both recordings or neither."""
+    from rig.files import atomic_path
+
+    if locked is None:
+        recording.write(path)
+        return None
+    locked_path = path.with_name(f"{path.stem}.locked.parquet")
+    with atomic_path(locked_path) as first, atomic_path(path) as second:
+        locked.write(first)
+        recording.write(second)
+    return locked_path
+
+
+def _summary(scenario: Scenario, recording: Recording, path: Path, seed: int | None) -> dict[str, Any]:
+    from rig.recording import locked_beside
+
+    return {
+        "scenario": scenario.name,
+        "seed": scenario.seed if seed is None else seed,
+        "engine": scenario.engine,
+        "motion": scenario.motion,
+        "effects": [{"effect": effect.name, "where": effect.where} for effect in scenario.rig.effects],
+        "recording": path,
+        "locked": locked_beside(path),
+        "samples": len(recording),
+        "duration_s": recording.duration_s,
+        "sensors": list(recording.sensors),
+    }

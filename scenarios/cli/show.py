@@ -1,0 +1,162 @@
+"""``rig view``, ``rig scenarios``, ``rig effects``: what there is to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from shutil import rmtree
+from subprocess import Popen, TimeoutExpired
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING
+
+import click
+
+from rig.errors import RigError, unknown_name
+from scenarios.cli._options import (
+    PATH,
+    arm_options,
+    check_output,
+    chosen_arm,
+    json_option,
+    print_json,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    from estimators import Calibration
+    from rig.arm import Arm
+    from rig.recording import Recording
+
+_VIEWER_STARTS_S = 1.5
+
+
+@click.command(short_help="List the scenarios, or print one.")
+@click.argument("name", required=False)
+@json_option
+def scenarios(name: str | None, as_json: bool) -> None:
+    """List the scenarios that come with the rig, or print one as the TOML it is.
+
+    A printed scenario is the start of an own one: save it, change it, and give its path to rig sweep.
+
+    \b
+    Example:
+      rig scenarios
+      rig scenarios ann-arbor > mine.toml
+    """
+    if name is None:
+        from scenarios.catalogue import titles
+
+        if as_json:
+            print_json([{"name": key, "title": title} for key, title in titles().items()])
+            return
+        from scenarios.report import scenarios_table, show
+
+        show(scenarios_table(titles()))
+        return
+    from scenarios.loader import load, read_text
+
+    scenario = load(name)
+    if not as_json:
+        click.echo(read_text(name), nl=False)
+        return
+    import tomllib
+
+    content = tomllib.loads(read_text(name))
+    truth = {sensor: scenario.truth.values(sensor) for sensor in scenario.truth.sensors}
+    print_json({"name": scenario.name, **content, "truth": truth})
+
+
+@click.command(short_help="List the unmodelled effects, or describe one.")
+@click.argument("name", required=False)
+@json_option
+def effects(name: str | None, as_json: bool) -> None:
+    """List the unmodelled effects that a scenario can add, or describe one.
+
+    \b
+    Example:
+      rig effects
+      rig effects backlash
+    """
+    from rig.effects import EFFECTS
+
+    if name is not None and name not in EFFECTS:
+        raise unknown_name("effect", name, EFFECTS)
+    from scenarios.report import effect_description, effect_record, effects_table, show
+
+    if as_json:
+        print_json(effect_record(EFFECTS[name]) if name else [effect_record(effect) for effect in EFFECTS.values()])
+    elif name:
+        show(effect_description(EFFECTS[name]))
+    else:
+        show(effects_table(EFFECTS.values()))
+
+
+@click.command(short_help="Look at a recording in the rerun viewer.")
+@click.argument("run", type=PATH)
+@click.option("-o", "--output", type=PATH, metavar="F.rrd", help="Write the view instead of opening it.")
+@click.option("--calibration", type=PATH, metavar="CAL", help="Lay this calibration over it; its own otherwise.")
+@arm_options
+@json_option
+def view(
+    run: Path, output: Path | None, calibration: Path | None, urdf: Path | None, tip: str | None, as_json: bool
+) -> None:
+    """Look at RUN in the rerun viewer: the arm in its sweep, the readings, and what a calibration leaves over.
+
+    A recording whose poses are known is calibrated for this, unless a calibration is given. Without -o the viewer opens;
+    nothing but this machine can reach it.
+
+    \b
+    Example:
+      rig view run.parquet
+      rig view run.parquet --calibration cal.json -o run.rrd
+    """
+    if output is not None:
+        check_output(output, (".rrd",))
+    from rig.recording import read_recording
+
+    arm = chosen_arm(urdf, tip)
+    recording = read_recording(run, joints=None if arm is None else arm.dof)
+    if arm is None and recording.q is not None and recording.metadata.arm == "a465":
+        from rig.arm import Arm
+
+        arm = Arm.a465()
+    from estimators import Calibration
+
+    found = _fitted(run, recording, arm) if calibration is None else Calibration.read(calibration)
+    from scenarios.view import open_view, write_view
+
+    target = output if output is not None else Path(mkdtemp(prefix="rig-view-")) / f"{run.stem}.rrd"
+    with progress_bar(f"drawing {run}"):
+        write_view(recording, found, target, arm)
+    if output is None:
+        try:
+            _watch(open_view(target))
+        except RigError:
+            rmtree(target.parent)
+            raise
+    if as_json:
+        print_json({"view": target, "opened": output is None})
+    else:
+        click.echo(f"{target}: {'opened in the viewer' if output is None else 'written'}")
+
+
+def _fitted(run: Path, recording: Recording, arm: Arm | None) -> Calibration | None:
+    """The recording's own calibration, with the locked recording beside it; None where none can be told."""
+    from estimators import calibrate
+
+    if recording.pose == "none" or (recording.q is not None and arm is None):
+        return None
+    try:
+        return calibrate(run, arm=arm)
+    except RigError as reason:
+        click.echo(f"without a calibration: {reason}", err=True)
+        return None
+
+
+def _watch(viewer: Popen[bytes]) -> None:
+    """A viewer that ends at once has found no screen."""
+    try:
+        status = viewer.wait(_VIEWER_STARTS_S)
+    except TimeoutExpired:
+        return
+    if status != 0:
+        raise RigError(f"the viewer ended at once with status {status}: no screen? Write the view with -o F.rrd")

@@ -1,0 +1,187 @@
+"""The whole story on one scenario: sweep, locked arm, noise floor, calibration, truth, pictures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
+
+import estimators
+from estimators import Calibration, NoiseFloor
+from rig.errors import RigError
+from rig.files import atomic_path
+from rig.recording import Recording
+from rig.simulate import Progress
+from scenarios.calibration_report import calibration_report, comparison_table
+from scenarios.comparison import Compared, compare
+from scenarios.loader import load
+from scenarios.report import plus_minus
+from scenarios.scenario import Scenario
+
+#: What the demo shows unless told otherwise.
+SCENARIO: Final = "ann-arbor"
+
+#: 95 % of normal errors lie within so many standard deviations.
+_WITHIN: Final = 1.96
+
+Tell = Callable[[RenderableType], None]
+Working = Callable[[str], AbstractContextManager[Progress]]
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What the demo made.
+
+    Attributes:
+        scenario: what was simulated, with ``seed``.
+        calibration: of its recording, with the locked recording's ``floor``.
+        compared: every parameter beside its truth.
+        files: what was written, by what it is.
+        seconds: how long all of it took.
+    """
+
+    scenario: Scenario
+    seed: int
+    floor: NoiseFloor
+    calibration: Calibration
+    compared: tuple[Compared, ...]
+    files: dict[str, Path]
+    seconds: float
+
+    @property
+    def told(self) -> tuple[float, ...]:
+        """The errors in standard deviations of all parameters that can be told."""
+        return tuple(row.error_sigmas for row in self.compared if row.error_sigmas is not None)
+
+
+def run_demo(
+    folder: Path, seed: int = 0, tell: Tell = lambda _: None, working: Working = lambda _: nullcontext(_unheard)
+) -> Demo:
+    """Run the demo and write recording, locked recording, calibration, plots and the view into ``folder``.
+
+    Args:
+        folder: made where it is missing.
+        seed: of the noise.
+        tell: takes each part of the story as soon as it is known, to be printed.
+        working: what to show, by its words, while something takes its time.
+
+    Raises:
+        RigError: the folder cannot be made or written to.
+    """
+    begin = time.perf_counter()
+    _make(folder)
+    scenario = load(SCENARIO)
+    environment, maneuver = scenario.rig.environment, scenario.maneuver
+    tell(_heading(1, "The arm sweeps a torus while the board samples six voltages"))
+    tell(Text(f"  {scenario.title}"))
+    tell(Text(f"  gravity {environment.gravity_m_s2:.3f} m/s², magnetic field {environment.magnetic_field:.4f} G"))
+    with working("sweeping the torus") as progress:
+        recording = scenario.simulate(seed, progress)
+    samples, every = round(maneuver.duration_s * maneuver.rate_Hz), scenario.rig.acquisition.decimation
+    tell(Text(f"  {samples:,} samples in {maneuver.duration_s:,.0f} s, every {every}th kept: {len(recording):,}"))
+
+    tell(_heading(2, "The arm is locked and the noise floor read"))
+    with working("locking the arm") as progress:
+        locked = scenario.simulate_locked(seed, progress)
+        floor = estimators.noise_floor(locked)
+    for line in _floor_lines(locked, floor):
+        tell(Text(line))
+
+    tell(_heading(3, "Both sensors are calibrated from joint angles and volts alone\n"))
+    with working("calibrating"):
+        calibration = estimators.calibrate(recording, noise=floor)
+    tell(calibration_report(calibration, recording.metadata.magnetic_field_unit))
+
+    compared = compare(scenario.truth, calibration)
+    tell(_heading(4, "The truth, which only a simulation knows\n"))
+    tell(comparison_table(compared))
+    tell(Text(_verdict(compared)))
+
+    tell(_heading(5, "To look at"))
+    with working("drawing"):
+        files = _write(folder, scenario, recording, locked, calibration, compared)
+    width = max(len(str(path)) for path in files.values())
+    for what, path in files.items():
+        tell(Text(f"  {path!s:<{width}}  {what}", no_wrap=True, overflow="ignore"))
+    return Demo(scenario, seed, floor, calibration, compared, files, time.perf_counter() - begin)
+
+
+def _unheard(share: float) -> None:
+    """Progress that nobody watches."""
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RigError(f"{folder}: the folder cannot be made: {error.strerror}") from error
+
+
+def _heading(number: int, words: str) -> Text:
+    return Text(f"\n{number}  {words}", style="bold")
+
+
+def _floor_lines(locked: Recording, floor: NoiseFloor) -> list[str]:
+    poses, hold = len(floor.pose_samples), floor.pose_samples[0] / locked.rate_Hz
+    lines = [f"  {poses} poses, {hold:.0f} s each at {locked.rate_Hz:,.0f} Hz: {len(locked):,} samples"]
+    for sensor in locked.sensors:
+        found = floor.of(sensor, "mV")
+        if found is not None:
+            values = ", ".join(plus_minus(rms, spread) for rms, spread in zip(*found, strict=True))
+            lines.append(f"  {sensor:<14} {values} mV RMS")
+    return lines
+
+
+def _verdict(rows: Sequence[Compared]) -> str:
+    errors = np.array([row.error_sigmas for row in rows if row.error_sigmas is not None])
+    within = int((np.abs(errors) < _WITHIN).sum())
+    untold = len(rows) - len(errors)
+    extra = f"; {untold} cannot be told" if untold else ""
+    return (
+        f"  {within} of {len(errors)} errors within {_WITHIN} σ (expected {0.95 * len(errors):.1f}), "
+        f"RMS {np.sqrt(np.square(errors).mean()):.2f} σ (expected 1){extra}"
+    )
+
+
+def _write(
+    folder: Path,
+    scenario: Scenario,
+    recording: Recording,
+    locked: Recording,
+    calibration: Calibration,
+    compared: Sequence[Compared],
+) -> dict[str, Path]:
+    from scenarios import plots
+    from scenarios.overlay import overlays
+    from scenarios.view import write_view
+
+    name, arm = scenario.name, scenario.rig.arm
+    files = {
+        "the recording": folder / f"{name}.parquet",
+        "the arm locked": folder / f"{name}.locked.parquet",
+        "the calibration": folder / f"{name}.json",
+        "truth, estimate and error": folder / f"{name}-errors.png",
+        "the sweep": folder / f"{name}-sweep.png",
+        "residuals": folder / f"{name}-residuals.png",
+        "directions seen": folder / f"{name}-coverage.png",
+        "all of it, moving, for the rerun viewer": folder / f"{name}.rrd",
+    }
+    recorded, still, found, errors, sweep, residuals, coverage, view = files.values()
+    with atomic_path(still) as first, atomic_path(recorded) as second:
+        locked.write(first)
+        recording.write(second)
+    calibration.write(found)
+    laid = overlays(recording, calibration, arm)
+    plots.save(plots.errors_figure(compared), errors)
+    plots.save(plots.sweep_figure(recording, arm), sweep)
+    plots.save(plots.residuals_figure(recording.t, laid), residuals)
+    plots.save(plots.coverage_figure(recording.t, laid), coverage)
+    write_view(recording, calibration, view, arm)
+    return files

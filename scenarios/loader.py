@@ -1,0 +1,172 @@
+"""Scenarios from TOML files: those that come with the package, by name, and the user's own, by path."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from rig.acquisition import Acquisition
+from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
+from rig.effects import EFFECTS, Effect, make_effect
+from rig.environment import Environment
+from rig.errors import RigError, nearest, unknown_name
+from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
+from rig.simulate import Rig
+from scenarios.catalogue import built_in, names
+from scenarios.scenario import Scenario
+from scenarios.schema import Table, build
+from scenarios.tables import ArmTable, EarthTable, EnvironmentTable, FieldUnit, RunTable, SensorTable
+
+Made = TypeVar("Made")
+
+__all__ = ["from_toml", "load", "names"]
+
+_SECTIONS: Final = ("arm", "maneuver", "environment", *SENSORS, "acquisition", "locked", "effects")
+
+
+def load(name_or_path: str | os.PathLike[str]) -> Scenario:
+    """A scenario by its name, or by the path of a TOML file.
+
+    Raises:
+        RigError: no such scenario, or a file that is not one; with the file, the key, the value found, what was
+            expected and the nearest valid name.
+    """
+    path = _path(name_or_path)
+    return from_toml(read_text(name_or_path), path.name if path == built_in(path.stem) else str(path))
+
+
+def read_text(name_or_path: str | os.PathLike[str]) -> str:
+    """The TOML text of a scenario.
+
+    Raises:
+        RigError: no such scenario, or a file that cannot be read as text.
+    """
+    path = _path(name_or_path)
+    if not path.exists():
+        raise RigError(f"{path}: no such file, expected a scenario in TOML")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise RigError(f"{path}: not UTF-8 text (byte {error.start}), expected a scenario in TOML") from error
+    except OSError as error:
+        raise RigError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _path(name_or_path: str | os.PathLike[str]) -> Path:
+    text = os.fspath(name_or_path)
+    choices = names()
+    if text in choices:
+        return built_in(text)
+    path = Path(text)
+    if path.suffix != ".toml" and path.name == text and not path.is_file():
+        raise RigError(
+            f"unknown scenario {text!r}: expected the path of a .toml file or one of {', '.join(choices)}"
+            f"{nearest(text, choices)}"
+        )
+    return path
+
+
+def from_toml(text: str, file: str) -> Scenario:
+    """A scenario from TOML text; ``file`` is its path, for messages, for its name and for relative paths in it.
+
+    Raises:
+        RigError: as ``load``.
+    """
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise RigError(f"{file}: not TOML: {error}") from error
+    top = Table(file, "", values)
+    run = build(RunTable, replace(top, values=_without(values, _SECTIONS)), also=_SECTIONS)
+    folder = Path(file).parent
+    arm_table = build(ArmTable, top.sub("arm"))
+    sensors: dict[str, SensorTable] = {name: build(SensorTable, top.sub(name)) for name in SENSORS if name in values}
+    if not sensors:
+        raise top.error("no sensor: expected a section [accelerometer], [magnetometer] or both")
+    environment, unit = _environment(top.sub("environment"))
+    truths = {name: _checked(top.sub(name), sensor.sensor) for name, sensor in sensors.items()}
+    rig = Rig(
+        arm=_checked(top.sub("arm"), partial(arm_table.arm, folder)),
+        environment=environment,
+        accelerometer=truths.get(ACCELEROMETER),
+        magnetometer=truths.get(MAGNETOMETER),
+        acquisition=_acquisition(top.sub("acquisition"), sensors),
+        effects=_effects(top.sub("effects")),
+    )
+    if arm_table.urdf is not None:
+        arm_table = replace(arm_table, urdf=str(folder / arm_table.urdf))
+    return Scenario(
+        name=Path(file).stem,
+        rig=rig,
+        maneuver=_maneuver(top.sub("maneuver")),
+        title=run.title,
+        description=run.description,
+        source=run.source,
+        engine=run.engine,
+        motion=run.motion,
+        locked=build(LockedPoses, top.sub("locked")),
+        seed=run.seed,
+        arm_table=arm_table,
+        magnetic_field_unit=unit,
+        datasheets={name: sensor.datasheet for name, sensor in sensors.items() if sensor.datasheet},
+    )
+
+
+def _maneuver(table: Table) -> Maneuver:
+    kind = table.values.get("kind")
+    if kind is None:
+        raise table.error(f"kind: is missing, expected one of {', '.join(MANEUVERS)}")
+    name = str(kind).replace("_", "-")  # either spelling
+    if name not in MANEUVERS:
+        raise table.wrong("kind", f"one of {', '.join(MANEUVERS)}", tuple(MANEUVERS))
+    return build(MANEUVERS[name], replace(table, values=_without(table.values, ["kind"])))
+
+
+def _environment(table: Table) -> tuple[Environment, FieldUnit | None]:
+    earth = table.sub("earth")
+    own = replace(table, values=_without(table.values, ["earth"]))
+    stated = build(EnvironmentTable, own, also=("earth",))
+    if "earth" not in table.values:
+        return _checked(own, stated.environment), stated.magnetic_field_unit
+    for key in own.values:
+        if key.startswith("magnetic_") or key in ("gravity_direction", "gravity_phi_deg", "gravity_psi_deg"):
+            raise table.error(f"{key}: found beside [{earth.name}], which states it, expected one or the other")
+    built = build(EarthTable, earth)
+    return _checked(earth, lambda: built.environment(stated.environment())), "G"
+
+
+def _acquisition(table: Table, sensors: Mapping[str, SensorTable]) -> Acquisition:
+    if "noise_V" in table.values:
+        raise table.error("noise_V: found here, expected it in [accelerometer] and [magnetometer], three numbers each")
+    noise = [sensors[name].noise_V if name in sensors else (0.0, 0.0, 0.0) for name in SENSORS]
+    return build(Acquisition, table, leave_out=("noise_V",), given={"noise_V": (*noise[0], *noise[1])})
+
+
+def _effects(table: Table) -> tuple[Effect, ...]:
+    effects: list[Effect] = []
+    for name, values in table.values.items():
+        if name not in EFFECTS:
+            raise table.error(str(unknown_name("effect", name, EFFECTS)))
+        entries = values if isinstance(values, list) else [values]
+        for entry in entries:
+            if not isinstance(entry, dict):
+                raise table.wrong(name, f"a table [effects.{name}] or several [[effects.{name}]]")
+            effects.append(_checked(Table(table.file, table.path(name), entry), partial(make_effect, name, entry)))
+    return tuple(effects)
+
+
+def _without(values: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if key not in keys}
+
+
+def _checked(table: Table, make: Callable[[], Made]) -> Made:
+    """What ``make`` makes; its refusal with the file and the section."""
+    try:
+        return make()
+    except RigError as error:
+        raise table.error(str(error)) from error

@@ -1,0 +1,106 @@
+"""From where the field has reached each sensor: maps of the sphere of directions in frame 6."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rig.errors import RigError
+from scenarios.colours import AXES_ON_PAPER, BLACK, ELAPSED
+from scenarios.decimation import evenly
+from scenarios.overlay import Overlay
+from scenarios.plots.style import new_figure, style
+
+Array = NDArray[np.float64]
+
+#: Time gone by, as in the viewer.
+ELAPSED_MAP: Final = LinearSegmentedColormap.from_list("elapsed", ELAPSED)
+
+#: Cells of equal area in which coverage is counted: so many steps of the height, twice as many of the azimuth.
+STEPS: Final = 12
+
+_POINTS = 20_000
+
+
+def coverage_figure(t: Array, overlays: Mapping[str, Overlay]) -> Figure:
+    """A Mollweide map (equal areas) for each sensor: the field's directions in frame 6, and both ends of each axis.
+
+    Args:
+        t: (n,) [s] of the recording.
+        overlays: sensor -> its calibration laid over the recording.
+
+    Raises:
+        RigError: there are none.
+    """
+    if not overlays:
+        raise RigError("nothing to map: expected a calibration of a recorded sensor")
+    with style():
+        figure = new_figure(6.4, 0.5 + 3.6 * len(overlays))
+        panels = figure.subplots(len(overlays), 1, subplot_kw={"projection": "mollweide"}, squeeze=False)[:, 0]
+        for panel, overlay in zip(panels, overlays.values(), strict=True):
+            _map(panel, t, overlay)
+        span = Normalize(float(t[0]), max(float(t[-1]), float(t[0]) + 1e-9))
+        figure.colorbar(
+            ScalarMappable(span, ELAPSED_MAP),
+            ax=list(panels),
+            location="bottom",
+            shrink=0.6,
+            aspect=40,
+            label="time [s]",
+        )
+    return figure
+
+
+def covered_share(directions: Array) -> float:
+    """The share of 288 cells of equal area that unit vectors (n, 3) fall into."""
+    height = np.clip(((directions[:, 2] + 1.0) / 2.0 * STEPS).astype(int), 0, STEPS - 1)
+    azimuth = np.arctan2(directions[:, 1], directions[:, 0])
+    around = np.clip(((azimuth / np.pi + 1.0) * STEPS).astype(int), 0, 2 * STEPS - 1)
+    return len(np.unique(height * 2 * STEPS + around)) / (2 * STEPS * STEPS)
+
+
+def _map(axis: Axes, t: Array, overlay: Overlay) -> None:
+    shown = evenly(len(t), _POINTS)
+    azimuth, elevation = _angles(overlay.directions[shown])
+    axis.scatter(azimuth, elevation, c=t[shown], cmap=ELAPSED_MAP, s=2.2, linewidths=0, rasterized=True)
+    for number, vector in enumerate(overlay.axes, start=1):
+        for sign, marker in ((1.0, "o"), (-1.0, "X")):
+            at = _angles(sign * vector[None])
+            axis.plot(
+                *at,
+                marker,
+                color=AXES_ON_PAPER[number - 1],
+                markersize=9,
+                markeredgecolor="white",
+                zorder=4,
+                clip_on=False,
+            )
+            axis.annotate(
+                f"{'+' if sign > 0 else '−'}{number}",
+                (at[0][0], at[1][0]),
+                xytext=(7, 5),
+                textcoords="offset points",
+                fontsize=9,
+                fontweight="bold",
+                color=BLACK,
+            )
+    name = {"accelerometer": "Gravity", "magnetometer": "Magnetic field"}[overlay.sensor]
+    share = 100.0 * covered_share(overlay.directions)
+    axis.set_title(f"{name} in frame 6: {share:.0f} % of the sphere seen", pad=14)
+    axis.set_xticks(np.radians([-120, -60, 0, 60, 120]), ["−120°", "−60°", "0°", "60°", "120°"])
+    for label in axis.get_xticklabels():  # on the equator, among the points
+        label.set(fontsize=7, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.6})
+    axis.set_yticks(np.radians([-60, -30, 0, 30, 60]), ["−60°", "−30°", "0°", "30°", "60°"])
+    axis.set_xlabel("azimuth about z6")
+    axis.set_ylabel("elevation above x6 y6")
+
+
+def _angles(directions: Array) -> tuple[Array, Array]:
+    return np.arctan2(directions[:, 1], directions[:, 0]), np.arcsin(np.clip(directions[:, 2], -1.0, 1.0))

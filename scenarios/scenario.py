@@ -1,0 +1,203 @@
+"""A scenario: a rig, what it does, and the truth that a calibration is to find."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.directions import angles_from_direction
+from rig.effects import Effect
+from rig.environment import Environment
+from rig.errors import RigError, unknown_name
+from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
+from rig.recording import Recording
+from rig.sensor import TriaxialSensor
+from rig.simulate import Engine, Motion, Progress, Rig
+from scenarios.tables import ArmTable, FieldUnit
+from scenarios.writer import set_fields, toml_document
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The parameters that made a recording.
+
+    Attributes:
+        accelerometer, magnetometer: at least one of the two.
+        magnetic_field_unit: of the environment's magnetic field; None: relative.
+    """
+
+    environment: Environment
+    accelerometer: TriaxialSensor | None
+    magnetometer: TriaxialSensor | None
+    magnetic_field_unit: FieldUnit | None = None
+
+    @property
+    def sensors(self) -> dict[str, TriaxialSensor]:
+        """The sensors that are there, by name."""
+        both = {ACCELEROMETER: self.accelerometer, MAGNETOMETER: self.magnetometer}
+        return {name: sensor for name, sensor in both.items() if sensor is not None}
+
+    def values(self, sensor: str, field_points: str = "down") -> dict[str, float]:
+        """The 14 parameters of a sensor by their names in a calibration.
+
+        (f, P) and (-f, -P) give the same volts: as in a calibration, the one whose field points down in the base frame
+        (z < 0), or up, is given.
+
+        Args:
+            sensor: "accelerometer" or "magnetometer".
+            field_points: "down" or "up".
+
+        Returns:
+            sensitivity1, offset1, beta1_deg, gamma1_deg, .., gamma3_deg, phi_deg, psi_deg.
+
+        Raises:
+            RigError: the scenario has no such sensor.
+        """
+        if sensor not in self.sensors:
+            raise unknown_name("sensor", sensor, self.sensors)
+        truth, environment = self.sensors[sensor], self.environment
+        towards = environment.gravity_direction if sensor == ACCELEROMETER else environment.magnetic_direction
+        turned = towards[2] > 0.0 if field_points == "down" else towards[2] < 0.0
+        sign = -1.0 if turned else 1.0
+        beta, gamma = angles_from_direction(sign * truth.axes)
+        phi, psi = angles_from_direction(sign * np.asarray(towards))
+        values: dict[str, float] = {}
+        for axis in range(3):
+            values[f"sensitivity{axis + 1}"] = truth.sensitivity[axis]
+            values[f"offset{axis + 1}"] = truth.offset[axis]
+            values[f"beta{axis + 1}_deg"] = float(beta[axis])
+            values[f"gamma{axis + 1}_deg"] = float(gamma[axis])
+        return {**values, "phi_deg": float(phi), "psi_deg": float(psi)}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A rig with the maneuver it makes.
+
+    Attributes:
+        name: short, as a file's name without suffix.
+        title: one line.
+        description: what is to be seen in it.
+        source: where its numbers come from.
+        rig: arm, surroundings, sensors, acquisition, effects.
+        engine, motion: as in ``Rig.simulate``.
+        locked: the maneuver of the locked-arm recording that gives the noise floor.
+        seed: where a simulation names none.
+        arm_table: how a file names the arm.
+        magnetic_field_unit: unit of the environment's magnetic field; None: relative, as in Renk et al.
+        datasheets: sensor -> data sheet in models/sensors.
+    """
+
+    name: str
+    rig: Rig
+    maneuver: Maneuver
+    title: str = ""
+    description: str = ""
+    source: str = ""
+    engine: Engine = "kinematic"
+    motion: Motion = "quasi-static"
+    locked: LockedPoses = field(default_factory=LockedPoses)
+    seed: int = 0
+    arm_table: ArmTable = field(default_factory=ArmTable)
+    magnetic_field_unit: FieldUnit | None = None
+    datasheets: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def truth(self) -> Truth:
+        """What a calibration of this scenario's recording is to find."""
+        return Truth(self.rig.environment, self.rig.accelerometer, self.rig.magnetometer, self.magnetic_field_unit)
+
+    def simulate(self, seed: int | None = None, progress: Progress | None = None) -> Recording:
+        """The recording of the maneuver; the same seed gives the same recording.
+
+        Raises:
+            RigError: a joint beyond its limit, or a maneuver that does not suit the rig.
+        """
+        seed = self.seed if seed is None else seed
+        rng = np.random.default_rng([seed, 0])
+        try:
+            recording = self.rig.simulate(self.maneuver, rng, self.engine, self.motion, progress, name=self.name)
+        except RigError as error:
+            raise RigError(f"scenario {self.name}: {error}") from error
+        return self._noted(recording, f"{self.name}, seed {seed}, {self.engine} engine, {self.motion} motion")
+
+    def simulate_locked(self, seed: int | None = None, progress: Progress | None = None) -> Recording:
+        """The locked-arm recording: poses held still, every sample kept, noise independent of ``simulate``'s.
+
+        Raises:
+            RigError: the scenario has no arm to lock.
+        """
+        if self.rig.arm is None:
+            raise RigError(f"scenario {self.name}: found no arm, expected one that can be locked")
+        seed = self.seed if seed is None else seed
+        rig = replace(self.rig, acquisition=replace(self.rig.acquisition, decimation=1))
+        name = f"{self.name}.locked"
+        recording = rig.simulate(self.locked, np.random.default_rng([seed, 1]), progress=progress, name=name)
+        return self._noted(recording, f"{self.name}, seed {seed}, locked poses")
+
+    def with_effects(self, effects: Iterable[Effect]) -> Scenario:
+        """The scenario with further effects, after those it has."""
+        return replace(self, rig=replace(self.rig, effects=(*self.rig.effects, *effects)))
+
+    def scaled_noise(self, factor: float) -> Scenario:
+        """The scenario with the standard deviation of its white noise times ``factor``.
+
+        Raises:
+            RigError: the factor is negative or not finite.
+        """
+        if not (np.isfinite(factor) and factor >= 0):
+            raise RigError(f"noise factor: found {factor}, expected zero or a positive number")
+        acquisition = self.rig.acquisition
+        noise = tuple(factor * sigma for sigma in acquisition.noise_V)
+        return replace(self, rig=replace(self.rig, acquisition=replace(acquisition, noise_V=noise)))
+
+    def to_toml(self) -> str:
+        """The scenario as a file that loads to the same rig; fields' directions are written as vectors.
+
+        Raises:
+            RigError: its maneuver or arm has no place in a file.
+        """
+        return toml_document(_tables(self))
+
+    def _noted(self, recording: Recording, notes: str) -> Recording:
+        metadata = replace(recording.metadata, notes=notes, magnetic_field_unit=self.magnetic_field_unit)
+        return replace(recording, metadata=metadata)
+
+
+def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
+    texts = {key: getattr(scenario, key) for key in ("title", "description", "source")}
+    run = {"engine": scenario.engine, "motion": scenario.motion, "seed": scenario.seed}
+    yield "", {**{key: text for key, text in texts.items() if text}, **run}
+    yield "[arm]", _arm_table(scenario)
+    kinds: dict[type, str] = {cls: kind for kind, cls in MANEUVERS.items()}
+    if type(scenario.maneuver) not in kinds:
+        kind = type(scenario.maneuver).__name__
+        raise RigError(f"maneuver {kind} cannot be written: expected one of {', '.join(MANEUVERS)}")
+    yield "[maneuver]", {"kind": kinds[type(scenario.maneuver)], **set_fields(scenario.maneuver)}
+    unit = {"magnetic_field_unit": scenario.magnetic_field_unit} if scenario.magnetic_field_unit else {}
+    yield "[environment]", {**asdict(scenario.rig.environment), **unit}
+    acquisition = scenario.rig.acquisition
+    for name, sensor in scenario.truth.sensors.items():
+        sheet = {"datasheet": scenario.datasheets[name]} if name in scenario.datasheets else {}
+        yield f"[{name}]", {**asdict(sensor), "noise_V": acquisition.noise_V[COLUMNS_OF[name]], **sheet}
+    yield "[acquisition]", {key: value for key, value in asdict(acquisition).items() if key != "noise_V"}
+    if locked := set_fields(scenario.locked):
+        yield "[locked]", locked
+    for effect in scenario.rig.effects:
+        yield f"[[effects.{effect.name}]]", asdict(effect)
+
+
+def _arm_table(scenario: Scenario) -> dict[str, Any]:
+    arm = scenario.rig.arm
+    if arm is None:
+        return {"model": "none"}
+    if scenario.arm_table.urdf is not None:  # absolute: the text may be saved anywhere
+        return {"urdf": str(Path(scenario.arm_table.urdf).absolute()), "tip": scenario.arm_table.tip}
+    if arm.urdf is not None and arm.name != "a465":
+        raise RigError(f"arm {arm.name} cannot be written: expected the scenario to name its URDF and tip in arm_table")
+    return {"model": scenario.arm_table.model}

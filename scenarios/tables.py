@@ -1,0 +1,193 @@
+"""The sections of a scenario: their keys, and what becomes of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rig.arm import Arm
+from rig.assets import models_root
+from rig.directions import direction_from_angles
+from rig.environment import Environment
+from rig.errors import RigError, unknown_name
+from rig.sensor import TriaxialSensor, Triple
+from rig.simulate import Engine, Motion
+
+ARMS: Final = ("a465", "none")
+
+FieldUnit = Literal["G", "uT"]
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """The top of the file: what the scenario is, and how it runs by itself.
+
+    Attributes:
+        title, description, source: one line, what is to be seen, where the numbers come from.
+        engine, motion: as in ``rig.simulate.Rig.simulate``.
+        seed: where a simulation names none.
+    """
+
+    title: str = ""
+    description: str = ""
+    source: str = ""
+    engine: Engine = "kinematic"
+    motion: Motion = "quasi-static"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise RigError(f"seed: found {self.seed}, expected an integer, zero or above")
+
+
+@dataclass(frozen=True)
+class ArmTable:
+    """``[arm]``: a model that comes with the package, or a URDF file and the link that carries the sensor.
+
+    Attributes:
+        model: "a465", or "none" for a sensor in a hand.
+        urdf: path of a URDF file; a scenario file's relative path starts at its own folder.
+        tip: link of the URDF whose frame is the sensor's.
+    """
+
+    model: str = "a465"
+    urdf: str | None = None
+    tip: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.urdf is None) != (self.tip is None):
+            missing = "urdf" if self.urdf is None else "tip"
+            raise RigError(f"{missing}: is missing, expected both urdf and tip, a file and a link of it, or neither")
+        if self.model not in ARMS:
+            raise unknown_name("model", self.model, ARMS)
+
+    def arm(self, folder: Path) -> Arm | None:
+        """The arm; relative paths start at ``folder``."""
+        if self.urdf is not None and self.tip is not None:
+            return Arm.from_urdf(folder / self.urdf, self.tip)
+        return Arm.a465() if self.model == "a465" else None
+
+
+@dataclass(frozen=True)
+class SensorTable:
+    """``[accelerometer]`` and ``[magnetometer]``: the true parameters, Renk (6), (13), (19), and the noise.
+
+    Attributes:
+        sensitivity, offset, beta_deg, gamma_deg: as in ``TriaxialSensor``.
+        noise_V: standard deviation of each axis' white noise [V].
+        datasheet: the sensor's file in models/sensors, without ``.toml``; for the reader.
+    """
+
+    sensitivity: Triple
+    offset: Triple
+    beta_deg: Triple
+    gamma_deg: Triple
+    noise_V: Triple = (0.0, 0.0, 0.0)
+    datasheet: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.datasheet is not None:
+            known = sorted(path.stem for path in (models_root() / "sensors").glob("*.toml"))
+            if self.datasheet not in known:
+                raise unknown_name("datasheet", self.datasheet, known)
+        if min(self.noise_V) < 0:
+            raise RigError(f"noise_V: found {list(self.noise_V)}, expected three numbers, none negative")
+
+    def sensor(self) -> TriaxialSensor:
+        """The sensor without its noise, which is the acquisition's."""
+        return TriaxialSensor(self.sensitivity, self.offset, self.beta_deg, self.gamma_deg)
+
+
+@dataclass(frozen=True)
+class EnvironmentTable:
+    """``[environment]``: magnitudes, and directions in the base frame as vectors or by the angles of Renk (12)."""
+
+    gravity_m_s2: float = 9.8
+    gravity_direction: Triple | None = None
+    gravity_phi_deg: float | None = None
+    gravity_psi_deg: float | None = None
+    magnetic_field: float = 1.0
+    magnetic_field_unit: FieldUnit | None = None
+    magnetic_direction: Triple | None = None
+    magnetic_phi_deg: float | None = None
+    magnetic_psi_deg: float | None = None
+    temperature_degC: float = Environment.temperature_degC
+    temperature_rise_degC: float = Environment.temperature_rise_degC
+    temperature_tau_s: float = Environment.temperature_tau_s
+
+    def environment(self) -> Environment:
+        """The environment; directions that are not stated are ``Environment``'s own."""
+        gravity = _direction("gravity", self.gravity_direction, self.gravity_phi_deg, self.gravity_psi_deg)
+        magnetic = _direction("magnetic", self.magnetic_direction, self.magnetic_phi_deg, self.magnetic_psi_deg)
+        return Environment(
+            gravity_m_s2=self.gravity_m_s2,
+            gravity_direction=gravity or Environment.gravity_direction,
+            magnetic_field=self.magnetic_field,
+            magnetic_direction=magnetic or Environment.magnetic_direction,
+            temperature_degC=self.temperature_degC,
+            temperature_rise_degC=self.temperature_rise_degC,
+            temperature_tau_s=self.temperature_tau_s,
+        )
+
+
+def _direction(name: str, vector: Triple | None, phi_deg: float | None, psi_deg: float | None) -> Triple | None:
+    if vector is not None and (phi_deg is not None or psi_deg is not None):
+        raise RigError(f"{name}_direction: found beside {name}_phi_deg or {name}_psi_deg, expected one or the other")
+    if phi_deg is None and psi_deg is None:
+        return vector
+    if phi_deg is None or psi_deg is None:
+        missing = "phi" if phi_deg is None else "psi"
+        raise RigError(f"{name}_{missing}_deg: is missing, expected {name}_phi_deg and {name}_psi_deg together")
+    return _triple(direction_from_angles(phi_deg, psi_deg))
+
+
+@dataclass(frozen=True)
+class EarthTable:
+    """``[environment.earth]``: the Earth's field where the arm stands, and how its base stands there.
+
+    The base stands level with its x axis on the compass heading ``base_yaw_deg``, then leans by ``base_tilt_deg``
+    towards the heading ``base_tilt_azimuth_deg``; headings are clockwise from true north.
+
+    Attributes:
+        north_G, east_G, down_G: the field [G].
+    """
+
+    north_G: float
+    east_G: float
+    down_G: float
+    base_yaw_deg: float = 0.0
+    base_tilt_deg: float = 0.0
+    base_tilt_azimuth_deg: float = 0.0
+
+    @property
+    def R_local_base(self) -> NDArray[np.float64]:
+        """(3, 3) rotation from the base frame to north, west, up."""
+        azimuth = self.base_tilt_azimuth_deg
+        turns = [-azimuth, self.base_tilt_deg, azimuth - self.base_yaw_deg]
+        return np.asarray(Rotation.from_euler("ZYZ", turns, degrees=True).as_matrix())
+
+    def environment(self, rest: Environment) -> Environment:
+        """The environment with this field; gravity's magnitude and the temperature are those of ``rest``."""
+        field = np.array([self.north_G, -self.east_G, -self.down_G])
+        magnitude = float(np.linalg.norm(field))
+        if magnitude == 0.0:
+            raise RigError("north_G, east_G, down_G: found a field of zero, expected at least one that is not")
+        return Environment(
+            gravity_m_s2=rest.gravity_m_s2,
+            gravity_direction=_triple(-self.R_local_base[2]),
+            magnetic_field=magnitude,
+            magnetic_direction=_triple(field @ self.R_local_base),
+            temperature_degC=rest.temperature_degC,
+            temperature_rise_degC=rest.temperature_rise_degC,
+            temperature_tau_s=rest.temperature_tau_s,
+        )
+
+
+def _triple(vector: NDArray[np.float64]) -> Triple:
+    x, y, z = vector
+    return float(x), float(y), float(z)

@@ -1,0 +1,139 @@
+"""What the viewer shows when the file is opened: the arm on the left, readings, residuals and spheres on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from rig.channels import ACCELEROMETER
+from scenarios.overlay import Overlay
+from scenarios.view.arm import ARM
+from scenarios.view.series import READINGS, RESIDUALS
+from scenarios.view.spheres import SPHERES
+from scenarios.view.sweep import SWEEP
+from scenarios.view.timeline import TIMELINE
+
+Array = NDArray[np.float64]
+
+#: The whole recording is played in about this many seconds.
+PLAYED_IN_S: Final = 60.0
+
+#: The direction from the arm to the eye, base frame.
+EYE_FROM: Final = np.array([0.62, -0.68, 0.39])
+
+_SOLID = rr.components.FillMode.Solid
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What has been logged, and so can be shown.
+
+    Attributes:
+        units: sensor -> unit of its readings.
+        overlays: sensor -> its calibration laid over the recording; none without a calibration.
+        base: the base frame's name, where there is a pose.
+        arm: whether the arm is shown.
+        reach: (m, 3) [m] points that the view of the arm must hold, base frame.
+        start_s, end_s: of the recording.
+    """
+
+    units: Mapping[str, str]
+    overlays: Mapping[str, Overlay]
+    base: str | None
+    arm: bool
+    reach: Array
+    start_s: float
+    end_s: float
+
+
+def blueprint(contents: Contents) -> rrb.Blueprint:
+    """The layout."""
+    columns = [_sensor_column(sensor, contents) for sensor in contents.units]
+    root: rrb.Container = rrb.Horizontal(contents=columns)
+    if contents.base is not None:
+        root = rrb.Horizontal(
+            contents=[_sweep_view(contents.base, contents.arm, contents.reach), root], column_shares=[4, 5]
+        )
+    time = rrb.TimePanel(
+        state="collapsed",
+        timeline=TIMELINE,
+        playback_speed=round(max((contents.end_s - contents.start_s) / PLAYED_IN_S, 1.0), 1),
+        play_state="playing",
+        loop_mode="all",
+    )
+    return rrb.Blueprint(
+        root,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        time,
+        auto_views=False,
+    )
+
+
+def _sensor_column(sensor: str, contents: Contents) -> rrb.Container:
+    title = f"{sensor.capitalize()} [{contents.units[sensor]}]"
+    views: list[rrb.View] = [_series(f"{READINGS}/{sensor}", title, contents, legend=True)]
+    shares = [3.2]
+    overlay = contents.overlays.get(sensor)
+    if overlay is not None:
+        for name, sigma in zip(overlay.names, overlay.sigma, strict=True):
+            title = f"Residual of {name} [{overlay.unit}], ±3σ = ±{3.0 * sigma:.3g} {overlay.unit}"
+            views.append(_series(f"{RESIDUALS}/{sensor}/{name}", title, contents, legend=False))
+            shares.append(2.0)
+    views.append(_spheres(sensor, overlay))
+    shares.append(3.8)
+    return rrb.Vertical(contents=views, row_shares=shares)
+
+
+def _series(origin: str, title: str, contents: Contents, legend: bool) -> rrb.TimeSeriesView:
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=at) for at in (contents.start_s, contents.end_s))
+    # Unless told, the plot starts as a short window about the time cursor.
+    whole = rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)) if contents.end_s > contents.start_s else None
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=title,
+        axis_x=whole,
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
+    )
+
+
+def _spheres(sensor: str, overlay: Overlay | None) -> rrb.Spatial3DView:
+    width = 1 if overlay is None else len(overlay.names)
+    distance = 1.9 + 0.75 * width
+    return rrb.Spatial3DView(
+        origin=f"{SPHERES}/{sensor}",
+        name=_sphere_title(sensor, overlay),
+        eye_controls=rrb.EyeControls3D(
+            position=(0.0, -distance, 0.4 * distance), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
+        ),
+        line_grid=False,
+    )
+
+
+def _sphere_title(sensor: str, overlay: Overlay | None) -> str:
+    if overlay is None:
+        return f"Readings of the {sensor}, blue first, yellow last"
+    field = "Gravity" if sensor == ACCELEROMETER else "Magnetic field"
+    return f"{field} in frame 6 by residual, blue −3σ, orange +3σ"
+
+
+def _sweep_view(base: str, arm: bool, reach: Array) -> rrb.Spatial3DView:
+    low, high = reach.min(axis=0), reach.max(axis=0)
+    centre = (low + high) / 2.0
+    radius = max(float(np.linalg.norm(high - low)) / 2.0, 0.1)
+    return rrb.Spatial3DView(
+        origin="/",
+        contents=[f"/{ARM}/**", f"/{SWEEP}/**"],
+        name=f"The sweep of the {'arm' if arm else 'sensor'}, blue first, yellow last",
+        spatial_information=rrb.SpatialInformation(target_frame=base),
+        eye_controls=rrb.EyeControls3D(
+            position=centre + 1.9 * radius * EYE_FROM, look_target=centre, eye_up=(0.0, 0.0, 1.0)
+        ),
+        defaults=[rr.Boxes3D.from_fields(fill_mode=_SOLID), rr.Cylinders3D.from_fields(fill_mode=_SOLID)],
+    )

@@ -1,0 +1,61 @@
+"""The rerun viewer as a program: where it lies, and how it is started without reaching out to anybody."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from rig.errors import RigError
+
+#: It listens to this machine only; its own default is every address of the machine.
+ADDRESS: Final = "127.0.0.1"
+
+
+def viewer_program() -> Path:
+    """The viewer itself: the ``rerun`` command is a wrapper, and stopping the wrapper leaves the viewer running.
+
+    Raises:
+        RigError: the rerun package was installed without it.
+    """
+    if override := os.environ.get("RERUN_CLI_PATH"):  # as the wrapper does
+        return Path(override)
+    package = find_spec("rerun_cli")
+    folder = Path(package.origin if package and package.origin else "rerun_cli").parent
+    bundled = folder / "Rerun.app" / "Contents" / "MacOS" / "Rerun"
+    program = folder / ("rerun.exe" if sys.platform == "win32" else "rerun")
+    for candidate in (bundled, program):
+        if candidate.is_file():
+            return candidate
+    raise RigError(f"{program}: the rerun viewer is missing: install rerun-sdk again")
+
+
+def viewer_environment() -> Mapping[str, str]:
+    """This process's environment, with the viewer's reports to its makers turned off for the one run.
+
+    The viewer sends none where CI is set; the user's own settings are neither read nor changed.
+    """
+    return {**os.environ, "CI": "1"}
+
+
+def open_view(path: str | os.PathLike[str]) -> subprocess.Popen[bytes]:
+    """Open an .rrd file in a new viewer window, which outlives this process; nothing but this machine can reach it.
+
+    Raises:
+        RigError: the file is missing, or the viewer cannot be started.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise RigError(f"{file}: no such file, expected an .rrd file")
+    command = [str(viewer_program()), "--bind", ADDRESS, "--port", "auto", str(file)]
+    quiet = subprocess.DEVNULL
+    try:
+        return subprocess.Popen(
+            command, env=viewer_environment(), stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
+        )
+    except OSError as error:
+        raise RigError(f"{command[0]}: the viewer cannot be started: {error.strerror}") from error

@@ -1,0 +1,159 @@
+"""One recording, and what was made of it, as a file for the rerun viewer."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from estimators.calibration import Calibration
+from rig.arm import Arm
+from rig.channels import CHANNELS_OF
+from rig.errors import RigError
+from rig.files import atomic_path
+from rig.recording import Recording
+from scenarios.decimation import evenly
+from scenarios.motion import SensorMotion, arm_of, motion
+from scenarios.overlay import Overlay, overlays
+from scenarios.view.arm import BASE, log_arm
+from scenarios.view.blueprint import EYE_FROM, Contents, blueprint
+from scenarios.view.series import log_readings, log_residuals
+from scenarios.view.spheres import log_cloud, log_spheres
+from scenarios.view.sweep import log_fields, log_sensor, log_sweep
+
+Array = NDArray[np.float64]
+
+#: The name that the viewer keeps layouts under.
+APPLICATION: Final = "torusrig"
+
+
+@dataclass(frozen=True)
+class Detail:
+    """How much of a long recording is shown; nothing is left out of a short one.
+
+    Attributes:
+        frames: poses of the arm and of the sensor, evenly spread from the first sample to the last.
+        bristles: of these, how many are drawn as bristles.
+        points: directions on a sphere, evenly spread.
+        samples: of each series; a longer one is drawn by the lowest and highest sample of equal intervals.
+    """
+
+    frames: int = 4000
+    bristles: int = 640
+    points: int = 2500
+    samples: int = 8000
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value < 2:
+                raise RigError(f"detail.{name}: found {value}, expected 2 or more")
+
+
+FULL_DETAIL: Final = Detail()
+
+
+def write_view(
+    recording: Recording,
+    calibration: Calibration | None,
+    path: str | os.PathLike[str],
+    arm: Arm | None = None,
+    detail: Detail = FULL_DETAIL,
+) -> None:
+    """Write an .rrd file, whole or not at all: the arm in its sweep, readings, residuals and spheres of directions.
+
+    Args:
+        recording: with joint angles, tool poses or neither; what it lacks is left out of the view.
+        calibration: of its sensors; None: readings only, as points in space besides.
+        path: the file; ``.rrd`` is what the viewer opens.
+        arm: for the joint angles; None: the A465 where the metadata name it, else the sensor alone.
+        detail: how much of a long recording is shown.
+
+    Raises:
+        RigError: the file cannot be written, the arm does not fit the recording or its URDF cannot be read, the
+            calibration is in another unit, or logging is switched off in the environment.
+    """
+    arm = arm or arm_of(recording)
+    laid = overlays(recording, calibration, arm)
+    sweep = motion(recording, arm, evenly(len(recording), detail.frames))
+    with atomic_path(path) as temporary:
+        stream = rr.RecordingStream(APPLICATION)
+        if not rr.is_enabled(stream):
+            raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
+        try:
+            stream.save(temporary)
+            stream.send_recording_name(recording.name)
+            stream.send_blueprint(blueprint(_log(stream, recording, laid, arm, sweep, detail)))
+        finally:
+            stream.disconnect()  # writes what is pending, and the file's footer
+
+
+def _log(
+    stream: rr.RecordingStream,
+    recording: Recording,
+    laid: Mapping[str, Overlay],
+    arm: Arm | None,
+    sweep: SensorMotion | None,
+    detail: Detail,
+) -> Contents:
+    base, reach, shown = None, np.zeros((1, 3)), arm is not None and recording.q is not None
+    if sweep is not None:
+        base = BASE
+        if arm is not None and recording.q is not None:
+            base = log_arm(stream, arm, recording.t[sweep.rows], recording.q[sweep.rows])
+        reach = _log_sweep(stream, base, recording, laid, sweep, detail, shown)
+    points = evenly(len(recording), detail.points)
+    share = _share(recording.t, points)
+    for sensor in recording.sensors:
+        readings, unit = recording.readings(sensor), recording.unit(sensor)
+        log_readings(stream, sensor, recording.t, readings, unit, detail.samples)
+        if sensor in laid:
+            log_residuals(stream, recording.t, laid[sensor], detail.samples)
+            log_spheres(stream, recording.t, laid[sensor], points)
+        else:
+            log_cloud(stream, recording.t, sensor, readings, points, share)
+    return Contents(
+        units=recording.units,
+        overlays=laid,
+        base=base,
+        arm=shown,
+        reach=reach,
+        start_s=float(recording.t[0]),
+        end_s=float(recording.t[-1]),
+    )
+
+
+def _log_sweep(
+    stream: rr.RecordingStream,
+    base: str,
+    recording: Recording,
+    laid: Mapping[str, Overlay],
+    sweep: SensorMotion,
+    detail: Detail,
+    from_origin: bool,
+) -> Array:
+    """Bristles, path, sensor and fields; returns points (m, 3) [m] that the view must hold."""
+    log_sweep(stream, base, sweep, _share(recording.t, sweep.rows), detail.bristles)
+    reach = np.vstack([sweep.tip, sweep.root, *([np.zeros(3)] if from_origin else [])])
+    low, high = reach.min(axis=0), reach.max(axis=0)
+    size = float((high - low).max())
+    calibrated = next(iter(laid.values()), None)
+    axes = np.eye(3) if calibrated is None else calibrated.axes
+    names = ("x6", "y6", "z6") if calibrated is None else CHANNELS_OF[calibrated.sensor]
+    log_sensor(stream, base, recording.t[sweep.rows], sweep, axes, names, 0.15 * size)
+    fields = {sensor: overlay.field for sensor, overlay in laid.items() if overlay.field is not None}
+    if not fields:
+        return reach
+    length = 0.18 * size
+    beside = 1.4 * length * np.cross([0.0, 0.0, 1.0], EYE_FROM)  # to the right in the picture
+    start = np.array([*(low + high)[:2] / 2.0, high[2] + 1.3 * length]) - 0.5 * (len(fields) - 1) * beside
+    log_fields(stream, base, fields, start, beside, length)
+    return np.vstack([reach, start])
+
+
+def _share(t: Array, rows: NDArray[np.intp]) -> Array:
+    return np.asarray(t[rows] - t[0]) / max(float(t[-1] - t[0]), np.finfo(float).tiny)

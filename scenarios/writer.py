@@ -1,0 +1,56 @@
+"""Scenarios as TOML text; numbers are written so that they read back the same."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from scenarios.schema import NONE
+
+
+def toml_value(value: Any) -> str:
+    """A number, text, truth value, None or (nested) sequence of these as TOML.
+
+    Raises:
+        TypeError: anything else.
+    """
+    if value is None:
+        return json.dumps(NONE)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, int):
+        return str(int(value))
+    if isinstance(value, float):
+        return repr(float(value))
+    if isinstance(value, Sequence):
+        return f"[{', '.join(toml_value(item) for item in value)}]"
+    raise TypeError(f"{type(value).__name__} has no place in a scenario")
+
+
+def toml_table(header: str, values: Mapping[str, Any]) -> str:
+    """A table with its header line (empty for the top of the file)."""
+    lines = [header] if header else []
+    lines += [f"{key} = {toml_value(value)}" for key, value in values.items()]
+    return "\n".join(lines) + "\n"
+
+
+def toml_document(tables: Iterable[tuple[str, Mapping[str, Any]]]) -> str:
+    """Tables one below the other."""
+    return "\n".join(toml_table(header, values) for header, values in tables)
+
+
+def set_fields(item: Any, leave_out: Sequence[str] = ()) -> dict[str, Any]:
+    """The fields of a dataclass that differ from their defaults, in the order of the class."""
+    kept = {}
+    for field in dataclasses.fields(item):
+        value = getattr(item, field.name)
+        default = field.default
+        if default is dataclasses.MISSING and field.default_factory is not dataclasses.MISSING:
+            default = field.default_factory()
+        if field.init and field.name not in leave_out and (default is dataclasses.MISSING or value != default):
+            kept[field.name] = value
+    return kept
