@@ -81,6 +81,10 @@ class Pipeline:
             return signals
         if signals.arm is None:
             raise RigError("joint angles without an arm: expected an Arm beside them")
+        if signals.position.size and not any("position" in effect.requires for effect in self.effects):
+            # posed before, and nothing asks where the sensor is: only its orientation follows the joints
+            rotation = signals.arm.rotation_map.rotations(signals.q)
+            return replace(signals, R_base_tool=rotation.reshape(-1, 3, 3))
         poses = signals.arm.poses(signals.q)
         return replace(signals, R_base_tool=poses.R_base_tool, position=poses.position)
 

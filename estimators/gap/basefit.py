@@ -1,0 +1,132 @@
+"""From a recording and its floor to the bench: the base fit that every test stands on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.calibration import Calibration
+from estimators.gap.bench import Bench
+from estimators.gap.colour import ChannelNoise, fit_floor, held
+from estimators.noise import held_poses
+from estimators.pipeline import calibrate
+from rig.arm import Arm
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.environment import Environment
+from rig.errors import RigError
+from rig.pipeline import Pipeline
+from rig.recording import Recording
+from rig.sensor import TriaxialSensor
+from rig.signals import Signals
+
+Array = NDArray[np.float64]
+
+#: A locked recording is thinned to this many samples for each of the sweep's: finer steps teach nothing about its colour.
+_FINER = 10
+
+
+def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...]:
+    """The noise of each channel at rest; channels that were not recorded have none.
+
+    Args:
+        locked: several poses held still.
+        interval_s: between samples of the sweep.
+    """
+    labels = held_poses(locked)
+    stride = max(1, int(interval_s * locked.rate_Hz / _FINER))
+    readings = all_readings(locked)
+    numbers = [label for label in np.unique(labels) if label >= 0]
+    channels = {}
+    for column in np.flatnonzero(np.isfinite(readings[0])):
+        segments = [readings[labels == label, column] for label in numbers]
+        phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
+        channels[int(column)] = held(phases, stride / locked.rate_Hz)
+    if not numbers or not all(channel.segments for channel in channels.values()):
+        raise RigError(f"{locked.origin or locked.name}: the arm is never at rest, expected a locked recording")
+    fitted = dict(zip(channels, fit_floor(list(channels.values())), strict=True))
+    return tuple(fitted.get(column, ChannelNoise(np.nan)) for column in range(len(CHANNELS)))
+
+
+def all_readings(recording: Recording) -> Array:
+    """(n, 6) readings [recorded unit]; NaN where a sensor was not recorded."""
+    readings = np.full((len(recording), len(CHANNELS)), np.nan)
+    for sensor in recording.sensors:
+        readings[:, COLUMNS_OF[sensor]] = recording.readings(sensor)
+    return readings
+
+
+def fitted_pipeline(calibration: Calibration, recording: Recording) -> Pipeline:
+    """The pipeline with a calibration's sensors and fields."""
+    sensors: dict[str, TriaxialSensor] = {}
+    directions: dict[str, tuple[float, ...]] = {}
+    for name, found in calibration.sensors.items():
+        sensors[name] = TriaxialSensor.from_axes(found.sensitivity, found.offset, found.axis_vectors)
+        assert found.field_direction is not None
+        directions[name] = tuple(found.field_direction.vector)
+    metadata = recording.metadata
+    environment = Environment(
+        gravity_m_s2=metadata.gravity_m_s2,
+        magnetic_field=metadata.magnetic_field,
+        **{
+            key: directions[name]
+            for key, name in (("gravity_direction", ACCELEROMETER), ("magnetic_direction", MAGNETOMETER))
+            if name in directions
+        },
+    )
+    return Pipeline(environment, sensors.get(ACCELEROMETER), sensors.get(MAGNETOMETER))
+
+
+def signals_of(recording: Recording, arm: Arm | None) -> Signals:
+    """The recording's angles or poses as they enter the pipeline."""
+    rotation = np.empty((0, 0)) if recording.q is not None else recording.rotations(None).reshape(-1, 3, 3)
+    position = np.empty((0, 0)) if recording.tool_position is None else recording.tool_position
+    return Signals(
+        t=recording.t,
+        arm=arm if recording.q is not None else None,
+        q_encoder=recording.q,
+        R_base_tool=rotation,
+        position=position,
+        temperature=recording.temperature,
+        currents=recording.currents,
+        supply=recording.supply,
+    )
+
+
+def set_up(recording: Recording, floor: tuple[ChannelNoise, ...], arm: Arm | None) -> Bench:
+    """Fit the base model and put the recording on the bench.
+
+    Raises:
+        RigError, RefusedFit: as ``calibrate``.
+    """
+    noise: Mapping[str, Array] = {
+        sensor: np.sqrt([floor[column].variance for column in range(*COLUMNS_OF[sensor].indices(len(CHANNELS)))])
+        for sensor in recording.sensors
+    }
+    calibration = calibrate(recording, noise=noise, arm=arm if recording.q is not None else None)
+    pipeline = fitted_pipeline(calibration, recording)
+    base = pipeline.expected(signals_of(recording, arm), np.random.default_rng(0))
+    if base.q_encoder is not None:  # asked for again and again
+        base = replace(base, velocity=base.joint_velocity, known_links=(base.q, base.links))
+    interval = float(np.median(np.diff(recording.t)))
+    readings = all_readings(recording)
+    whiteners = tuple(channel.whitener(interval) for channel in floor)
+    learned = np.array([channel.samples_at(interval) for channel in floor])
+    return Bench(base, pipeline, readings, whiteners, np.ones_like(readings), learned)
+
+
+def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise, ...]:
+    """A floor from the recording itself, where none was measured: the second differences of the residual, as if white.
+
+    Smooth gaps cancel in second differences; coloured noise does too, so that this floor is a lower bound of it.
+    """
+    calibration = calibrate(recording, noise="residuals", arm=arm if recording.q is not None else None)
+    base = fitted_pipeline(calibration, recording).expected(signals_of(recording, arm), np.random.default_rng(0))
+    floors = []
+    for values in (all_readings(recording) - base.volts).T:
+        differences = np.diff(values, n=2)
+        spread = float(np.median(np.abs(differences - np.median(differences)))) / 0.6745  # robust against spikes
+        floors.append(ChannelNoise(spread**2 / 6.0, samples=len(values) // 3))
+    return tuple(floors)

@@ -1,0 +1,112 @@
+"""The candidates: every mean effect of the catalogue at every place, and what it would do to this recording.
+
+To first order a candidate is linear in its strengths for any fixed shape: spanned shapes add columns, searched shapes
+are tried one by one.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.bench import Bench
+from rig.effects import EFFECTS, Effect, Kind
+from rig.effects.base import Parameter, Value
+
+Array = NDArray[np.float64]
+Shape = Mapping[str, Value]
+
+#: Strength, relative to typical, at which a derivative is taken: small against any curvature, large against rounding.
+STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place.
+
+    Attributes:
+        effect: the effect's class.
+        where: its place.
+        names: values of its fields that are names, such as the source of a crosstalk.
+    """
+
+    effect: type[Effect]
+    where: str
+    names: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """Effect and place in one word, unique among candidates."""
+        return "/".join([f"{self.effect.name}@{self.where}", *self.names.values()])
+
+    @property
+    def strengths(self) -> tuple[Parameter, ...]:
+        """The parameters at whose neutral value the effect vanishes."""
+        return tuple(item for item in self.effect.parameters() if item.strength)
+
+    @property
+    def size(self) -> int:
+        """The number of strengths."""
+        return sum(item.size for item in self.strengths)
+
+    @property
+    def steps(self) -> Array:
+        """(size,) strengths at which derivatives are taken."""
+        return np.concatenate([np.full(item.size, STEP * item.typical) for item in self.strengths])
+
+    def make(self, strengths: Sequence[float] | Array, shape: Shape) -> Effect:
+        """The effect with these strengths, one number each, and this shape."""
+        values: dict[str, object] = {}
+        numbers = iter(float(number) for number in strengths)
+        for item in self.strengths:
+            taken = tuple(itertools.islice(numbers, item.size))
+            values[item.name] = taken[0] if item.size == 1 else taken
+        return self.effect.from_mapping({"where": self.where, **self.names, **shape, **values})
+
+    def columns(self, bench: Bench, shape: Shape) -> Array:
+        """(c n, spans x size) whitened derivatives with respect to the strengths, at zero, for every spanning shape."""
+        parts = []
+        for span in self.effect.spanning():
+            full = {**span, **shape}
+            still = bench.change([self.make(np.zeros(self.size), full)]) if self.effect.acts_at_zero else 0.0
+            for column, step in enumerate(self.steps):
+                row = np.zeros(self.size)
+                row[column] = step
+                parts.append((bench.change([self.make(row, full)]) - still) / step)
+        return bench.whiten(np.stack(parts, axis=2))
+
+    def offset(self, bench: Bench) -> Array:
+        """(c n,) whitened change of an effect that acts by being there; zero for all others."""
+        if not self.effect.acts_at_zero:
+            return np.zeros(bench.size)
+        return bench.whiten(bench.change([self.make(np.zeros(self.size), {})]))
+
+
+def all_candidates(bench: Bench, without: Sequence[str] = ()) -> list[Candidate]:
+    """Every mean effect at every place that this recording can show.
+
+    Args:
+        without: effects to leave out, as if the catalogue did not have them.
+    """
+    found = []
+    for effect in EFFECTS.values():
+        if effect.kind is not Kind.MEAN or effect.name in without or effect.lacking(bench.base):
+            continue
+        choices = effect.choices()
+        for where, *names in itertools.product(effect.places, *choices.values()):
+            candidate = Candidate(effect, where, dict(zip(choices, names, strict=True)))
+            if where not in names and present(candidate, bench):
+                found.append(candidate)
+    return found
+
+
+def present(candidate: Candidate, bench: Bench) -> bool:
+    """Whether the sensor that the candidate acts on was recorded, and its joint exists."""
+    here = range(6)[candidate.make(np.zeros(candidate.size), {}).columns]
+    joints = 0 if bench.base.q_encoder is None else bench.base.q_encoder.shape[1]
+    numbered = candidate.where.startswith(("joint", "link"))
+    return bool(set(here) & set(bench.columns)) and (not numbered or int(candidate.where[-1]) <= joints)

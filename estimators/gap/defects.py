@@ -1,0 +1,175 @@
+"""Defects of single readings, which no mean and no spectrum shows: spikes, repeats, a clipped range, a coarse converter.
+
+Each is told from the readings themselves. What is found is left out of everything that follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.stats import binom, norm
+
+from estimators.gap.bench import Bench
+from rig.channels import CHANNELS
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Largest p-value at which a defect counts, over all readings and channels.
+SIGNIFICANT = 1e-5
+#: A spike's neighbours: so many readings on either side.
+_NEIGHBOURS = 3
+#: A level is clipped at when it holds this many readings and this many times its neighbourhood's density.
+_PILED, _DENSER = 4, 4.0
+
+
+@dataclass(frozen=True)
+class Defect:
+    """One kind of defect.
+
+    Attributes:
+        effect, where: its name and place in the catalogue.
+        parameters: by name: value, standard deviation, unit.
+        affected: (n, 6) the readings to leave out; none for a coarse converter.
+        log_p: logarithm of the p-value.
+        gap: (6,) root mean square of what it adds to the readings [recorded unit].
+    """
+
+    effect: str
+    where: str
+    parameters: dict[str, tuple[float, float, str]]
+    affected: Mask
+    log_p: float
+    gap: Array
+
+
+def find_defects(bench: Bench, locked_step: Array) -> list[Defect]:
+    """All defects of a recording.
+
+    Args:
+        bench: base fit.
+        locked_step: (6,) the converter's step that the locked recording shows; it belongs to the floor.
+    """
+    found = [repeats(bench), *(clipping(bench, column) for column in bench.columns), coarse(bench, locked_step)]
+    defects = [defect for defect in found if defect is not None]
+    left = bench
+    for defect in defects:
+        left = left.without(defect.affected)
+    spikes = outliers(left)
+    return defects if spikes is None else [*defects, spikes]
+
+
+def repeats(bench: Bench) -> Defect | None:
+    """Rows that repeat the row before in every channel, more often than readings do by chance."""
+    readings = bench.readings[:, bench.columns]
+    count = len(readings)
+    same = (readings[1:] == readings[:-1]).all(axis=1)
+    chance = float(np.prod([np.mean(column[2:] == column[:-2]) for column in readings.T]))
+    log_p = float(binom.logsf(same.sum() - 1, count, max(chance, 1.0 / count**2)))
+    if same.sum() < 2 or log_p > np.log(SIGNIFICANT):
+        return None
+    rows = np.concatenate([[False], same])
+    share = float(rows.mean())
+    differences = np.diff(bench.base.volts + 0.0, axis=0, prepend=bench.base.volts[:1])
+    variance = np.array([2.0 * bench.whiteners[column].sigma ** 2 for column in range(len(CHANNELS))])
+    gap = np.sqrt(share * (np.mean(differences**2, axis=0) + variance))
+    deviation = np.sqrt(share * (1.0 - share) / count)
+    affected = np.repeat(rows[:, None], len(CHANNELS), axis=1)
+    parameters = {"share": (share, float(deviation), "relative")}
+    return Defect("dropouts", "acquisition", parameters, affected, log_p, gap)
+
+
+def clipping(bench: Bench, column: int) -> Defect | None:
+    """A level at which one channel's readings pile up and beyond which there are none."""
+    values = bench.readings[:, column]
+    sigma = bench.whiteners[column].sigma
+    for sign in (1.0, -1.0):
+        level = float((sign * values).max())
+        piled = sign * values >= level - 1e-9 * max(1.0, abs(level))
+        step = _step(values)
+        below = sign * values > level - max(1.5 * step, 1e-3 * sigma)
+        expected = float((below & ~piled).sum())  # on a lattice the next level, else a thousandth of the noise
+        if piled.sum() < _PILED or piled.sum() < _DENSER * max(expected, 0.5):
+            continue
+        affected = np.zeros_like(bench.readings, dtype=bool)
+        affected[:, column] = sign * bench.base.volts[:, column] > level - 3.0 * sigma
+        beyond = (sign * bench.base.volts[:, column] - level) / sigma
+        lost = (beyond**2 + 1.0) * norm.cdf(beyond) + beyond * norm.pdf(beyond)
+        gap = np.zeros(len(CHANNELS))
+        gap[column] = sigma * np.sqrt(lost.mean())
+        parameters = {"level": (sign * level, sigma / piled.sum(), "V")}
+        log_p = float(binom.logsf(piled.sum() - 1, len(values), max(expected, 0.5) / len(values)))
+        return Defect("saturation", CHANNELS[column], parameters, affected | _piled(bench, column, piled), log_p, gap)
+    return None
+
+
+def _piled(bench: Bench, column: int, piled: Mask) -> Mask:
+    affected = np.zeros_like(bench.readings, dtype=bool)
+    affected[:, column] = piled
+    return affected
+
+
+def coarse(bench: Bench, locked_step: Array) -> Defect | None:
+    """Readings on a coarser lattice than the locked recording's."""
+    steps = np.array([_step(bench.readings[:, column]) for column in bench.columns])
+    known = np.where(np.isfinite(locked_step[bench.columns]), locked_step[bench.columns], 0.0)
+    if not (steps > 1.5 * known).all() or steps.min() <= 0.0:
+        return None
+    lsb = float(np.median(steps))
+    gap = np.zeros(len(CHANNELS))
+    gap[bench.columns] = np.sqrt(np.maximum(steps**2 - known**2, 0.0) / 12.0)
+    parameters = {"lsb_V": (lsb, lsb * 1e-6, "V")}
+    nothing = np.zeros_like(bench.readings, dtype=bool)
+    return Defect("adc_quantisation", "acquisition", parameters, nothing, -np.inf, gap)
+
+
+def _step(values: Array) -> float:
+    """The step of the lattice that values lie on; zero where they lie on none."""
+    levels = np.unique(values)
+    if len(levels) > 0.7 * len(values) or len(levels) < 3:
+        return 0.0
+    differences = np.diff(levels)
+    smallest = float(np.median(differences[differences < 1.5 * differences.min()]))
+    multiples = differences / smallest
+    return smallest if np.abs(multiples - np.round(multiples)).max() < 0.05 else 0.0
+
+
+def lattice(readings: Array) -> Array:
+    """(6,) the converter's step of each channel; zero where none shows, NaN where the channel is not there."""
+    return np.array([_step(values) if np.isfinite(values[0]) else np.nan for values in readings.T])
+
+
+def outliers(bench: Bench) -> Defect | None:
+    """Readings that stand out from their neighbours by more than the noise can make them."""
+    affected = np.zeros_like(bench.readings, dtype=bool)
+    size = np.zeros(len(CHANNELS))
+    log_p = 0.0
+    limit = float(norm.isf(SIGNIFICANT / bench.size))
+    for column in bench.columns:
+        residual = bench.whiteners[column](bench.residual[:, column]) * (bench.weights[:, column] > 0)
+        local = residual - median_filter(residual, 2 * _NEIGHBOURS + 1, mode="nearest")
+        spread = float(np.sqrt(np.mean(np.clip(local, -4.0, 4.0) ** 2)))
+        hit = np.abs(local) > max(limit * spread, 6.5)
+        affected[:, column] = hit
+        if hit.any():
+            size[column] = np.sqrt(np.sum(local[hit] ** 2)) * bench.whiteners[column].sigma
+            log_p += float(np.sum(norm.logsf(np.abs(local[hit]) / spread)) + np.log(bench.size))
+    if not affected.any() or log_p > np.log(SIGNIFICANT):
+        return None
+    count = int(affected.sum())
+    share = count / bench.size
+    parameters = {"share": (share, float(np.sqrt(count)) / bench.size, "relative")}
+    return Defect("outliers", "acquisition", parameters, affected, log_p, size / np.sqrt(len(bench.base)))
+
+
+def masked(bench: Bench, defects: list[Defect]) -> Bench:
+    """The bench with the affected readings left out."""
+    for defect in defects:
+        bench = bench.without(defect.affected)
+        if defect.effect == "adc_quantisation":  # its rounding error is white noise of variance step^2 / 12
+            sigma = np.array([whitener.sigma for whitener in bench.whiteners])
+            bench = replace(bench, weights=bench.weights * sigma / np.hypot(sigma, defect.gap))
+    return bench

@@ -1,0 +1,103 @@
+"""Rivals of a selected cause: what the data cannot split from it.
+
+Each rival takes the cause's place with the other causes kept, and is refitted; those of nearly the same evidence are its
+equivalents. A richer effect that only contains the cause, and explains no more, is no rival.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.gap.refine import Fitted, refit, started
+from estimators.gap.scan import Offer
+from estimators.gap.score import Explained, evidence
+from estimators.gap.select import MeanCause, Selection, without_noise
+from estimators.gap.stochastic import NoiseOffer, noise_offers
+
+#: Evidence (twice a log Bayes factor) by which a cause must beat a rival to be named alone: 20 to 1.
+MARGIN = 2.0 * float(np.log(20.0))
+#: So many rivals of the first scan are refitted.
+_REFITTED = 6
+#: A rival of more strengths must explain this much more to count beside the cause.
+_NESTED = 4.0
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A cause that could stand in another's place.
+
+    Attributes:
+        label: effect and place in one word.
+        effect, where: its name and place.
+        evidence: twice the log Bayes factor in that place.
+        statistic, rank: chi-square and degrees of freedom.
+    """
+
+    label: str
+    effect: str
+    where: str
+    evidence: float
+    statistic: float
+    rank: int
+    fit: Fitted | None = None
+
+
+def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
+    """The cause itself first, then all within the margin of it, the most evident first."""
+    others = [each for each in state.causes if each is not cause]
+    fits, explained = refit([each.fit for each in others], state.bench)
+    own = _stand_in(state, cause.offer, fits, explained, fit=cause.fit)
+    taken = {each.fit.candidate.label for each in state.causes}
+    offers = [
+        offer
+        for offer in state.scanner.scan(state.candidates, explained)
+        if offer.candidate.label not in taken and offer.score.rank
+    ]
+    found = []
+    for offer in [offer for offer in offers if offer.evidence > own.evidence - 4.0 * MARGIN][:_REFITTED]:
+        needs = bool(offer.shape) or offer.candidate.effect.spanning() != [{}]
+        rival = _stand_in(state, offer, fits, explained, fit=None) if needs else _linear(offer)
+        if rival.evidence > own.evidence - MARGIN:
+            found.append(rival)
+    exact = [_linear(offer) for offer in offers[_REFITTED:] if offer.evidence > own.evidence - MARGIN]
+    kept = [rival for rival in [*found, *exact] if not _contains(rival, own)]
+    return [own, *sorted(kept, key=lambda rival: -rival.evidence)]
+
+
+def noise_rivals(state: Selection, offer: NoiseOffer, without: Sequence[str]) -> list[Rival]:
+    """The noise effect itself first, then the other noise effects within the margin of it."""
+    own = _noise(offer)
+    rest = without_noise(state, offer)
+    offers = noise_offers(rest.bench, rest.explained, without)
+    again = next((each for each in offers if each.label == own.label), offer)
+    others = [each for each in offers if each.label != own.label and each.evidence > again.evidence - MARGIN]
+    return [own, *(_noise(each) for each in others)]
+
+
+def _contains(rival: Rival, own: Rival) -> bool:
+    return rival.rank > own.rank and rival.statistic < own.statistic + _NESTED * (rival.rank - own.rank)
+
+
+def _linear(offer: Offer) -> Rival:
+    effect = offer.candidate.effect.name
+    score = offer.score
+    return Rival(offer.candidate.label, effect, offer.candidate.where, offer.evidence, score.statistic, score.rank)
+
+
+def _noise(offer: NoiseOffer) -> Rival:
+    return Rival(offer.label, offer.effect.name, offer.effect.where, offer.evidence, offer.gain, offer.rank)
+
+
+def _stand_in(state: Selection, offer: Offer, fits: list[Fitted], explained: Explained, fit: Fitted | None) -> Rival:
+    """An offer refitted together with the other causes."""
+    fit = started(offer, state.bench, explained) if fit is None else fit
+    refitted, after = refit([*fits, fit], state.bench)
+    before = float(explained.residual @ explained.residual)
+    statistic = before - float(after.residual @ after.residual)
+    rank = max(1, after.basis.shape[1] - explained.basis.shape[1])
+    strength = evidence(statistic, rank) - 2.0 * float(np.log(offer.searched)) * (rank <= offer.score.rank)
+    effect = offer.candidate.effect.name
+    return Rival(offer.candidate.label, effect, offer.candidate.where, strength, statistic, rank, refitted[-1])

@@ -1,0 +1,209 @@
+"""Which causes: forward selection among all kinds, refitted for real after every step, then backward.
+
+The causes are added in the order of their evidence; a cause that another one makes superfluous is dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.bench import Bench, project
+from estimators.gap.candidates import Candidate, all_candidates
+from estimators.gap.refine import Fitted, refit, started
+from estimators.gap.scan import Offer, Scanner
+from estimators.gap.score import Explained, evidence
+from estimators.gap.stochastic import NoiseOffer, noise_offers
+from rig.effects import EFFECTS
+
+Array = NDArray[np.float64]
+
+#: Logarithm of the largest p-value, over all mean or all noise effects, at which a cause is added: at most six false
+#: alarms in a thousand runs.
+SIGNIFICANT = float(np.log(3e-3))
+#: Smallest evidence (twice a log Bayes factor) of a cause: "very strong" (Kass and Raftery, JASA 90, 1995).
+STRONG = 10.0
+#: More causes than this at once are no explanation.
+MOST_CAUSES = 4
+#: Evidence by which two offers differ at most to be twins.
+TIE = 0.5
+
+
+@dataclass(frozen=True)
+class MeanCause:
+    """A mean effect that was selected.
+
+    Attributes:
+        fit: with its parameters.
+        offer: what it explained when it was scanned with the others in place.
+        statistic, rank: what it explains beyond the others, refitted.
+    """
+
+    fit: Fitted
+    offer: Offer
+    statistic: float = 0.0
+    rank: int = 1
+
+    @property
+    def evidence(self) -> float:
+        """Twice the log Bayes factor of the cause, with the others in place."""
+        return evidence(self.statistic, self.rank) - 2.0 * float(np.log(self.offer.searched))
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The selected causes, and what they leave.
+
+    Attributes:
+        bench: with the selected noise whitened too.
+        causes: the mean effects.
+        noises: the noise effects.
+        explained: tangent of calibration and causes; the residual that is left.
+        candidates: what was considered. scanner: its columns on the bench.
+        quiet: the bench before any noise effect.
+    """
+
+    bench: Bench
+    causes: tuple[MeanCause, ...]
+    noises: tuple[NoiseOffer, ...]
+    explained: Explained
+    candidates: tuple[Candidate, ...]
+    scanner: Scanner
+    quiet: Bench
+
+    @property
+    def count(self) -> int:
+        """How many causes."""
+        return len(self.causes) + len(self.noises)
+
+
+def start(bench: Bench, without: Sequence[str] = ()) -> Selection:
+    """No cause yet."""
+    explained = Explained(bench.absorbed, bench.whitened)
+    return Selection(bench, (), (), explained, tuple(all_candidates(bench, without)), Scanner(bench), bench)
+
+
+def select(bench: Bench, without: Sequence[str] = (), progress: Callable[[float], None] | None = None) -> Selection:
+    """Forward, then backward selection; where noise and a mean effect both explain the gap, both ways are followed."""
+    return _followed(start(bench, without), without, progress)
+
+
+def _followed(state: Selection, without: Sequence[str], progress: Callable[[float], None] | None) -> Selection:
+    while state.count < MOST_CAUSES:
+        if progress is not None:
+            progress(state.count / MOST_CAUSES)
+        mean, noise = _mean_offer(state), _noise_offer(state, without)
+        if mean is None and noise is None:
+            break
+        if mean is not None and noise is not None and not state.noises:
+            ways = [_followed(_with_offer(state, mean), without, None), _followed(with_noise(state, noise), without, None)]
+            return min(ways, key=cost)
+        if noise is None or (mean is not None and mean.evidence >= noise.evidence):
+            assert mean is not None
+            state = _with_offer(state, mean)
+        else:
+            state = with_noise(state, noise)
+    return pruned(state, without)
+
+
+def cost(state: Selection) -> float:
+    """Minus twice the log evidence of a selection, up to a constant: misfit, and what the causes cost."""
+    misfit = float(state.explained.residual @ state.explained.residual)
+    columns = state.bench.columns
+    for offer in state.noises:
+        misfit += float(np.sum(np.log1p(offer.added[:, columns])))
+    paid = sum(cause.statistic - cause.evidence for cause in state.causes)
+    return misfit + paid + sum(offer.gain - offer.evidence for offer in state.noises)
+
+
+def _mean_offer(state: Selection) -> Offer | None:
+    """The mean effect to add next; of twins the likelier before the data."""
+    taken = {cause.fit.candidate.label for cause in state.causes}
+    offers = [
+        offer
+        for offer in state.scanner.scan(state.candidates, state.explained)
+        if offer.candidate.label not in taken and offer.score.rank
+    ]
+    if not offers:
+        return None
+    twins = [offer for offer in offers if offer.evidence > offers[0].evidence - TIE]
+    best = min(twins, key=lambda offer: preference(offer.candidate, state.bench))
+    return best if best.log_p + np.log(len(offers)) < SIGNIFICANT and best.evidence >= STRONG else None
+
+
+def _noise_offer(state: Selection, without: Sequence[str]) -> NoiseOffer | None:
+    """The noise effect to add next."""
+    named = {offer.label for offer in state.noises}
+    offers = [offer for offer in noise_offers(state.bench, state.explained, without) if offer.label not in named]
+    if not offers or offers[0].log_p + np.log(len(offers)) > SIGNIFICANT or offers[0].evidence < STRONG:
+        return None
+    return offers[0]
+
+
+def _with_offer(state: Selection, offer: Offer) -> Selection:
+    return with_mean(state, [*state.causes, MeanCause(started(offer, state.bench, state.explained), offer)])
+
+
+def preference(candidate: Candidate, bench: Bench) -> tuple[bool, int]:
+    """The order among twins: joints that stand still last, then the catalogue's order."""
+    still = False
+    if candidate.where.startswith("joint") and bench.base.q_encoder is not None:
+        still = bool(np.ptp(bench.base.q_encoder[:, int(candidate.where[-1]) - 1]) < 1e-3)
+    return still, list(EFFECTS).index(candidate.effect.name)
+
+
+def with_mean(state: Selection, causes: Sequence[MeanCause]) -> Selection:
+    """The selection with these mean causes, refitted together."""
+    fits, explained = refit([cause.fit for cause in causes], state.bench)
+    fresh = [replace(cause, fit=fit) for cause, fit in zip(causes, fits, strict=True)]
+    return replace(state, causes=tuple(weighed(fresh, state.bench, explained)), explained=explained)
+
+
+def with_noise(state: Selection, offer: NoiseOffer) -> Selection:
+    """The selection with one more noise effect whitened, the mean causes refitted."""
+    bench = offer.applied(state.bench)
+    fresh = replace(state, bench=bench, noises=(*state.noises, offer), scanner=Scanner(bench))
+    return with_mean(fresh, state.causes)
+
+
+def weighed(causes: Sequence[MeanCause], bench: Bench, explained: Explained) -> list[MeanCause]:
+    """Each cause with what it explains beyond the others: its part of the residual, tested with theirs projected out."""
+    result = []
+    causes = list(causes)
+    effects = [cause.fit.effect for cause in causes]
+    tangents = [cause.fit.tangent(bench) for cause in causes]
+    for index, cause in enumerate(causes):
+        rest = Explained(bench.absorbed, bench.whitened)
+        for other in tangents[:index] + tangents[index + 1 :]:
+            rest = rest.extended(other)
+        own = bench.whiten(bench.change(effects) - bench.change(effects[:index] + effects[index + 1 :]))
+        score = replace(rest, residual=project(rest.basis, own) + explained.residual).score(tangents[index])
+        result.append(replace(cause, statistic=score.statistic, rank=max(score.rank, 1)))
+    return result
+
+
+def pruned(state: Selection, without: Sequence[str] = ()) -> Selection:
+    """Without the causes that the others make superfluous."""
+    while state.causes:
+        weakest = min(state.causes, key=lambda cause: cause.evidence)
+        if weakest.evidence >= STRONG:
+            break
+        state = with_mean(state, [cause for cause in state.causes if cause is not weakest])
+    for offer in state.noises:
+        rest = without_noise(state, offer)
+        again = [each for each in noise_offers(rest.bench, rest.explained, without) if each.label == offer.label]
+        if not again or again[0].evidence < STRONG or again[0].log_p > SIGNIFICANT - np.log(len(EFFECTS)):
+            return pruned(rest, without)
+    return state
+
+
+def without_noise(state: Selection, offer: NoiseOffer) -> Selection:
+    """The selection without one of its noise effects, the mean causes refitted."""
+    kept = tuple(each for each in state.noises if each is not offer)
+    bench = state.quiet
+    for each in kept:
+        bench = each.applied(bench)
+    return with_mean(replace(state, bench=bench, noises=kept, scanner=Scanner(bench)), state.causes)
