@@ -40,7 +40,9 @@ class Acquisition:
     def __post_init__(self) -> None:
         noise = np.asarray(self.noise_V, dtype=float)
         if noise.shape != (len(CHANNELS),) or not np.isfinite(noise).all() or (noise < 0).any():
-            raise RigError(f"acquisition.noise_V: found {self.noise_V}, expected {len(CHANNELS)} numbers, none negative")
+            raise RigError(
+                f"acquisition.noise_V: found {self.noise_V}, expected {len(CHANNELS)} numbers, none negative"
+            )
         object.__setattr__(self, "noise_V", tuple(float(value) for value in noise))
         if self.range_V is not None:
             if len(self.range_V) != 2 or not self.range_V[0] < self.range_V[1]:

@@ -13,7 +13,8 @@ from rig.errors import RigError
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary path in the folder of ``path``; it takes that name when the block ends well, and is removed otherwise.
+    """A temporary path in the folder of ``path``; it takes that name when the block ends well, and is removed
+    otherwise.
 
     The suffix is kept, so that writers which look at it do the same as for ``path`` itself.
 

@@ -37,7 +37,9 @@ class TriaxialSensor:
                 raise RigError(f"{name}: found {getattr(self, name)}, expected three finite numbers")
             object.__setattr__(self, name, tuple(float(value) for value in values))
         if min(self.sensitivity) <= 0:
-            raise RigError(f"sensitivity: found {min(self.sensitivity)}, expected numbers above zero: turn the axis round")
+            raise RigError(
+                f"sensitivity: found {min(self.sensitivity)}, expected numbers above zero: turn the axis round"
+            )
 
     @classmethod
     def from_axes(cls, sensitivity: ArrayLike, offset: ArrayLike, axes: ArrayLike) -> Self:
@@ -65,12 +67,10 @@ class TriaxialSensor:
         Returns:
             (n, 3) [field unit].
         """
-        if field.ndim == 1:  # one product with the (3, 3) matrices as they lie in memory
-            in_tool = np.matmul(field, R_base_tool)
-        else:
-            in_tool = np.einsum("nij,ni->nj", R_base_tool, field)
+        one = field.ndim == 1  # one product with the (3, 3) matrices as they lie in memory
+        in_tool = np.matmul(field, R_base_tool) if one else np.einsum("nij,ni->nj", R_base_tool, field)
         return np.asarray(in_tool @ self.axes.T)
 
     def volts(self, components: Array) -> Array:
         """Readings (n, 3) [V] of components (n, 3) [field unit]; Renk (9), (17)."""
-        return components * self.sensitivity + np.asarray(self.offset)
+        return np.asarray(components * self.sensitivity + np.asarray(self.offset))

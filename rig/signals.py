@@ -42,7 +42,8 @@ class Signals:
         references: (6,) full reference X of each channel: the stated magnitudes [m/s^2, field unit].
         velocity: (n, N) [rad/s] joint velocity; from the encoders where nobody gave it.
         temperature: (n,) [degC], currents: joint number -> (n,) [A], supply: (n,) [V]; where recorded.
-        known_links: the link poses of one array ``q``, so that effects which leave it alone need not compute them again.
+        known_links: the link poses of one array ``q``, so that effects which leave it alone need not compute them
+        again.
     """
 
     t: Array
@@ -81,7 +82,9 @@ class Signals:
             RigError: the recording has no joint angles.
         """
         if self.q_encoder is None:
-            raise RigError("the effect acts on a joint: found a recording without joint angles, expected q1_rad..qN_rad")
+            raise RigError(
+                "the effect acts on a joint: found a recording without joint angles, expected q1_rad..qN_rad"
+            )
         return self.q_encoder
 
     @property

@@ -100,7 +100,7 @@ class Rig:
             tool_position=signals.position if pose == "tool" else None,
             accelerometer=None if self.accelerometer is None else volts[:, COLUMNS_OF[ACCELEROMETER]],
             magnetometer=None if self.magnetometer is None else volts[:, COLUMNS_OF[MAGNETOMETER]],
-            units={sensor: "V" for sensor in self.pipeline.sensors},
+            units=dict.fromkeys(self.pipeline.sensors, "V"),
             temperature=signals.temperature,
             metadata=Metadata(
                 gravity_m_s2=self.environment.gravity_m_s2,
@@ -117,7 +117,11 @@ class Rig:
                 raise RigError("the dynamic engine needs an arm: found a rig without one")
             followed = follow(self.arm, maneuver, self.environment.gravity, progress)
             return Signals(
-                t=followed.t, arm=self.arm, q_encoder=followed.q, velocity=followed.qd, acceleration=followed.acceleration
+                t=followed.t,
+                arm=self.arm,
+                q_encoder=followed.q,
+                velocity=followed.qd,
+                acceleration=followed.acceleration,
             )
         trajectory = maneuver.trajectory()
         if isinstance(trajectory, PoseTrajectory):

@@ -24,7 +24,8 @@ from rig.signals import Signals
 
 Array = NDArray[np.float64]
 
-#: A locked recording is thinned to this many samples for each of the sweep's: finer steps teach nothing about its colour.
+#: A locked recording is thinned to this many samples for each of the sweep's: finer steps teach nothing about its
+#: colour.
 _FINER = 10
 
 
@@ -61,21 +62,15 @@ def all_readings(recording: Recording) -> Array:
 def fitted_pipeline(calibration: Calibration, recording: Recording) -> Pipeline:
     """The pipeline with a calibration's sensors and fields."""
     sensors: dict[str, TriaxialSensor] = {}
-    directions: dict[str, tuple[float, ...]] = {}
+    environment = Environment(recording.metadata.gravity_m_s2, magnetic_field=recording.metadata.magnetic_field)
     for name, found in calibration.sensors.items():
         sensors[name] = TriaxialSensor.from_axes(found.sensitivity, found.offset, found.axis_vectors)
         assert found.field_direction is not None
-        directions[name] = tuple(found.field_direction.vector)
-    metadata = recording.metadata
-    environment = Environment(
-        gravity_m_s2=metadata.gravity_m_s2,
-        magnetic_field=metadata.magnetic_field,
-        **{
-            key: directions[name]
-            for key, name in (("gravity_direction", ACCELEROMETER), ("magnetic_direction", MAGNETOMETER))
-            if name in directions
-        },
-    )
+        x, y, z = (float(component) for component in found.field_direction.vector)
+        if name == ACCELEROMETER:
+            environment = replace(environment, gravity_direction=(x, y, z))
+        else:
+            environment = replace(environment, magnetic_direction=(x, y, z))
     return Pipeline(environment, sensors.get(ACCELEROMETER), sensors.get(MAGNETOMETER))
 
 

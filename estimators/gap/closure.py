@@ -59,7 +59,10 @@ def close(bench: Bench, fits: Sequence[Fitted], remainder: float, rng: np.random
     """
     count, channels = len(bench.base), len(bench.columns)
     effects = [fit.effect for fit in fits]
-    columns = [fit.tangent(bench, [other for other in effects if other is not own]) for fit, own in zip(fits, effects, strict=True)]
+    columns = [
+        fit.tangent(bench, [other for other in effects if other is not own])
+        for fit, own in zip(fits, effects, strict=True)
+    ]
     change = bench.replayed(effects)
     target = bench.whiten(change)
     residual = bench.whiten(bench.residual)

@@ -100,7 +100,8 @@ class Whitener:
 
 @dataclass(frozen=True)
 class Held:
-    """Readings of one channel at rest: segments (n,), each about a mean of its own, and the interval between samples [s]."""
+    """Readings of one channel at rest: segments (n,), each about a mean of its own, and the interval between samples
+    [s]."""
 
     segments: tuple[Array, ...]
     interval_s: float
@@ -129,10 +130,10 @@ class Held:
         for segment in self.segments:
             inside = slice(whiten.start, None)
             y, one = whiten(segment - segment.mean())[inside], whiten(np.ones(len(segment)))[inside]
-            squares += float(y @ y - (y @ one) ** 2 / max(one @ one, 1e-300))
+            squares += float(y @ y - (y @ one) ** 2 / np.maximum(one @ one, 1e-300))
             kept += len(y) - 1
         scale = squares / kept
-        return self.count * (np.log(scale) + 2.0 * np.log(whiten.sigma)), scale
+        return self.count * float(np.log(scale) + 2.0 * np.log(whiten.sigma)), scale
 
     @property
     def white(self) -> ChannelNoise:
@@ -152,26 +153,21 @@ def held(segments: Sequence[Array], interval_s: float) -> Held:
 def fit_floor(channels: Sequence[Held]) -> list[ChannelNoise]:
     """The most likely noise of each channel: white where the coloured part does not pay for its two parameters.
 
-    Coloured channels of one board share the shape of their spectrum unless the data speak against it: then each keeps its
-    own. A shared shape is known better by the number of channels.
+    Coloured channels of one board share the shape of their spectrum unless the data speak against it: then each keeps
+    its own. A shared shape is known better by the number of channels.
     """
-    points = [_best([channel]) if channel.variance > 0.0 else None for channel in channels]
-    coloured = [
-        index
-        for index, (channel, point) in enumerate(zip(channels, points, strict=True))
-        if point is not None and channel.count * np.log(channel.variance) - channel.loss(point)[0] >= COLOUR_THRESHOLD
-    ]
-    found = [channel.white for channel in channels]
-    together = [channels[index] for index in coloured]
-    if len(together) > 1:
-        common = _best(together)
-        apart = sum(channels[index].loss(points[index])[0] for index in coloured)  # type: ignore[arg-type]
-        lost = sum(channel.loss(common)[0] for channel in together) - apart
-        if lost < chi2.isf(SHARED_AT, 2 * (len(together) - 1)):
-            points = [common] * len(channels)
-    for index in coloured:
-        found[index] = channels[index].at(points[index])  # type: ignore[arg-type]
-    return found
+    points: dict[int, Array] = {}
+    for index, channel in enumerate(channels):
+        if channel.variance > 0.0:
+            point = _best([channel])
+            if channel.count * float(np.log(channel.variance)) - channel.loss(point)[0] >= COLOUR_THRESHOLD:
+                points[index] = point
+    if len(points) > 1:
+        common = _best([channels[index] for index in points])
+        lost = sum(channels[index].loss(common)[0] - channels[index].loss(point)[0] for index, point in points.items())
+        if lost < chi2.isf(SHARED_AT, 2 * (len(points) - 1)):
+            points = dict.fromkeys(points, common)
+    return [channel.at(points[index]) if index in points else channel.white for index, channel in enumerate(channels)]
 
 
 def _best(channels: Sequence[Held]) -> Array:

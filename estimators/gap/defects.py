@@ -1,4 +1,5 @@
-"""Defects of single readings, which no mean and no spectrum shows: spikes, repeats, a clipped range, a coarse converter.
+"""Defects of single readings, which no mean and no spectrum shows: spikes, repeats, a clipped range, a coarse
+converter.
 
 Each is told from the readings themselves. What is found is left out of everything that follows.
 """

@@ -43,7 +43,8 @@ def diagnose(
 
     Args:
         run: a recording or its file.
-        locked: a recording at rest, for the noise floor. None: the one beside the file, else the floor is estimated from
+        locked: a recording at rest, for the noise floor. None: the one beside the file, else the floor is estimated
+        from
             the recording itself, and marked so.
         maneuver2: another maneuver of the same rig, on which the gap's closing is judged as well.
         without: effects to leave out of the catalogue.

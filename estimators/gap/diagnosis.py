@@ -146,7 +146,9 @@ class Diagnosis:
         if self.verdict == "unknown":
             follows = ", ".join(str(each["variable"]) for each in self.remainder_follows[:3])
             known = f"{named}, but " if named else ""
-            return f"unknown: {known}something outside the catalogue is left" + (f"; it follows {follows}" if follows else "")
+            return f"unknown: {known}something outside the catalogue is left" + (
+                f"; it follows {follows}" if follows else ""
+            )
         return f"{self.verdict}: {named}{self._consequences()}"
 
     def _consequences(self) -> str:
@@ -154,7 +156,9 @@ class Diagnosis:
         if self.closed is not None and self.closed_low is not None and self.closed_high is not None:
             interval = f"{100 * self.closed_low:.0f}-{100 * self.closed_high:.0f}"
             parts.append(f"closes {100 * self.closed:.0f} % ({interval}) of the gap on {self.closed_on}")
-        worst = sorted(self.channels, key=lambda name: -self.channels[name].gap_before / self.channels[name].noise_floor)
+        worst = sorted(
+            self.channels, key=lambda name: -self.channels[name].gap_before / self.channels[name].noise_floor
+        )
         parts.append(f"{' and '.join(worst[:2])} carry most of it")
         if self.calibration_shift:
             name, shift = max(self.calibration_shift.items(), key=lambda item: abs(item[1]["sigmas"]))

@@ -56,9 +56,7 @@ class Fitted:
         numbers = iter(self.values)
         given: dict[str, object] = {"where": self.candidate.where, **self.candidate.names, **self.kept}
         for item in self.free:
-            taken = [
-                float(np.clip(number, item.lower, item.upper)) for number in itertools.islice(numbers, item.size)
-            ]
+            taken = [float(np.clip(number, item.lower, item.upper)) for number in itertools.islice(numbers, item.size)]
             given[item.name] = taken[0] if item.size == 1 else tuple(taken)
         return self.candidate.effect.from_mapping(given)
 
@@ -129,7 +127,9 @@ def _tries(offer: Offer) -> list[dict[str, Value]]:
         for span, coefficient in zip(names, coefficients[:, 0], strict=True):
             table[int(np.argmax(span["direction"])), int(np.asarray(span["phase_rad"]) > 0)] += coefficient
         left, _, right = np.linalg.svd(table)
-        return [{"direction": tuple(float(x) for x in left[:, 0]), "phase_rad": float(np.arctan2(right[0, 1], right[0, 0]))}]
+        return [
+            {"direction": tuple(float(x) for x in left[:, 0]), "phase_rad": float(np.arctan2(right[0, 1], right[0, 0]))}
+        ]
     return [{"phase_rad": float(phase)} for phase in _PHASES]
 
 

@@ -6,14 +6,18 @@ of regressors, the spectrum, the variance, the distribution, and the correlation
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.fft import dct
+from scipy.stats import chi2, kurtosistest, norm
 
 from estimators.gap.bench import Bench
 from estimators.gap.score import Explained, solve
+from estimators.gap.stochastic import NoiseOffer
 from rig.channels import CHANNELS
 
 Array = NDArray[np.float64]
@@ -24,6 +28,8 @@ SIGNIFICANT = 1e-3
 _LOCKED = 0.05
 _BANDS = 12
 _COSINES = 16
+#: Where named noise raises the spectrum by this share of the floor, its coefficients are looked at for lines.
+_RAISED = 0.3
 
 
 @dataclass(frozen=True)
@@ -49,13 +55,19 @@ class Finding:
         return max(0.0, self.statistic - self.rank)
 
 
-def findings(bench: Bench, explained: Explained) -> list[Finding]:
-    """All tests of what is left, the most significant first."""
+def findings(bench: Bench, explained: Explained, noises: Sequence[NoiseOffer] = ()) -> list[Finding]:
+    """All tests of what is left, the most significant first.
+
+    Args:
+        bench, explained: with the causes taken out and the noise effects whitened.
+        noises: these noise effects.
+    """
     raw = [
         *mean_tests(bench, explained),
         *spectrum_tests(bench, explained),
         *variance_tests(bench, explained),
         *pair_tests(bench, explained),
+        *line_tests(bench, explained, noises),
     ]
     count = np.log(len(raw))
     corrected = [
@@ -74,7 +86,9 @@ def families(bench: Bench, column: int) -> dict[str, Array]:
     base = bench.base
     count = len(base)
     own = base.inputs[:, column] / base.references[column]
-    others = np.delete(base.inputs[:, bench.columns] / base.references[bench.columns], bench.columns.index(column), axis=1)
+    others = np.delete(
+        base.inputs[:, bench.columns] / base.references[bench.columns], bench.columns.index(column), axis=1
+    )
     clock = (np.arange(count) + 0.5) / count
     cosines = np.cos(np.pi * np.outer(clock, np.arange(1, _COSINES + 1)))
     rate = np.gradient(own, base.t)
@@ -108,7 +122,13 @@ def _joint_families(q: Array, velocity: Array) -> dict[str, Array]:
     }
     found = {f"q{joint + 1}": waves[joint] for joint in moving}
     first = [waves[joint][:, :2] for joint in moving]
-    pairs = [left[:, [a]] * right[:, [b]] for i, left in enumerate(first) for right in first[i + 1 :] for a in (0, 1) for b in (0, 1)]
+    pairs = [
+        left[:, [a]] * right[:, [b]]
+        for i, left in enumerate(first)
+        for right in first[i + 1 :]
+        for a in (0, 1)
+        for b in (0, 1)
+    ]
     if pairs:
         found["joints together"] = np.concatenate(pairs, axis=1)
     around = np.concatenate([np.ones((len(q), 1)), *first], axis=1) if first else np.ones((len(q), 1))
@@ -162,13 +182,37 @@ def spectrum_tests(bench: Bench, explained: Explained) -> list[Finding]:
         line = float(power.max())
         found.append(Finding("frequency", CHANNELS[column], 2.0 * line, 2, -line + float(np.log(len(power)))))
         edges = np.unique(np.geomspace(1, len(power) + 1, _BANDS + 1).astype(int)) - 1
-        sums = np.array([power[a:b].sum() for a, b in zip(edges[:-1], edges[1:], strict=True)])
+        sums = np.array([power[a:b].sum() for a, b in itertools.pairwise(edges)])
         counts = np.diff(edges)
         deviance = 2.0 * counts * (sums / counts - 1.0 - np.log(np.maximum(sums / counts, 1e-12)))
         learned = bench.floor_samples[column]
         deviance = deviance[counts >= 8] * learned / (learned + len(residual))  # the floor is known no better
         statistic, rank = float(deviance.sum()), len(deviance)
         found.append(Finding("noise spectrum", CHANNELS[column], statistic, rank, float(chi2.logsf(statistic, rank))))
+        ratio = float(np.sum(residual**2)) / (alive * len(residual))
+        size = (ratio - 1.0) ** 2 / (2.0 / learned + 2.0 / len(residual))
+        found.append(Finding("noise level", CHANNELS[column], size, 1, float(chi2.logsf(size, 1))))
+    return found
+
+
+def line_tests(bench: Bench, explained: Explained, noises: Sequence[NoiseOffer]) -> list[Finding]:
+    """Whether noise that was named is a smooth spectrum: lines of a mean in it make its cosine coefficients
+    heavy-tailed."""
+    found = []
+    for offer in noises:
+        for column in bench.columns:
+            if offer.in_time or not offer.added[:, column].any():
+                continue
+            where = offer.added[:, column] > _RAISED
+            where[:_BANDS] = False
+            coefficients = dct(bench.channel(explained.residual, column), norm="ortho")[where]
+            if len(coefficients) < 4 * _BANDS:
+                continue
+            fourth = float(np.mean(coefficients**4) / np.mean(coefficients**2) ** 2 - 3.0)
+            z = fourth / float(np.sqrt(24.0 / len(coefficients)))
+            # the fourth moment of few coefficients is itself skewed: Anscombe and Glynn's transformation
+            tail = float(np.log(kurtosistest(coefficients).pvalue + 1e-300)) if z > 0 else 0.0
+            found.append(Finding("lines in the noise", CHANNELS[column], max(z, 0.0) ** 2, 1, tail))
     return found
 
 
@@ -188,7 +232,9 @@ def variance_tests(bench: Bench, explained: Explained) -> list[Finding]:
             [np.cos(np.pi * np.outer(clock, np.arange(1, 7))), own, own**2, rate**2, np.abs(rate)]
         )[kept]
         regressors = regressors - regressors.mean(axis=0)
-        score = solve(regressors.T @ regressors, regressors.T @ square / np.sqrt(2.0), np.linalg.norm(regressors, axis=0))
+        score = solve(
+            regressors.T @ regressors, regressors.T @ square / np.sqrt(2.0), np.linalg.norm(regressors, axis=0)
+        )
         found.append(Finding("variance", CHANNELS[column], score.statistic, score.rank, score.log_p))
         kurtosis = float(np.mean(residual**4) - 3.0) / np.sqrt(24.0 / len(residual))
         tail = float(np.log(2.0) + norm.logsf(abs(kurtosis)))
@@ -199,7 +245,7 @@ def variance_tests(bench: Bench, explained: Explained) -> list[Finding]:
 def pair_tests(bench: Bench, explained: Explained) -> list[Finding]:
     """Correlation between channels at the same instant; the floor's channels are independent."""
     white = np.stack([bench.channel(explained.residual, column) for column in bench.columns])
-    correlation = np.corrcoef(white)
+    correlation = np.atleast_2d(np.corrcoef(white))
     upper = correlation[np.triu_indices(len(white), 1)]
     if not upper.size:
         return []

@@ -1,7 +1,7 @@
 """Rivals of a selected cause: what the data cannot split from it.
 
-Each rival takes the cause's place with the other causes kept, and is refitted; those of nearly the same evidence are its
-equivalents. A richer effect that only contains the cause, and explains no more, is no rival.
+Each rival takes the cause's place with the other causes kept, and is refitted; those of nearly the same evidence are
+its equivalents. A richer effect that only contains the cause, and explains no more, is no rival.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from estimators.gap.refine import Fitted, refit, started
 from estimators.gap.scan import Offer
 from estimators.gap.score import Explained, evidence
-from estimators.gap.select import MeanCause, Selection, without_noise
+from estimators.gap.select import TIE, MeanCause, Selection, with_mean, without_noise
 from estimators.gap.stochastic import NoiseOffer, noise_offers
 
 #: Evidence (twice a log Bayes factor) by which a cause must beat a rival to be named alone: 20 to 1.
@@ -23,6 +23,8 @@ MARGIN = 2.0 * float(np.log(20.0))
 _REFITTED = 6
 #: A rival of more strengths must explain this much more to count beside the cause.
 _NESTED = 4.0
+#: So often a cause gives way to a better rival.
+_SWAPS = 3
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,11 @@ class Rival:
     statistic: float
     rank: int
     fit: Fitted | None = None
+    offer: Offer | None = None
+
+    def exact(self, own: Rival) -> bool:
+        """Whether it explains the same, to the last bit of evidence: no data of this maneuver could split the two."""
+        return abs(self.evidence - own.evidence) < TIE
 
 
 def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
@@ -58,13 +65,39 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
     ]
     found = []
     for offer in [offer for offer in offers if offer.evidence > own.evidence - 4.0 * MARGIN][:_REFITTED]:
-        needs = bool(offer.shape) or offer.candidate.effect.spanning() != [{}]
-        rival = _stand_in(state, offer, fits, explained, fit=None) if needs else _linear(offer)
+        rival = _stand_in(state, offer, fits, explained, fit=None)
         if rival.evidence > own.evidence - MARGIN:
             found.append(rival)
     exact = [_linear(offer) for offer in offers[_REFITTED:] if offer.evidence > own.evidence - MARGIN]
     kept = [rival for rival in [*found, *exact] if not _contains(rival, own)]
     return [own, *sorted(kept, key=lambda rival: -rival.evidence)]
+
+
+def settled(state: Selection) -> tuple[Selection, list[list[Rival]]]:
+    """The selection in which no cause has a better rival, and the rivals of each.
+
+    Forward selection takes the first cause before it knows the second: a cause that another would serve better in its
+    place, now that all are known, gives way to it.
+    """
+    groups: list[list[Rival]] = []
+    for swap in range(_SWAPS + 1):
+        groups = [rivals(state, cause) for cause in state.causes]
+        better = [
+            (max(group[1:], key=lambda rival: rival.evidence), index)
+            for index, group in enumerate(groups)
+            if len(group) > 1 and max(rival.evidence for rival in group[1:]) > group[0].evidence + TIE
+        ]
+        if not better:
+            break
+        if swap == _SWAPS:
+            break
+        rival, index = max(better, key=lambda pair: pair[0].evidence - groups[pair[1]][0].evidence)
+        assert rival.offer is not None
+        others = [cause for position, cause in enumerate(state.causes) if position != index]
+        _, explained = refit([cause.fit for cause in others], state.bench)
+        fit = rival.fit or started(rival.offer, state.bench, explained)
+        state = with_mean(state, [*others, MeanCause(fit, rival.offer)])
+    return state, groups
 
 
 def noise_rivals(state: Selection, offer: NoiseOffer, without: Sequence[str]) -> list[Rival]:
@@ -84,7 +117,8 @@ def _contains(rival: Rival, own: Rival) -> bool:
 def _linear(offer: Offer) -> Rival:
     effect = offer.candidate.effect.name
     score = offer.score
-    return Rival(offer.candidate.label, effect, offer.candidate.where, offer.evidence, score.statistic, score.rank)
+    place = offer.candidate.where
+    return Rival(offer.candidate.label, effect, place, offer.evidence, score.statistic, score.rank, None, offer)
 
 
 def _noise(offer: NoiseOffer) -> Rival:
@@ -97,7 +131,9 @@ def _stand_in(state: Selection, offer: Offer, fits: list[Fitted], explained: Exp
     refitted, after = refit([*fits, fit], state.bench)
     before = float(explained.residual @ explained.residual)
     statistic = before - float(after.residual @ after.residual)
-    rank = max(1, after.basis.shape[1] - explained.basis.shape[1])
+    tangent = refitted[-1].tangent(state.bench, [each.effect for each in refitted[:-1]])
+    rank = max(1, explained.score(tangent).rank)
     strength = evidence(statistic, rank) - 2.0 * float(np.log(offer.searched)) * (rank <= offer.score.rank)
     effect = offer.candidate.effect.name
-    return Rival(offer.candidate.label, effect, offer.candidate.where, strength, statistic, rank, refitted[-1])
+    place = offer.candidate.where
+    return Rival(offer.candidate.label, effect, place, strength, statistic, rank, refitted[-1], offer)

@@ -123,10 +123,12 @@ class Scanner:
         spectra = np.fft.rfft(np.einsum("cn,ncj->jn", residual, envelopes), n=2 * count, axis=1)
         gram = np.einsum("nci,ncj->ij", envelopes, envelopes)
         power = 2.0 * np.real(np.einsum("jf,jk,kf->f", spectra.conj(), np.linalg.pinv(gram), spectra))
-        frequency = np.fft.rfftfreq(2 * count, bench.interval_s)
+        frequency: Array = np.arange(count + 1) / (2.0 * count * bench.interval_s)
         allowed = self._allowed(candidate, frequency)
         peaks = sorted(np.flatnonzero(allowed), key=lambda index: -power[index])[:_PEAKS]
-        best = max((self._refined(raw, explained, frequency[peak]) for peak in peaks), key=lambda pair: pair[0].statistic)
+        best = max(
+            (self._refined(raw, explained, frequency[peak]) for peak in peaks), key=lambda pair: pair[0].statistic
+        )
         return Offer(candidate, {"freq_Hz": best[1]}, best[0], int(allowed.sum()) // 2)
 
     def _allowed(self, candidate: Candidate, frequency: Array) -> NDArray[np.bool_]:
@@ -152,7 +154,7 @@ class Scanner:
                 row = np.zeros(candidate.size)
                 row[column] = step
                 parts.append(self.bench.change([candidate.make(row, {**span, "freq_Hz": 0.0})]) / step)
-        return np.nan_to_num(np.stack(parts, axis=2))
+        return np.asarray(np.nan_to_num(np.stack(parts, axis=2)))
 
     def _refined(self, raw: Array, explained: Explained, frequency: float) -> tuple[Score, float]:
         """The best score within half a step of the transform, and its frequency."""
@@ -162,7 +164,9 @@ class Scanner:
         scores = []
         for each in around:
             turns = 2.0 * np.pi * each * bench.base.t[:, None, None]
-            scores.append(explained.score(bench.whiten(np.concatenate([raw * np.sin(turns), raw * np.cos(turns)], axis=2))))
+            scores.append(
+                explained.score(bench.whiten(np.concatenate([raw * np.sin(turns), raw * np.cos(turns)], axis=2)))
+            )
         best = int(np.argmax([score.statistic for score in scores]))
         return scores[best], around[best]
 
@@ -170,7 +174,8 @@ class Scanner:
 def _statistics(grams: Array, moments: Array, scale: Array) -> Array:
     """LM of many small problems at once; a little ridge keeps the degenerate ones from exploding."""
     ridge = 1e-6 * np.trace(scale) / len(scale) * np.eye(len(scale))
-    return np.einsum("ni,ni->n", moments, np.linalg.solve(grams + ridge, moments[..., None])[..., 0])
+    solved = np.linalg.solve(grams + ridge, moments[..., None])[..., 0]
+    return np.asarray(np.einsum("ni,ni->n", moments, solved))
 
 
 def _fastest_turn(bench: Bench) -> float:

@@ -99,7 +99,10 @@ def _followed(state: Selection, without: Sequence[str], progress: Callable[[floa
         if mean is None and noise is None:
             break
         if mean is not None and noise is not None and not state.noises:
-            ways = [_followed(_with_offer(state, mean), without, None), _followed(with_noise(state, noise), without, None)]
+            ways = [
+                _followed(_with_offer(state, mean), without, None),
+                _followed(with_noise(state, noise), without, None),
+            ]
             return min(ways, key=cost)
         if noise is None or (mean is not None and mean.evidence >= noise.evidence):
             assert mean is not None
@@ -170,7 +173,8 @@ def with_noise(state: Selection, offer: NoiseOffer) -> Selection:
 
 
 def weighed(causes: Sequence[MeanCause], bench: Bench, explained: Explained) -> list[MeanCause]:
-    """Each cause with what it explains beyond the others: its part of the residual, tested with theirs projected out."""
+    """Each cause with what it explains beyond the others: its part of the residual, tested with theirs projected
+    out."""
     result = []
     causes = list(causes)
     effects = [cause.fit.effect for cause in causes]

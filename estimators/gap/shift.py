@@ -11,7 +11,7 @@ from estimators.gap.bench import Bench
 from estimators.gap.colour import ChannelNoise
 from estimators.gap.select import Selection
 from estimators.pipeline import calibrate
-from rig.channels import CHANNELS, CHANNELS_OF, COLUMNS_OF
+from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.errors import RigError
 from rig.recording import Recording
 
@@ -24,10 +24,8 @@ def calibration_shift(
     Names are ``accel1.sensitivity`` and so on; angles in degrees, of axes and fields that can be told.
     """
     change = bench.change([cause.fit.effect for cause in state.causes])
-    corrected = replace(
-        recording,
-        **{sensor: recording.readings(sensor) - change[:, COLUMNS_OF[sensor]] for sensor in recording.sensors},
-    )
+    cleared = {sensor: recording.readings(sensor) - change[:, COLUMNS_OF[sensor]] for sensor in recording.sensors}
+    corrected = replace(recording, accelerometer=cleared.get(ACCELEROMETER), magnetometer=cleared.get(MAGNETOMETER))
     noise = {
         sensor: np.sqrt([floor[column].variance for column in range(*COLUMNS_OF[sensor].indices(len(CHANNELS)))])
         for sensor in recording.sensors

@@ -111,7 +111,8 @@ def fit_effect(effect: type[Effect], where: str, bench: Bench, explained: Explai
         else:
             fits = {column: _likeliest(*parts[column][:2], float(bench.floor_samples[column])) for column in columns}
             gains, spreads = [fit[1] for fit in fits.values()], [fit[2] for fit in fits.values()]
-        if best is not None and sum(gains) <= best.gain:
+        gain = float(sum(gains)) * _trust(bench, columns)
+        if best is not None and gain <= best.gain:
             continue
         added = np.zeros((len(bench.base), len(CHANNELS)))
         gap = np.zeros(len(CHANNELS))
@@ -125,12 +126,26 @@ def fit_effect(effect: type[Effect], where: str, bench: Bench, explained: Explai
         std = 0.5 * np.asarray(spreads) / np.maximum(roots, 1e-9)
         value: object = float(roots[0]) if strength.size == 1 else tuple(float(root) for root in roots)
         made = effect.from_mapping({"where": where, **shape, strength.name: value})
-        best = NoiseOffer(made, float(sum(gains)), len(gains), len(shapes), std, added, probe.adds_in_time, gap)
+        best = NoiseOffer(made, gain, len(gains), len(shapes), std, added, probe.adds_in_time, gap)
     return best
 
 
+def _trust(bench: Bench, columns: list[int]) -> float:
+    """The share of a gain that counts where the floor is coloured.
+
+    The shape of a coloured floor is known no better at low frequencies than the time at rest tells, and the gain is
+    that of a spectrum against it: of two estimates whose variances add.
+    """
+    coloured = [column for column in columns if bench.whiteners[column].phi != 0.0]
+    if not coloured:
+        return 1.0
+    learned = float(np.mean(bench.floor_samples[coloured]))
+    return learned / (learned + len(bench.base))
+
+
 def _squares(probe: Effect, bench: Bench, explained: Explained, column: int) -> tuple[Array, Array, float]:
-    """Squared residuals, in time or by cosine transform, what the effect at strength one adds to them, and its variance.
+    """Squared residuals, in time or by cosine transform, what the effect at strength one adds to them, and its
+    variance.
 
     Cosines are close to the eigenvectors of slowly correlated noise and of a random walk, without the jump between its
     ends that a Fourier transform would see.

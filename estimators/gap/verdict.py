@@ -15,7 +15,7 @@ from estimators.gap.colour import ChannelNoise
 from estimators.gap.defects import Defect
 from estimators.gap.diagnosis import Cause, Channel, Diagnosis, Estimate, Verdict
 from estimators.gap.remainder import Finding, findings, significant
-from estimators.gap.rivals import Rival, noise_rivals, rivals
+from estimators.gap.rivals import Rival, noise_rivals, settled
 from estimators.gap.score import ABSORBED, Explained
 from estimators.gap.select import MeanCause, Selection
 from estimators.gap.shift import calibration_shift
@@ -30,8 +30,8 @@ Array = NDArray[np.float64]
 
 #: A remainder of less than this share of what the causes explain leaves their name standing.
 SMALL = 0.03
-#: Three causes where one would do is a sign that the true one is not in the catalogue.
-_CREDIBLE = 3
+#: Three causes where one would do are a sign that the true one is not in the catalogue: each must hold its own.
+_SEVERAL, _COMPARABLE = 3, 0.1
 
 
 def check_names(without: Sequence[str]) -> None:
@@ -63,17 +63,17 @@ def conclude(
         without: effects left out of the catalogue: their defects have no name.
         floor: noise of each channel. source: where it comes from.
     """
-    left = significant(findings(state.bench, state.explained))
+    state, groups = settled(state)
+    noise_groups = [noise_rivals(state, offer, without) for offer in state.noises]
+    left = significant(findings(state.bench, state.explained, state.noises))
     named = [defect for defect in defects if defect.effect not in without]
     nameless = [defect for defect in defects if defect.effect in without]
     explained = float(bench.whitened @ bench.whitened - state.explained.residual @ state.explained.residual)
     explained += sum(offer.gain for offer in state.noises)
     remainder = _excess(left)
     structured = bool(left) or bool(nameless)
-    unknown = bool(nameless) or (bool(left) and remainder > SMALL * max(explained, 0.0))
-    unknown = unknown or (len(state.causes) >= _CREDIBLE and not _dominant(state))
-    groups = [rivals(state, cause) for cause in state.causes]
-    noise_groups = [noise_rivals(state, offer, without) for offer in state.noises]
+    unknown = bool(nameless) or (bool(left) and (bool(state.noises) or remainder > SMALL * max(explained, 0.0)))
+    unknown = unknown or not credible(state, groups)
     closure = close(bench, [cause.fit for cause in state.causes], remainder if left else 0.0, np.random.default_rng(0))
     causes = [_mean_cause(cause, group, state, closure) for cause, group in zip(state.causes, groups, strict=True)]
     causes += [_noise_cause(offer, group) for offer, group in zip(state.noises, noise_groups, strict=True)]
@@ -112,7 +112,7 @@ def conclude(
 
 
 def judged_elsewhere(result: Diagnosis, state: Selection, bench: Bench) -> Diagnosis:
-    """The diagnosis with its closure judged on another maneuver as well: the causes as they are, only the base refitted."""
+    """The diagnosis with its closure judged on another maneuver as well, the causes kept."""
     if not state.causes:
         return result
     change = project(bench.absorbed, bench.whiten(bench.change([cause.fit.effect for cause in state.causes])))
@@ -129,14 +129,33 @@ def _excess(left: Sequence[Finding]) -> float:
     return max((finding.excess for finding in left), default=0.0)
 
 
-def _dominant(state: Selection) -> bool:
-    """Whether the strongest cause leaves little to the third."""
-    ordered = sorted((cause.statistic for cause in state.causes), reverse=True)
-    return ordered[2] > 0.1 * ordered[0]
+def credible(state: Selection, groups: Sequence[Sequence[Rival]]) -> bool:
+    """Whether several causes together are an explanation, or the shape of one that is not in the catalogue.
+
+    One cause is. Several are invented, more likely than not, where the same effect is needed at two places, where
+    rivals
+    explain nearly but not exactly as much as a cause in its place, or where three are needed of which one is noise or
+    small beside the strongest.
+    """
+    if state.count < 2:
+        return True
+    names = [cause.fit.candidate.effect.name for cause in state.causes]
+    if len(set(names)) < len(names):
+        return False
+    if any(not rival.exact(group[0]) for group in groups for rival in group[1:]):
+        return False
+    if state.count < _SEVERAL:
+        return True
+    sizes = [cause.statistic for cause in state.causes]
+    return not state.noises and state.count == _SEVERAL and min(sizes) > _COMPARABLE * max(sizes)
 
 
-def _remainder_follows(left: Sequence[Finding], nameless: Sequence[Defect], size: float) -> tuple[dict[str, object], ...]:
-    follows: list[dict[str, object]] = [{"variable": f"single readings ({each.effect}-like)", "share": 1.0} for each in nameless]
+def _remainder_follows(
+    left: Sequence[Finding], nameless: Sequence[Defect], size: float
+) -> tuple[dict[str, object], ...]:
+    follows: list[dict[str, object]] = [
+        {"variable": f"single readings ({each.effect}-like)", "share": 1.0} for each in nameless
+    ]
     seen: set[str] = set()
     for finding in left:
         if finding.follows not in seen:
@@ -164,7 +183,9 @@ def _mean_cause(cause: MeanCause, group: Sequence[Rival], state: Selection, clos
         part = std[first : first + item.size]
         first += item.size
         value = getattr(effect, item.name)
-        parameters[item.name] = Estimate(value, float(part[0]) if item.size == 1 else tuple(map(float, part)), item.unit)
+        parameters[item.name] = Estimate(
+            value, float(part[0]) if item.size == 1 else tuple(map(float, part)), item.unit
+        )
     units = {item.name: item.unit for item in effect.parameters()}
     for name in cause.fit.kept:
         parameters[name] = Estimate(getattr(effect, name), None, units[name])
@@ -210,7 +231,8 @@ def _channels(
     found = {}
     for column in bench.columns:
         sigma = math.sqrt(floor[column].variance)
-        others = sum(float(each.gap[column]) ** 2 for each in (*defects, *state.noises))
+        gaps = [defect.gap for defect in defects] + [offer.gap for offer in state.noises]
+        others = float(sum(gap[column] ** 2 for gap in gaps))
         before = math.sqrt(closure.before[column] ** 2 + others)
         has_gap = before > 1e-3 * sigma
         found[CHANNELS[column]] = Channel(
@@ -237,5 +259,8 @@ def cannot_tell(state: Selection, without: Sequence[str]) -> tuple[dict[str, str
     for effect in EFFECTS.values():
         lacking = effect.lacking(state.bench.base)
         if lacking and effect.name not in without:
-            found += [{"effect": effect.name, "where": where, "why": f"the recording lacks {lacking}"} for where in effect.places]
+            found += [
+                {"effect": effect.name, "where": where, "why": f"the recording lacks {lacking}"}
+                for where in effect.places
+            ]
     return tuple(found)

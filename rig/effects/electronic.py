@@ -87,7 +87,7 @@ class MainsHum(Effect):
     stage = Stage.VOLTS
     places = ("acquisition",)
     tone = True
-    bands = ((49.8, 50.2), (59.8, 60.2))
+    bands = ((49.9, 50.1), (59.9, 60.1))
 
     freq_Hz: float = parameter("Hz", 50.0, lower=0.0, upper=1000.0, strength=False)
     amplitude: tuple[float, ...] = parameter("V", 2e-3, size=6)
