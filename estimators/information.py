@@ -1,8 +1,8 @@
 """What a maneuver can tell, before anyone runs it: the Cramer-Rao bound of poses, a truth and a noise floor.
 
-No unbiased estimate has a smaller covariance than the inverse of the Fisher information, and the known-angle fit reaches
-it. The information needs the poses only through the Gram matrix of [vec R, 1], so that a maneuver's worth up to any
-instant is a prefix sum.
+No unbiased estimate has a smaller covariance than the inverse of the Fisher information, and the known-angle fit
+reaches it. The information needs the poses only through the Gram matrix of [vec R, 1], so that a maneuver's worth up to
+any instant is a prefix sum.
 """
 
 from __future__ import annotations

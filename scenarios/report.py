@@ -73,15 +73,16 @@ def effect_record(effect: type[Effect]) -> dict[str, Any]:
 
 
 def effects_table(effects: Iterable[type[Effect]]) -> Table:
-    """All effects: places, parameters with typical size and unit, and what each is."""
-    result = table("effect", "places", "parameters, typically", "what it is")
+    """All effects: kind, places, parameters with typical size and unit, and what each is."""
+    result = table("effect", "kind", "places", "parameters, typically", "what it is")
     for effect in effects:
         parameters = [
             f"{item.name}{f' ({item.size})' if item.size > 1 else ''} {item.typical:g} {_unit(item.unit)}".rstrip()
             for item in effect.parameters()
         ]
         words = _description(effect).split("\n\n")[0].replace("\n", " ")
-        result.add_row(Text(effect.name), Text(shortened(effect.places)), Text("\n".join(parameters)), Text(words))
+        cells = (effect.name, effect.kind.value, shortened(effect.places), "\n".join(parameters), words)
+        result.add_row(*map(Text, cells))
     return result
 
 

@@ -25,7 +25,7 @@ from scenarios.cli import _app, _options
 from scenarios.cli._app import cli
 from scenarios.scenario import Scenario
 
-COMMANDS = ("demo", "sweep", "calibrate", "apply", "view", "scenarios", "effects")
+COMMANDS = ("demo", "sweep", "calibrate", "apply", "export", "bound", "noise", "view", "scenarios", "effects")
 ROOT = Path(__file__).parents[1]
 
 

@@ -28,7 +28,6 @@ from scenarios.overlay import Overlay, overlays
 from scenarios.plots import coverage_figure, errors_figure, residuals_figure, save, sweep_figure
 from scenarios.plots.arm_picture import arm_picture
 from scenarios.plots.arm_picture import main as arm_picture_command
-from scenarios.plots.coverage import covered_share
 
 Make = Callable[[], Figure]
 
@@ -149,17 +148,6 @@ def test_errors_are_drawn_where_they_are(compared: tuple[Compared, ...]) -> None
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert labels[:4] == ["$S_1$", r"$\delta_1$", r"$\beta_1$", r"$\gamma_1$"]
     assert labels[-2:] == [r"$\varphi$", r"$\psi$"]
-
-
-def test_coverage_counts_equal_areas() -> None:
-    rng = np.random.default_rng(0)
-    directions = rng.normal(size=(20_000, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    # 20,000 directions into 288 cells: a cell stays empty with probability exp(-69).
-    assert covered_share(directions) == 1.0
-    assert covered_share(directions[directions[:, 2] > 0.0]) == 0.5
-    assert covered_share(directions[directions[:, 1] > 0.0]) == 0.5
-    assert covered_share(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])) == 3 / 288
 
 
 def test_the_map_shows_directions_and_both_ends_of_the_axes(recording: Recording, laid: dict[str, Overlay]) -> None:

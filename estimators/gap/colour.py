@@ -62,7 +62,7 @@ class ChannelNoise:
     def autocovariance(self, lag_s: Array) -> Array:
         """[V^2] at lags [s]."""
         lag = np.abs(np.asarray(lag_s, dtype=float))
-        return self.coloured * np.exp(-lag / self.tau_s) + np.where(lag == 0.0, self.white, 0.0)
+        return np.asarray(self.coloured * np.exp(-lag / self.tau_s) + np.where(lag == 0.0, self.white, 0.0))
 
     def whitener(self, interval_s: float) -> Whitener:
         """The filter that turns this noise, sampled every ``interval_s`` [s], into white noise of variance one."""

@@ -98,7 +98,7 @@ class Diagnosis:
     floor: str
     warnings: tuple[str, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Any:
         """The contract's object."""
         return _plain(
             {

@@ -67,27 +67,47 @@ def scenarios(name: str | None, as_json: bool) -> None:
 
 @click.command(short_help="List the unmodelled effects, or describe one.")
 @click.argument("name", required=False)
+@click.option("-o", "--output", type=PATH, metavar="F.png", help="Draw what it does to a sweep: .png, .svg or .pdf.")
+@click.option("--where", metavar="PLACE", help="Where it is drawn; by default where a calibration leaves most of it.")
 @json_option
-def effects(name: str | None, as_json: bool) -> None:
+def effects(name: str | None, output: Path | None, where: str | None, as_json: bool) -> None:
     """List the unmodelled effects that a scenario can add, or describe one.
 
     \b
     Example:
       rig effects
       rig effects backlash
+      rig effects backlash -o backlash.png --where joint1
     """
     from rig.effects import EFFECTS
 
     if name is not None and name not in EFFECTS:
         raise unknown_name("effect", name, EFFECTS)
+    if output is not None or where is not None:
+        _draw_effect(name, output, where)
     from scenarios.report import effect_description, effect_record, effects_table, show
 
     if as_json:
         print_json(effect_record(EFFECTS[name]) if name else [effect_record(effect) for effect in EFFECTS.values()])
     elif name:
         show(effect_description(EFFECTS[name]))
+        if output is not None:
+            click.echo(f"\n{output}: drawn")
     else:
         show(effects_table(EFFECTS.values()))
+
+
+def _draw_effect(name: str | None, output: Path | None, where: str | None) -> None:
+    if name is None or output is None:
+        missing = "the NAME of an effect" if name is None else "-o F.png"
+        raise RigError(f"{'-o' if output is not None else '--where'}: found without {missing}, expected both")
+    check_output(output, (".png", ".svg", ".pdf"))
+    from rig.effects import EFFECTS
+    from scenarios.plots import save
+    from scenarios.plots.effects import effect_change, effect_figure
+
+    with progress_bar(f"drawing {name}"):
+        save(effect_figure(effect_change(EFFECTS[name], where)), output)
 
 
 @click.command(short_help="Look at a recording in the rerun viewer.")
@@ -101,8 +121,8 @@ def view(
 ) -> None:
     """Look at RUN in the rerun viewer: the arm in its sweep, the readings, and what a calibration leaves over.
 
-    A recording whose poses are known is calibrated for this, unless a calibration is given. Without -o the viewer opens;
-    nothing but this machine can reach it.
+    A recording whose poses are known is calibrated for this, unless a calibration is given. Without -o the viewer
+    opens; nothing but this machine can reach it.
 
     \b
     Example:

@@ -12,10 +12,12 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from estimators.coverage import coverage
 from rig.errors import RigError
 from scenarios.colours import AXES_ON_PAPER, BLACK, ELAPSED
 from scenarios.decimation import evenly
 from scenarios.overlay import Overlay
+from scenarios.plots.coverage_cells import on_map, outlines, unseen
 from scenarios.plots.style import new_figure, style
 
 Array = NDArray[np.float64]
@@ -23,14 +25,16 @@ Array = NDArray[np.float64]
 #: Time gone by, as in the viewer.
 ELAPSED_MAP: Final = LinearSegmentedColormap.from_list("elapsed", ELAPSED)
 
-#: Cells of equal area in which coverage is counted: so many steps of the height, twice as many of the azimuth.
-STEPS: Final = 12
+#: What a sensor sees.
+FIELD_NAMES: Final = {"accelerometer": "Gravity", "magnetometer": "Magnetic field"}
 
 _POINTS = 20_000
 
 
 def coverage_figure(t: Array, overlays: Mapping[str, Overlay]) -> Figure:
     """A Mollweide map (equal areas) for each sensor: the field's directions in frame 6, and both ends of each axis.
+
+    Cells of equal area in which the field was never seen are shaded.
 
     Args:
         t: (n,) [s] of the recording.
@@ -58,14 +62,6 @@ def coverage_figure(t: Array, overlays: Mapping[str, Overlay]) -> Figure:
     return figure
 
 
-def covered_share(directions: Array) -> float:
-    """The share of 288 cells of equal area that unit vectors (n, 3) fall into."""
-    height = np.clip(((directions[:, 2] + 1.0) / 2.0 * STEPS).astype(int), 0, STEPS - 1)
-    azimuth = np.arctan2(directions[:, 1], directions[:, 0])
-    around = np.clip(((azimuth / np.pi + 1.0) * STEPS).astype(int), 0, 2 * STEPS - 1)
-    return len(np.unique(height * 2 * STEPS + around)) / (2 * STEPS * STEPS)
-
-
 def _map(axis: Axes, t: Array, overlay: Overlay) -> None:
     shown = evenly(len(t), _POINTS)
     azimuth, elevation = _angles(overlay.directions[shown])
@@ -91,15 +87,26 @@ def _map(axis: Axes, t: Array, overlay: Overlay) -> None:
                 fontweight="bold",
                 color=BLACK,
             )
-    name = {"accelerometer": "Gravity", "magnetometer": "Magnetic field"}[overlay.sensor]
-    share = 100.0 * covered_share(overlay.directions)
-    axis.set_title(f"{name} in frame 6: {share:.0f} % of the sphere seen", pad=14)
+    seen = coverage(overlay.directions)
+    shapes, _ = outlines(seen.cells, np.flatnonzero(seen.counts == 0))
+    axis.add_collection(unseen(on_map(shapes)), autolim=False)
+    frame = "frame 6" if overlay.field is not None else "the sensor's own frame"
+    axis.set_title(
+        f"{FIELD_NAMES[overlay.sensor]} in {frame}: {100.0 * seen.share:.0f} % of {seen.cells.count} equal cells seen,"
+        f"\nlargest hole {2.0 * seen.hole_deg:.0f}° wide" + ("; shaded: missing" if len(shapes) else ""),
+        pad=14,
+    )
+    label_map(axis)
+    axis.set_xlabel("azimuth about z6" if overlay.field is not None else "azimuth about z")
+    axis.set_ylabel("elevation above x6 y6" if overlay.field is not None else "elevation above x y")
+
+
+def label_map(axis: Axes) -> None:
+    """Ticks of azimuth and elevation on a Mollweide map."""
     axis.set_xticks(np.radians([-120, -60, 0, 60, 120]), ["−120°", "−60°", "0°", "60°", "120°"])
     for label in axis.get_xticklabels():  # on the equator, among the points
         label.set(fontsize=7, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.6})
     axis.set_yticks(np.radians([-60, -30, 0, 30, 60]), ["−60°", "−30°", "0°", "30°", "60°"])
-    axis.set_xlabel("azimuth about z6")
-    axis.set_ylabel("elevation above x6 y6")
 
 
 def _angles(directions: Array) -> tuple[Array, Array]:
