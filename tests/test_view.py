@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
-import time
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from matplotlib.image import imread
 from rerun.chunk import Chunk, RrdReader
 from scipy.spatial.transform import Rotation
+from view_examples import calibration, recording, tool_poses, view  # noqa: F401  (fixtures)
 
 import estimators
-import scenarios
 from estimators.calibration import Calibration
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, MAGNETOMETER, SENSORS
 from rig.errors import RigError
-from rig.recording import Metadata, Recording
-from scenarios.decimation import evenly, extremes
+from rig.recording import Recording
+from scenarios.decimation import evenly
 from scenarios.motion import motion
 from scenarios.overlay import overlays
-from scenarios.view import Detail, open_view, write_view
-from scenarios.view.photograph import _headless_viewer, photograph
-from scenarios.view.photograph import main as photograph_command
+from scenarios.view import Detail, write_view
 from scenarios.view.viewer import viewer_environment, viewer_program
 
 SECOND_NS = 1_000_000_000
@@ -39,33 +30,6 @@ SECOND_NS = 1_000_000_000
 SINGLE = 7 * 4 * float(np.finfo(np.float32).eps)
 
 needs_unix = pytest.mark.skipif(sys.platform == "win32", reason="stands in for the viewer with a shell script")
-
-
-@pytest.fixture(scope="module")
-def recording() -> Recording:
-    return scenarios.load("ann-arbor").simulate(seed=1)
-
-
-@pytest.fixture(scope="module")
-def calibration(recording: Recording) -> Calibration:
-    return estimators.calibrate(recording)
-
-
-@pytest.fixture(scope="module")
-def view(recording: Recording, calibration: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("view") / "run.rrd"
-    write_view(recording, calibration, path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def tool_poses(recording: Recording) -> Recording:
-    """The same run as a tracking system would record it."""
-    poses = Arm.a465().poses(recording.q)
-    quaternion = Rotation.from_matrix(poses.R_base_tool).as_quat(scalar_first=True)
-    return replace(
-        recording, q=None, tool_quaternion=quaternion, tool_position=poses.position, metadata=Metadata(arm="none")
-    )
 
 
 def chunks(path: Path) -> list[Chunk]:
@@ -231,38 +195,6 @@ def test_a_long_recording_keeps_its_peaks_and_stays_small(
     assert len(column(path, "/transforms/joint6", "Transform3D:quaternion")[0]) == Detail().frames
 
 
-@given(
-    values=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=300).map(np.array),
-    at_most=st.integers(2, 80),
-)
-@settings(max_examples=200, deadline=None)
-def test_decimation_keeps_the_extremes_of_every_interval(values: np.ndarray, at_most: int) -> None:
-    rows = extremes(values, at_most)
-    assert (np.diff(rows) > 0).all()
-    assert len(rows) <= max(at_most, 2) + 2
-    assert {0, len(values) - 1} <= set(rows)
-    assert values[rows].max() == values.max()
-    assert values[rows].min() == values.min()
-    if len(values) <= at_most:
-        assert len(rows) == len(values)
-    else:
-        edges = np.linspace(0, len(values), max(at_most // 2, 1) + 1).round().astype(int)
-        for start, stop in pairwise(edges):
-            inside = values[rows[(rows >= start) & (rows < stop)]]
-            assert inside.max() == values[start:stop].max()
-            assert inside.min() == values[start:stop].min()
-
-
-@given(count=st.integers(1, 5000), at_most=st.integers(2, 500))
-@settings(max_examples=200, deadline=None)
-def test_evenly_spread_rows(count: int, at_most: int) -> None:
-    rows = evenly(count, at_most)
-    assert len(rows) == min(count, at_most)
-    assert rows[0] == 0
-    assert rows[-1] == count - 1
-    assert len(rows) < 2 or (np.diff(rows).min() > 0 and np.ptp(np.diff(rows)) <= 1)
-
-
 def test_the_blueprint_shows_the_whole_time(view: Path, recording: Recording) -> None:
     reader = RrdReader(view)
     [store] = reader.blueprints()
@@ -376,93 +308,3 @@ def test_nothing_is_written_when_something_is_wrong(
     with pytest.raises(RigError, match="RERUN=off"):
         write_view(recording, calibration, path)
     assert list(tmp_path.iterdir()) == []
-
-
-def stand_in(folder: Path, script: str) -> Path:
-    """A program in the viewer's place."""
-    program = folder / "viewer"
-    program.write_text(f"#!/bin/sh\n{script}\n")
-    program.chmod(0o755)
-    return program
-
-
-@needs_unix
-def test_the_viewer_is_opened_for_this_machine_only(
-    view: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    said = tmp_path / "said"
-    program = stand_in(tmp_path, f'echo "$CI" "$@" > {said}.part && mv {said}.part {said}')
-    monkeypatch.setenv("RERUN_CLI_PATH", str(program))
-    monkeypatch.delenv("CI", raising=False)
-    open_view(view).wait(timeout=30)
-    words = said.read_text().split()
-    assert words[0] == "1"  # where CI is set the viewer reports nothing to its makers
-    assert words[words.index("--bind") + 1] == "127.0.0.1"
-    assert words[-1] == str(view)
-    assert "CI" not in os.environ
-    with pytest.raises(RigError, match="no such file"):
-        open_view(tmp_path / "none.rrd")
-    monkeypatch.setenv("RERUN_CLI_PATH", str(tmp_path / "none"))
-    with pytest.raises(RigError, match="cannot be started"):
-        open_view(view)
-
-
-@needs_unix
-def test_a_viewer_that_hangs_is_stopped(view: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    number = tmp_path / "pid"
-    program = stand_in(tmp_path, f"echo $$ > {number}; exec sleep 600")
-    monkeypatch.setenv("RERUN_CLI_PATH", str(program))
-    with pytest.raises(RigError, match="did not draw it in time"):
-        photograph(view, tmp_path / "picture.png", timeout_s=1.0)
-    assert not psutil.pid_exists(int(number.read_text()))
-    assert not (tmp_path / "picture.png").exists()
-
-
-@needs_unix
-def test_a_viewer_that_fails_says_why(
-    view: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("RERUN_CLI_PATH", str(stand_in(tmp_path, "echo 'No graphics adapter was found'; exit 101")))
-    with pytest.raises(RigError, match="mesa-vulkan-drivers"):
-        photograph(view, tmp_path / "picture.png")
-    monkeypatch.setenv("RERUN_CLI_PATH", str(stand_in(tmp_path, "echo \"thread panicked at 'x'\"; echo bye; exit 101")))
-    assert photograph_command([str(view), str(tmp_path / "picture.png")]) == 2
-    assert "status 101 and said: thread panicked at 'x'" in capsys.readouterr().err
-    assert photograph_command([]) == 2
-    assert not (tmp_path / "picture.png").exists()
-
-
-def test_it_looks_right_when_it_opens(view: Path, recording: Recording, tmp_path: Path) -> None:
-    picture = tmp_path / "view.png"
-    try:
-        seen = photograph(view, picture, at_s=640.0, size=(1600, 900), settle_s=2.0)
-    except RigError as error:
-        if "no graphics driver" in str(error):
-            pytest.skip(str(error))
-        raise
-    assert seen.complaints == ()
-    assert len(seen.views) == 11
-    assert seen.timeline == "t"
-    assert (seen.start_s, seen.end_s) == pytest.approx(tuple(recording.t[[0, -1]]))
-    pixels = imread(picture)[:, :, :3]
-    assert pixels.shape == (900, 1600, 3)
-    arm, series = pixels[100:850, 50:650], pixels[50:850, 720:1580]
-    # The arm's shell is the only large bright area at the left; the axes' three colours fill the plots at the right.
-    assert (arm.min(axis=2) > 0.5).mean() > 0.02
-    for colour in ((0x56, 0xB4, 0xE9), (0xE6, 0x9F, 0x00), (0x00, 0x9E, 0x73)):
-        assert (np.abs(series - np.array(colour) / 255.0).max(axis=2) < 0.02).mean() > 0.01
-
-
-def test_the_headless_viewer_listens_to_this_machine_only(view: Path) -> None:
-    with _headless_viewer(view, (640, 480)) as viewer:
-        addresses: set[str] = set()
-        for _ in range(100):
-            if viewer.process.poll() is not None:
-                pytest.skip(viewer.complaint())
-            listening = [c for c in psutil.Process(viewer.process.pid).net_connections("inet") if c.status == "LISTEN"]
-            addresses = {connection.laddr.ip for connection in listening}
-            if addresses:
-                break
-            time.sleep(0.1)
-        assert addresses == {"127.0.0.1"}
-    assert viewer.process.returncode is not None
