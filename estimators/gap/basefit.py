@@ -123,5 +123,6 @@ def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise
     for values in (all_readings(recording) - base.volts).T:
         differences = np.diff(values, n=2)
         spread = float(np.median(np.abs(differences - np.median(differences)))) / 0.6745  # robust against spikes
-        floors.append(ChannelNoise(spread**2 / 6.0, samples=len(values) // 3))
+        # a median of overlapping differences tells a twentieth of what as many independent samples would
+        floors.append(ChannelNoise(spread**2 / 6.0, samples=len(values) // 20))
     return tuple(floors)

@@ -126,14 +126,18 @@ class Held:
         whiten = _shaped(point, 1.0, self).whitener(self.interval_s)
         if whiten.start > self.shortest // 4:  # all but a random walk: a segment is too short to tell
             return np.inf, self.variance
-        squares, kept = 0.0, 0
+        squares, innovations = 0.0, 0
         for segment in self.segments:
             inside = slice(whiten.start, None)
-            y, one = whiten(segment - segment.mean())[inside], whiten(np.ones(len(segment)))[inside]
+            centred = segment - segment.mean()
+            y, one = whiten(centred)[inside], whiten(np.ones(len(segment)))[inside]
             squares += float(y @ y - (y @ one) ** 2 / np.maximum(one @ one, 1e-300))
-            kept += len(y) - 1
-        scale = squares / kept
-        return self.count * float(np.log(scale) + 2.0 * np.log(whiten.sigma)), scale
+            squares += float(
+                np.sum(centred[: whiten.start] ** 2)
+            )  # before the filter has started, by their own variance
+            innovations += len(y) - 1
+        scale = squares / self.count
+        return float(self.count * np.log(scale) + 2.0 * innovations * np.log(whiten.sigma)), scale
 
     @property
     def white(self) -> ChannelNoise:

@@ -25,6 +25,8 @@ SIGNIFICANT = 1e-5
 _NEIGHBOURS = 3
 #: A level is clipped at when it holds this many readings and this many times its neighbourhood's density.
 _PILED, _DENSER = 4, 4.0
+#: A converter's rounding that adds less than this share of the floor's variance is not felt.
+_FELT = 0.005
 
 
 @dataclass(frozen=True)
@@ -115,9 +117,11 @@ def _piled(bench: Bench, column: int, piled: Mask) -> Mask:
 
 def coarse(bench: Bench, locked_step: Array) -> Defect | None:
     """Readings on a coarser lattice than the locked recording's."""
-    steps = np.array([_step(bench.readings[:, column]) for column in bench.columns])
     known = np.where(np.isfinite(locked_step[bench.columns]), locked_step[bench.columns], 0.0)
-    if not (steps > 1.5 * known).all() or steps.min() <= 0.0:
+    grids = zip(bench.columns, known, strict=True)
+    steps = np.array([_step(bench.readings[:, column], grid) for column, grid in grids])
+    sigma = np.array([bench.whiteners[column].sigma for column in bench.columns])
+    if not (steps > 1.5 * known).all() or steps.min() <= 0.0 or (steps**2 / 12.0 < _FELT * sigma**2).all():
         return None
     lsb = float(np.median(steps))
     gap = np.zeros(len(CHANNELS))
@@ -127,15 +131,17 @@ def coarse(bench: Bench, locked_step: Array) -> Defect | None:
     return Defect("adc_quantisation", "acquisition", parameters, nothing, -np.inf, gap)
 
 
-def _step(values: Array) -> float:
-    """The step of the lattice that values lie on; zero where they lie on none."""
+def _step(values: Array, grid: float = 0.0) -> float:
+    """The step of the lattice that values lie on, to within a finer grid's rounding; zero where they lie on none."""
     levels = np.unique(values)
     if len(levels) > 0.7 * len(values) or len(levels) < 3:
         return 0.0
     differences = np.diff(levels)
     smallest = float(np.median(differences[differences < 1.5 * differences.min()]))
-    multiples = differences / smallest
-    return smallest if np.abs(multiples - np.round(multiples)).max() < 0.05 else 0.0
+    numbers = np.concatenate([[0.0], np.cumsum(np.round(differences / smallest))])
+    slope, start = np.polyfit(numbers, levels, 1)
+    off = float(np.abs(levels - start - slope * numbers).max())
+    return float(slope) if off < 0.05 * slope + 0.75 * grid else 0.0
 
 
 def lattice(readings: Array) -> Array:

@@ -30,6 +30,8 @@ STRONG = 10.0
 MOST_CAUSES = 4
 #: Evidence by which two offers differ at most to be twins.
 TIE = 0.5
+#: Where noise and a mean effect explain amounts that differ by less than this factor, both ways are followed.
+CONTESTED = 0.5
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def _followed(state: Selection, without: Sequence[str], progress: Callable[[floa
         mean, noise = _mean_offer(state), _noise_offer(state, without)
         if mean is None and noise is None:
             break
-        if mean is not None and noise is not None and not state.noises:
+        if mean is not None and noise is not None and not state.noises and _contested(mean, noise):
             ways = [
                 _followed(_with_offer(state, mean), without, None),
                 _followed(with_noise(state, noise), without, None),
@@ -110,6 +112,10 @@ def _followed(state: Selection, without: Sequence[str], progress: Callable[[floa
         else:
             state = with_noise(state, noise)
     return pruned(state, without)
+
+
+def _contested(mean: Offer, noise: NoiseOffer) -> bool:
+    return min(mean.evidence, noise.evidence) > CONTESTED * max(mean.evidence, noise.evidence)
 
 
 def cost(state: Selection) -> float:

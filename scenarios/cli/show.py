@@ -110,7 +110,7 @@ def _draw_effect(name: str | None, output: Path | None, where: str | None) -> No
         save(effect_figure(effect_change(EFFECTS[name], where)), output)
 
 
-@click.command(short_help="Look at a recording in the rerun viewer.")
+@click.command(short_help="Look at a recording, or a study, in the rerun viewer.")
 @click.argument("run", type=PATH)
 @click.option("-o", "--output", type=PATH, metavar="F.rrd", help="Write the view instead of opening it.")
 @click.option("--calibration", type=PATH, metavar="CAL", help="Lay this calibration over it; its own otherwise.")
@@ -119,7 +119,8 @@ def _draw_effect(name: str | None, output: Path | None, where: str | None) -> No
 def view(
     run: Path, output: Path | None, calibration: Path | None, urdf: Path | None, tip: str | None, as_json: bool
 ) -> None:
-    """Look at RUN in the rerun viewer: the arm in its sweep, the readings, and what a calibration leaves over.
+    """Look at RUN in the rerun viewer: the arm in its sweep, the readings, and what a calibration leaves over; or at a
+    study, which is a folder.
 
     A recording whose poses are known is calibrated for this, unless a calibration is given. Without -o the viewer
     opens; nothing but this machine can reach it.
@@ -131,9 +132,32 @@ def view(
     """
     if output is not None:
         check_output(output, (".rrd",))
+    target = output if output is not None else Path(mkdtemp(prefix="rig-view-")) / f"{run.stem}.rrd"
+    try:
+        _draw(run, calibration, chosen_arm(urdf, tip), target)
+        if output is None:
+            from scenarios.view import open_view
+
+            _watch(open_view(target))
+    except RigError:
+        if output is None:
+            rmtree(target.parent)
+        raise
+    if as_json:
+        print_json({"view": target, "opened": output is None})
+    else:
+        click.echo(f"{target}: {'opened in the viewer' if output is None else 'written'}")
+
+
+def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) -> None:
+    if run.is_dir():
+        from scenarios.view.study import write_study_view
+
+        with progress_bar(f"drawing {run}"):
+            write_study_view(run, target)
+        return
     from rig.recording import read_recording
 
-    arm = chosen_arm(urdf, tip)
     recording = read_recording(run, joints=None if arm is None else arm.dof)
     if arm is None and recording.q is not None and recording.metadata.arm == "a465":
         from rig.arm import Arm
@@ -142,21 +166,10 @@ def view(
     from estimators import Calibration
 
     found = _fitted(run, recording, arm) if calibration is None else Calibration.read(calibration)
-    from scenarios.view import open_view, write_view
+    from scenarios.view import write_view
 
-    target = output if output is not None else Path(mkdtemp(prefix="rig-view-")) / f"{run.stem}.rrd"
     with progress_bar(f"drawing {run}"):
         write_view(recording, found, target, arm)
-    if output is None:
-        try:
-            _watch(open_view(target))
-        except RigError:
-            rmtree(target.parent)
-            raise
-    if as_json:
-        print_json({"view": target, "opened": output is None})
-    else:
-        click.echo(f"{target}: {'opened in the viewer' if output is None else 'written'}")
 
 
 def _fitted(run: Path, recording: Recording, arm: Arm | None) -> Calibration | None:

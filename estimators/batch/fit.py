@@ -1,0 +1,240 @@
+"""The fits of many data sets of one sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators.batch.optimum import Centred, Optimum, separate, simultaneous
+from estimators.batch.parameters import ManyParameters, Uncertainty
+from estimators.kinematic import WEIGHTINGS, Weighting
+from estimators.model import METHODS, PARAMETERS_AT_ONCE, Method, SensorParameters, columns_of_channels
+from estimators.refusal import AMBIGUOUS_CHI_SQUARE, SAME_SIGMAS, UNCERTAINTY_LIMIT
+from rig.directions import tangent_basis
+from rig.errors import RigError, unknown_name
+from rig.threads import one_blas_thread
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: Data sets fitted at a time: their matrices stay below some 50 MB.
+_BLOCK: Final = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class ManyFits:
+    """The optima of m data sets of one sensor, each as of ``SensorFit``.
+
+    Attributes:
+        method: of all.
+        parameters: the m estimates.
+        residual_square: (m, 3) sums of squared residuals [recorded unit squared].
+        noise: (m, 3) standard deviation of a reading, given or estimated [recorded unit].
+        covariance: (m, p, p) in the coordinates of ``SensorParameters.jacobian``, at the estimates.
+        converged: (m,) whether the search has ended in a minimum to its last digits.
+        told: (m,) False where ``fit_sensor`` would refuse: the poses cannot determine the parameters, leave them
+            uncertain, or another minimum fits alike.
+    """
+
+    method: Method
+    parameters: ManyParameters
+    residual_square: Array
+    noise: Array
+    covariance: Array
+    converged: Flags
+    told: Flags
+
+    def __len__(self) -> int:
+        """m."""
+        return len(self.parameters)
+
+    @property
+    def std(self) -> Array:
+        """(m, p) standard deviations in tangent coordinates."""
+        return np.asarray(np.sqrt(np.einsum("mii->mi", self.covariance)))
+
+    def errors(self, truth: SensorParameters | ManyParameters) -> Array:
+        """(m, p) truth, one of all or (m,) of each, minus estimate, in the coordinates of the covariance."""
+        return self.parameters.errors(truth, self.method)
+
+
+def fit_many(
+    gram: ArrayLike,
+    cross: ArrayLike,
+    square: ArrayLike,
+    count: int | ArrayLike,
+    noise: ArrayLike | None = None,
+    method: Method = "simultaneous",
+    *,
+    reference_magnitude: float = 1.0,
+    weighting: Weighting = "likelihood",
+    field_points: ArrayLike = (0.0, 0.0, -1.0),
+) -> ManyFits:
+    """Calibrate one sensor from each of m data sets, as ``fit_sensor`` does from one.
+
+    Args:
+        gram: (10, 10) of all, or (m, 10, 10): of [vec R, 1], as of ``Statistics``.
+        cross: (m, 10, 3) [recorded unit].
+        square: (m, 3) sums of V_k^2, or (m, 3, 3) [recorded unit squared].
+        count: n of all, or (m,).
+        noise: (3,) of all, or (m, 3): standard deviation of a reading [recorded unit]; None: from the residuals.
+        method, reference_magnitude, weighting: as of ``fit_sensor``.
+        field_points: (3,) of all, or (m, 3).
+
+    Raises:
+        RigError: an option is unknown, arrays that do not fit together, or fewer samples than parameters.
+    """
+    table = _Table.of(gram, cross, square, count, noise, method, weighting, field_points)
+    blocks = [slice(start, start + _BLOCK) for start in range(0, len(table.cross), _BLOCK)]
+    with one_blas_thread():
+        parts = [_fit(table.select(rows), method, weighting, reference_magnitude) for rows in blocks]
+
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    def stacked(name: str) -> Any:
+        return np.concatenate([getattr(part.parameters, name) for part in parts])
+
+    return ManyFits(
+        method,
+        ManyParameters(
+            reference_magnitude, stacked("sensitivity"), stacked("offset"), stacked("axes"), stacked("fields")
+        ),
+        joined("residual_square"),
+        joined("noise"),
+        joined("covariance"),
+        joined("converged"),
+        joined("told"),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """The data sets, checked: gram (10, 10) or (m, 10, 10), the rest with m rows."""
+
+    gram: Array
+    cross: Array
+    square: Array
+    count: Array
+    noise: Array | None
+    points: Array
+
+    @classmethod
+    def of(
+        cls,
+        gram: ArrayLike,
+        cross: ArrayLike,
+        square: ArrayLike,
+        count: int | ArrayLike,
+        noise: ArrayLike | None,
+        method: Method,
+        weighting: Weighting,
+        field_points: ArrayLike,
+    ) -> _Table:
+        if method not in METHODS:
+            raise unknown_name("method", method, METHODS)
+        if weighting not in WEIGHTINGS:
+            raise unknown_name("weighting", weighting, WEIGHTINGS)
+        sums = np.asarray(cross, dtype=float)
+        m = len(sums)
+        poses = np.asarray(gram, dtype=float)
+        squares = np.asarray(square, dtype=float)
+        if squares.ndim == 3:
+            squares = np.einsum("mkk->mk", squares)
+        shapes = (poses.shape[-2:], sums.shape, squares.shape)
+        if shapes != ((10, 10), (m, 10, 3), (m, 3)) or poses.shape[:-2] not in ((), (m,)):
+            raise RigError(
+                f"data sets: found gram {poses.shape}, cross {sums.shape}, square {squares.shape}, expected (10, 10) or"
+                " (m, 10, 10), (m, 10, 3) and (m, 3)"
+            )
+        counts = np.broadcast_to(np.asarray(count), (m,))
+        if poses.ndim == 2 and np.ptp(counts) > 0:
+            raise RigError("data sets: found one gram for different numbers of samples, expected one gram each")
+        needed = PARAMETERS_AT_ONCE[method]
+        if m and counts.min() < needed:
+            raise RigError(f"data sets: found one of {counts.min()} samples, expected at least {needed}")
+        sigma = None if noise is None else np.broadcast_to(np.asarray(noise, dtype=float), (m, 3))
+        return cls(poses, sums, squares, counts, sigma, np.broadcast_to(np.asarray(field_points, dtype=float), (m, 3)))
+
+    def select(self, rows: slice) -> _Table:
+        return _Table(
+            self.gram if self.gram.ndim == 2 else self.gram[rows],
+            self.cross[rows],
+            self.square[rows],
+            self.count[rows],
+            None if self.noise is None else self.noise[rows],
+            self.points[rows],
+        )
+
+
+def _fit(table: _Table, method: Method, weighting: Weighting, magnitude: float) -> ManyFits:
+    data = Centred.of(table.gram, table.cross, table.square, table.count)
+    given = None if table.noise is None else np.maximum(table.noise, data.rounding)
+    optimum = simultaneous(data, given, weighting) if method == "simultaneous" else separate(data)
+    parameters = _parameters(optimum, data, magnitude, table.points)
+    residual = optimum.mean_square * table.count[:, None]
+    per_channel = parameters.information(table.gram)
+    assumed = np.ones_like(residual) if weighting == "equal" else optimum.noise if given is None else given
+    uncertainty = Uncertainty.of(per_channel, assumed, method)
+    noise = given
+    if noise is None:
+        freedom = np.maximum(table.count[:, None] - uncertainty.leverage, 1.0)
+        noise = np.maximum(np.sqrt(residual / freedom), data.rounding)
+        if weighting == "likelihood":
+            uncertainty = Uncertainty.of(per_channel, noise, method)
+    covariance = uncertainty.covariance
+    if weighting == "equal":
+        covariance = uncertainty.sandwich(per_channel, noise, method)
+    channels = 3 if method == "simultaneous" else 1
+    told = uncertainty.determined & (np.sqrt(data.variance) > 2.0 * data.rounding).all(axis=1)
+    told &= channels * (data.rank + 1) >= PARAMETERS_AT_ONCE[method] + channels
+    told &= ~_uncertain(covariance, method)
+    told &= ~_ambiguous(optimum, parameters.fields, covariance, noise, table.count, method)
+    return ManyFits(method, parameters, residual, noise, covariance, optimum.converged, told)
+
+
+def _parameters(optimum: Optimum, data: Centred, magnitude: float, points: Array) -> ManyParameters:
+    """With the sign that puts each field on the side of ``points`` (m, 3), as in ``estimators.kinematic``."""
+    fields = optimum.fields
+    along = np.einsum("mki,mi->mk", fields, points) / np.linalg.norm(points, axis=1)[:, None]
+    largest = np.take_along_axis(fields, np.abs(fields).argmax(axis=2)[:, :, None], axis=2)[:, :, 0]
+    sign = np.where(np.where(np.abs(along) < 1e-9, largest, along) >= 0.0, 1.0, -1.0)[:, :, None]
+    length = np.maximum(np.sqrt(np.square(optimum.scaled_axes).sum(axis=2)), 1e-300)
+    rotation = np.broadcast_to(data.mean_rotation, (len(fields), 9)).reshape(-1, 3, 3)
+    offset = data.mean - np.einsum("mki,mij,mkj->mk", fields, rotation, optimum.scaled_axes)
+    return ManyParameters(
+        magnitude, length / magnitude, offset, sign * optimum.scaled_axes / length[:, :, None], sign * fields
+    )
+
+
+def _uncertain(covariance: Array, method: Method) -> Flags:
+    """(m,) whether any S, delta, axis or field is less certain than ``UNCERTAINTY_LIMIT``."""
+    variance = np.einsum("mii->mi", covariance)
+    limit = UNCERTAINTY_LIMIT**2
+    found = np.zeros(len(variance), dtype=bool)
+    for _, start, of_field in columns_of_channels(method):
+        found |= (variance[:, start : start + 2] > limit).any(axis=1)
+        found |= variance[:, start + 2 : start + 4].sum(axis=1) > limit
+        found |= variance[:, of_field].sum(axis=1) > limit
+    return found
+
+
+def _ambiguous(optimum: Optimum, fields: Array, covariance: Array, noise: Array, count: Array, method: Method) -> Flags:
+    """(m,) whether another minimum fits alike, in a direction that the covariance does not cover."""
+    found = np.zeros(len(fields), dtype=bool)
+    columns = [of_field for _, _, of_field in columns_of_channels(method)]
+    for rivals in optimum.rivals:
+        k, row = rivals.channel or 0, rivals.row
+        scale = noise[row] if rivals.channel is None else noise[row, k : k + 1]
+        close = count[row] * (rivals.excess / scale**2).sum(axis=1) < AMBIGUOUS_CHI_SQUARE
+        row, other = row[close], rivals.field[close]
+        best = fields[row, k]
+        side = np.where((best * other).sum(axis=1) > 0.0, 1.0, -1.0)
+        error = side[:, None] * np.einsum("mai,mi->ma", tangent_basis(best), other)
+        block = covariance[row, columns[k], columns[k]]
+        distance = (error * np.linalg.solve(block, error[:, :, None])[:, :, 0]).sum(axis=1)
+        found[row[distance > SAME_SIGMAS**2]] = True
+    return found

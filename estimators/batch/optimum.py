@@ -1,0 +1,183 @@
+"""The best solutions of many centred problems, as ``estimators.kinematic`` has them for one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.batch.search import Minima, Problems, descend, local_minima
+from estimators.kinematic import Weighting
+from estimators.model import PARAMETERS_OF
+from estimators.search import RANK_TOLERANCE
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+#: As in ``estimators.kinematic``: relative change of the weights that ends their iteration.
+_SETTLED: Final = 1e-6
+_MOST_WEIGHTS: Final = 50
+#: As in ``estimators.search``: fields whose product is within this of one are the same minimum.
+_SAME: Final = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Centred:
+    """The centred problems of m data sets, and what was taken out of them.
+
+    Attributes:
+        problems: of unweighted readings, c = 3.
+        count: (m,) n.
+        mean_rotation: (9,) or (m, 9). mean: (m, 3) of the readings.
+        variance: (m, 3) of the readings. rounding: (m, 3) root mean square residual that rounding alone leaves.
+        floor: (m, 3) mean square of the readings that no linear function of vec R explains.
+        rank: (m,) the number of dimensions that the orientations span.
+    """
+
+    problems: Problems
+    count: Array
+    mean_rotation: Array
+    mean: Array
+    rounding: Array
+    floor: Array
+    rank: Indices
+
+    @classmethod
+    def of(cls, gram: Array, cross: Array, square: Array, count: Array) -> Centred:
+        """From statistics gram (10, 10) or (m, 10, 10), cross (m, 10, 3), square (m, 3), count (m,)."""
+        n = count[:, None].astype(float)
+        each = n[0] if gram.ndim == 2 else n[:, :, None]
+        moments = gram / each
+        mean_rotation = moments[..., :9, 9]
+        mean = cross[:, 9] / n
+        covariance = moments[..., :9, :9] - mean_rotation[..., :, None] * mean_rotation[..., None, :]
+        centred = cross[:, :9] / n[:, :, None] - mean_rotation[..., :, None] * mean[:, None, :]
+        mean_square = square / n
+        variance = np.maximum(mean_square - mean * mean, 0.0)
+        values, vectors = np.linalg.eigh(covariance)
+        kept = values > RANK_TOLERANCE * np.maximum(values[..., -1:], 1.0)
+        inverse_root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
+        target = (vectors * inverse_root[..., None, :]).swapaxes(-1, -2) @ centred
+        return cls(
+            Problems(covariance, np.ascontiguousarray(centred.transpose(1, 0, 2)), variance),
+            count,
+            mean_rotation,
+            mean,
+            np.sqrt(8.0 * np.finfo(float).eps * mean_square),
+            np.maximum(variance - np.square(target).sum(axis=1), 0.0),
+            np.broadcast_to(kept.sum(axis=-1), count.shape),
+        )
+
+    @property
+    def variance(self) -> Array:
+        """(m, 3) of the readings."""
+        return self.problems.variance
+
+
+@dataclass(frozen=True, eq=False)
+class Rivals:
+    """Other local minima than the best.
+
+    Attributes:
+        channel: whose, in separate fits; None: of all.
+        row: (L,) of which data set. field: (L, 3).
+        excess: (L, c) how much larger their mean square residuals are.
+    """
+
+    channel: int | None
+    row: Indices
+    field: Array
+    excess: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The best solutions of m data sets.
+
+    Attributes:
+        fields: (m, 3, 3), base frame. scaled_axes: (m, 3, 3) m_k, frame 6 [recorded unit].
+        mean_square: (m, 3) mean square residuals. noise: (m, 3) that the weights rest on.
+        converged: (m,). rivals: the other minima.
+    """
+
+    fields: Array
+    scaled_axes: Array
+    mean_square: Array
+    noise: Array
+    converged: Flags
+    rivals: tuple[Rivals, ...]
+
+
+def simultaneous(data: Centred, given: Array | None, weighting: Weighting) -> Optimum:
+    """One field for all three channels.
+
+    Args:
+        data: the data sets.
+        given: (m, 3) noise; None: from the residuals.
+        weighting: as of ``fit_sensor``.
+    """
+    if given is not None:
+        sigma = given
+    else:
+        left = (data.count - data.rank - 1)[:, None]
+        linear = np.maximum(np.sqrt(data.floor * data.count[:, None] / np.maximum(left, 1)), data.rounding)
+        sigma = np.where(left > data.rank[:, None], linear, np.sqrt(data.variance))
+    root = np.ones_like(sigma) if weighting == "equal" else 1.0 / np.maximum(sigma, 1e-300)
+    minima = local_minima(data.problems.weighted(root))
+    best = minima.best()
+    field, axes = minima.field[:, best], minima.scaled_axes[:, best] / root
+    mean_square, converged = minima.mean_square[best] / root**2, minima.converged[best].copy()
+    first_root = root
+    if given is None and weighting == "likelihood":
+        freedom = (data.count - PARAMETERS_OF["simultaneous"] / 3.0)[:, None]
+        moving = np.arange(len(root))
+        root = root.copy()
+        for _ in range(_MOST_WEIGHTS):
+            n = data.count[moving, None]
+            updated = 1.0 / np.maximum(mean_square[moving] * n / freedom[moving], data.rounding[moving] ** 2)
+            change = np.abs(np.log(updated / root[moving] ** 2)).max(axis=1)
+            root[moving] = np.sqrt(updated)
+            moving = moving[change >= _SETTLED]
+            if not moving.size:
+                break
+            part = data.problems.select(moving).weighted(root[moving])
+            again = descend(part, field[:, moving], moving)
+            field[:, moving], axes[:, moving] = again.field, again.scaled_axes / root[moving]
+            mean_square[moving], converged[moving] = again.mean_square / root[moving] ** 2, again.converged
+    rivals = _rivals(minima, minima.mean_square / first_root[minima.problem] ** 2, field, mean_square, None)
+    return Optimum(
+        np.repeat(field.T[:, None], 3, axis=1), axes.transpose(1, 2, 0), mean_square, 1.0 / root, converged, (rivals,)
+    )
+
+
+def separate(data: Centred) -> Optimum:
+    """Each channel by itself."""
+    problems = data.problems
+    m = len(data.mean)
+    minima: list[Minima] = []
+    for k in range(3):
+        one = Problems(problems.covariance, problems.cross[:, :, k : k + 1], problems.variance[:, k : k + 1])
+        minima.append(local_minima(one))
+    best = [found.best() for found in minima]
+    mean_square = np.stack([found.mean_square[row, 0] for found, row in zip(minima, best, strict=True)], axis=1)
+    fields = [found.field[:, row] for found, row in zip(minima, best, strict=True)]
+    return Optimum(
+        np.stack(fields, axis=1).transpose(2, 1, 0),
+        np.stack([found.scaled_axes[:, row, 0].T for found, row in zip(minima, best, strict=True)], axis=1),
+        mean_square,
+        np.ones((m, 3)),
+        np.all([found.converged[row] for found, row in zip(minima, best, strict=True)], axis=0),
+        tuple(
+            _rivals(found, found.mean_square, fields[k], mean_square[:, k : k + 1], k) for k, found in enumerate(minima)
+        ),
+    )
+
+
+def _rivals(minima: Minima, mean_square: Array, field: Array, best: Array, channel: int | None) -> Rivals:
+    """Those of the minima that are not the best: field (3, m), mean square residuals (m, c)."""
+    row = minima.problem
+    other = np.abs((minima.field * field[:, row]).sum(axis=0)) < 1.0 - _SAME
+    return Rivals(channel, row[other], minima.field[:, other].T, (mean_square - best[row])[other])

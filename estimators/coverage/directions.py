@@ -1,0 +1,95 @@
+"""The directions from which a sensor has seen the field, in its own frame, and what they are called."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators.calibration import SensorCalibration
+from estimators.fields import field_of
+from rig.errors import RigError
+from rig.recording import Recording
+from rig.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+Array = NDArray[np.float64]
+
+#: The axes, the diagonals of their planes and the space diagonals: the 26 neighbours of a cube.
+_NEIGHBOURS: Final = np.array(
+    [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)], dtype=float
+)
+_UNIT_NEIGHBOURS: Final = _NEIGHBOURS / np.sqrt(np.square(_NEIGHBOURS).sum(axis=1))[:, None]
+_NAMES: Final = tuple(
+    "".join(f"{'+' if step > 0 else '-'}{axis}" for step, axis in zip(row, "xyz", strict=True) if step)
+    for row in _NEIGHBOURS.tolist()
+)
+
+
+def directions_of(recording: Recording, sensor: str, calibration: SensorCalibration, arm: Arm | None = None) -> Array:
+    """The directions of the field in the sensor's frame, sample by sample.
+
+    With a pose they are R^T f, in frame 6; without one they are those of the calibrated readings, seen from the fitted
+    centre, so that a fit whose centre has run away sees all readings from one side.
+
+    Args:
+        recording: whose ``sensor`` was calibrated.
+        calibration: of it.
+        arm: for joint angles.
+
+    Returns:
+        (n, 3) unit vectors; zero where a reading lies in the fitted centre.
+
+    Raises:
+        RigError: as of ``Recording.rotations`` and ``estimators.fields.field_of``.
+    """
+    field = calibration.field_direction
+    known = recording.tool_quaternion is not None or (recording.q is not None and arm is not None)
+    if field is not None and known:
+        result = np.empty((3, len(recording)))
+        matrix = np.kron(field.vector, np.eye(3))  # vec R by rows -> R^T f
+        with one_blas_thread():
+            for rows, block in recording.rotation_blocks(arm):
+                np.matmul(matrix, block, out=result[:, rows])
+        return result.T
+    vectors = field_of(calibration, recording.readings(sensor), recording.units[sensor])
+    length = np.sqrt(np.square(vectors).sum(axis=1))
+    return np.asarray(vectors / np.where(length > 0.0, length, 1.0)[:, None])
+
+
+def spherical(vectors: ArrayLike) -> tuple[Array, Array, Array]:
+    """Magnitude, theta and phi, Camps (3), as written there: theta = arctan(sqrt(hx^2 + hy^2) / hz).
+
+    So theta lies in (-pi/2, pi/2]: from 0 at the +z pole up to pi/2 at the equator, then from -pi/2 at the equator up
+    to 0 at the -z pole. phi is the full azimuth in (-pi, pi], of which the quotient alone would know half.
+
+    Args:
+        vectors: (n, 3).
+
+    Returns:
+        (n,) magnitude, in the unit of the vectors; (n,) theta and (n,) phi [rad].
+    """
+    x, y, z = np.asarray(vectors, dtype=float).T
+    across = np.hypot(x, y)
+    theta = np.arctan2(across, z)
+    return np.hypot(across, z), np.where(theta > 0.5 * np.pi, theta - np.pi, theta), np.arctan2(y, x)
+
+
+def direction_name(direction: ArrayLike) -> str:
+    """The nearest of the 26 directions of a cube's faces, edges and corners: ``+x``, ``-x+z``, ``+x+y-z``, say.
+
+    Raises:
+        RigError: not a direction.
+    """
+    vector = np.asarray(direction, dtype=float)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise RigError(f"direction: found {vector.tolist()}, expected three numbers, not all zero")
+    return direction_names(vector[None])[0]
+
+
+def direction_names(directions: Array) -> list[str]:
+    """``direction_name`` of each of (n, 3) directions."""
+    return [_NAMES[number] for number in np.argmax(directions @ _UNIT_NEIGHBOURS.T, axis=1).tolist()]

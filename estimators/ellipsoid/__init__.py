@@ -1,0 +1,19 @@
+"""Attitude-free calibration: what the constant magnitude of a field tells of a triaxial sensor; Camps et al. (2009)."""
+
+from estimators.ellipsoid.alignment import Alignment, align
+from estimators.ellipsoid.assembly import assemble
+from estimators.ellipsoid.fit import EllipsoidFit, fit_ellipsoid
+from estimators.ellipsoid.levenberg import Start
+from estimators.ellipsoid.pipeline import AttitudeFree, Options, calibrate_attitude_free
+
+__all__ = [
+    "Alignment",
+    "AttitudeFree",
+    "EllipsoidFit",
+    "Options",
+    "Start",
+    "align",
+    "assemble",
+    "calibrate_attitude_free",
+    "fit_ellipsoid",
+]

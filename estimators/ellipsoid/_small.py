@@ -1,0 +1,41 @@
+"""Factorisations of matrices of three to ten rows.
+
+SciPy's bindings of LAPACK: NumPy's own functions, which serve stacks of matrices, take several times as long as the
+factorisation of one so small.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+Array = NDArray[np.float64]
+
+_lapack: Any = lapack
+_UPPER: Final = np.triu(np.ones((10, 10), dtype=bool))
+
+
+def eigh(matrix: Array) -> tuple[Array, Array]:
+    """Eigenvalues, ascending, and eigenvectors as columns, of a symmetric matrix; NaN where there are none."""
+    values, vectors, failed = _lapack.dsyev(matrix)
+    return (values, vectors) if failed == 0 else (np.full_like(values, np.nan), vectors)
+
+
+def inverse(matrix: Array) -> Array | None:
+    """Of a symmetric, positive definite matrix; None where it is not definite."""
+    factor, failed = _lapack.dpotrf(matrix)
+    if failed != 0:
+        return None
+    half, failed = _lapack.dpotri(factor)
+    if failed != 0:
+        return None
+    return np.asarray(np.where(_UPPER[: len(half), : len(half)], half, half.T))
+
+
+def solve(matrix: Array, right: Array) -> Array | None:
+    """Of a symmetric, positive definite system; None where it is not definite."""
+    _, solution, failed = _lapack.dposv(matrix, right)
+    return np.asarray(solution) if failed == 0 else None

@@ -1,0 +1,102 @@
+"""A first ellipsoid from products of monomials alone, without a start."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.ellipsoid._small import eigh, solve
+from estimators.ellipsoid.monomials import FREE, TERMS, multiply_out, noise_in_products
+from estimators.ellipsoid.shape import Ellipsoid, Quadric
+
+Array = NDArray[np.float64]
+
+_UNIT: Final = np.eye(3)
+#: The inverse of Li and Griffiths' constraint 4 J - I^2 > 0, in monomials x^2, y^2, z^2, xy, xz, yz.
+_LI_GRIFFITHS: Final = np.array(
+    [
+        [0.0, 0.5, 0.5, 0.0, 0.0, 0.0],
+        [0.5, 0.0, 0.5, 0.0, 0.0, 0.0],
+        [0.5, 0.5, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, -1.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, -1.0],
+    ]
+)
+
+
+def first_ellipsoid(
+    readings: Array, variances: Array, parameters: int, counts: Array | None = None
+) -> Ellipsoid | None:
+    """An ellipsoid near the best one, by a direct solution; None if the readings lie on none.
+
+    The plain algebraic fit with a constant of one about the mean of the readings, which lies inside; where noise makes
+    that another quadric, the one freed of its noise bias; and where that is none either, the constrained one.
+
+    Args:
+        readings: (n, 3) [recorded unit].
+        variances: (3,) of a sample's noise, up to a common factor.
+        parameters: 6 or 9.
+        counts: (n,) how many samples each reading is the mean of.
+    """
+    n = len(readings)
+    weight = np.ones(n) if counts is None else counts
+    middle = weight @ readings / weight.sum()
+    away = readings - middle
+    spread = math.sqrt(np.vdot(away, away) / n)
+    if not spread > 0.0:
+        return None
+    frame = Ellipsoid(middle, _UNIT / spread, _UNIT * spread)
+    rows = np.empty((TERMS, n))
+    rows[0] = 1.0
+    np.divide(away.T, spread, out=rows[1:4])
+    multiply_out(rows[1:])
+    rows = rows[: FREE[parameters].stop]
+    gram = rows @ rows.T if counts is None else (rows * counts) @ rows.T
+    plain = solve(gram[1:, 1:], gram[1:, 0])
+    found = None if plain is None else Quadric.of(frame, -1.0, plain)
+    if found is None:
+        first = np.zeros(TERMS)
+        first[: len(rows)] = rows.sum(axis=1)
+        noise = np.zeros(6)
+        noise[:3] = variances / spread**2
+        found = _ellipsoid(frame, adjusted(gram, noise_in_products(noise, first, 0.0)[0][: len(rows), : len(rows)]))
+    if found is None and parameters == 9:
+        found = _ellipsoid(frame, constrained(gram))
+    return None if found is None else found.ellipsoid
+
+
+def _ellipsoid(frame: Ellipsoid, coefficients: Array) -> Quadric | None:
+    return Quadric.of(frame, float(coefficients[0]), coefficients[1:])
+
+
+def adjusted(gram: Array, noise: Array) -> Array:
+    """The coefficients c with (gram - s noise) c = 0 for the smallest s > 0: the noise variance is found with them.
+
+    To second order in the noise the adjusted least squares of Markovsky et al. with unknown variance, which is
+    "HyperLS" of Kanatani and Rangarajan, "Hyper least squares fitting of circles and ellipses" (2011).
+
+    Args:
+        gram: (p, p) summed products. noise: (p, p) what noise of unit variance adds to them.
+    """
+    values, vectors = eigh(gram)
+    # Without noise the smallest eigenvalue is rounding, of either sign.
+    root = vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1]))
+    inner = eigh(root.T @ noise @ root)[1][:, -1]
+    return np.asarray(root @ inner)
+
+
+def constrained(gram: Array) -> Array:
+    """The ellipsoid-specific fit of Li and Griffiths, "Least squares ellipsoid specific fitting" (2004).
+
+    Always an ellipsoid, but biased by noise; a start where the adjusted fit is another quadric.
+    """
+    quadratic, rest = slice(4, 10), slice(0, 4)
+    back = np.linalg.lstsq(gram[rest, rest], gram[rest, quadratic], rcond=None)[0]
+    reduced = gram[quadratic, quadratic] - gram[quadratic, rest] @ back
+    values, vectors = np.linalg.eig(_LI_GRIFFITHS @ reduced)
+    leading = np.real(vectors[:, np.argmax(np.real(values))])
+    return np.concatenate([-back @ leading, leading])

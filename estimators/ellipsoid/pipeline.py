@@ -1,0 +1,241 @@
+"""From a recording without attitude to the calibration of its sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.calibration import SensorCalibration
+from estimators.ellipsoid.alignment import Alignment, align
+from estimators.ellipsoid.assembly import assemble
+from estimators.ellipsoid.fit import EllipsoidFit, Parameters, fit_ellipsoid
+from estimators.ellipsoid.levenberg import Start
+from estimators.stillness import average_poses, find_still
+from rig.channels import ACCELEROMETER, MAGNETOMETER
+from rig.errors import RefusedFit, RigError, unknown_name
+from rig.recording import Metadata, Recording, RecordingScan
+
+Array = NDArray[np.float64]
+Rest = Literal["auto", "all", "poses"]
+Floor = tuple[Array, Array]
+
+#: What ``rest`` may be.
+RESTS: Final[tuple[Rest, ...]] = ("auto", "all", "poses")
+#: Samples of a file that are fitted. More would sharpen nothing that matters, as what limits a calibration of so many
+#: readings is not their noise, and this many fit into memory whatever the file's length.
+MOST_SAMPLES: Final = 1 << 22
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to calibrate without attitude.
+
+    Attributes:
+        parameters: 6, Camps (1), or 9, Camps (6).
+        relative: take the fields' magnitudes to be one, whatever the metadata say.
+        robust: leave out outliers.
+        rest: of the accelerometer "auto" takes the poses in which it is at rest if there are enough of them, and all
+            samples otherwise; "poses" and "all" insist.
+        start: sensor -> where the paper's own estimator starts, to be used instead.
+        common_frame: bring both sensors into the accelerometer's frame.
+        field_points: where the magnetic field points, as of ``alignment.align``.
+
+    Raises:
+        RigError: an unknown option.
+    """
+
+    parameters: Parameters = 9
+    relative: bool = False
+    robust: bool = True
+    rest: Rest = "auto"
+    start: Mapping[str, Start] = field(default_factory=dict)
+    common_frame: bool = True
+    field_points: Literal["down", "up"] | None = None
+
+    def __post_init__(self) -> None:
+        if self.rest not in RESTS:
+            raise unknown_name("rest", str(self.rest), RESTS)
+        if self.field_points not in (None, "down", "up"):
+            raise unknown_name("field_points", str(self.field_points), ("down", "up"))
+        if self.parameters not in (6, 9):
+            raise RigError(f"parameters: found {self.parameters}, expected 6 or 9")
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeFree:
+    """What a recording without attitude tells.
+
+    Attributes:
+        sensors: by name.
+        extra: for ``Calibration.extra``: ``alignment`` of the two frames, or why there is none.
+    """
+
+    sensors: dict[str, SensorCalibration]
+    extra: dict[str, Any]
+
+
+def calibrate_attitude_free(
+    source: Recording | RecordingScan,
+    sensors: Sequence[str],
+    floors: Mapping[str, Floor | None] | None = None,
+    noise_source: str = "given",
+    options: Options | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> AttitudeFree:
+    """Calibrate each sensor by the magnitude of its field, and bring both into one frame.
+
+    Args:
+        source: a recording whose pose, if it has one, is not used; means over poses if its metadata hold the counts as
+            ``pose_samples`` (``estimators.stillness``).
+        sensors: which of the recorded ones.
+        floors: sensor -> noise of a sample and its own standard deviation, (3,) each [recorded unit]; None: from the
+            residuals.
+        noise_source: where the floors come from.
+        options: None: the default ones.
+        progress: called with the number of samples of every batch that is read.
+
+    Raises:
+        RigError: fewer readings than parameters.
+        RefusedFit: the readings cannot determine the parameters, or the sensor is never at rest.
+    """
+    chosen = Options() if options is None else options
+    recording = source if isinstance(source, Recording) else _read(source, progress)
+    where = recording.origin or recording.name
+    counts = _counts(recording)
+    notes: dict[str, tuple[str, ...]] = {}
+    still: tuple[Recording, Array] | None = None
+    if ACCELEROMETER in sensors and counts is None and chosen.rest != "all":
+        still, note = _at_rest(recording, chosen)
+        notes[ACCELEROMETER] = note
+    fits: dict[str, EllipsoidFit] = {}
+    results: dict[str, SensorCalibration] = {}
+    for sensor in sensors:
+        used, number = (recording, counts) if still is None or sensor != ACCELEROMETER else still
+        floor = None if floors is None else floors.get(sensor)
+        fits[sensor] = fit_ellipsoid(
+            used.readings(sensor),
+            1.0 if chosen.relative else _magnitude(recording.metadata, sensor),
+            parameters=chosen.parameters,
+            noise=None if floor is None else floor[0],
+            counts=None if sensor in chosen.start else number,
+            start=chosen.start.get(sensor),
+            robust=chosen.robust,
+            name=f"{where}: {sensor}",
+        )
+    aligned, extra = _aligned(fits, recording if still is None else still[0], chosen)
+    if progress is not None and isinstance(source, Recording):
+        progress(len(source))
+    for sensor, fit in fits.items():
+        used, number = (recording, counts) if still is None or sensor != ACCELEROMETER else still
+        floor = None if floors is None else floors.get(sensor)
+        made = assemble(
+            fit,
+            used.readings(sensor),
+            unit=recording.units[sensor],
+            noise_source=noise_source,
+            floor_std=None if floor is None else floor[1],
+            counts=None if sensor in chosen.start else number,
+            R_common_own=None if aligned is None or sensor != MAGNETOMETER else aligned.R_accelerometer_magnetometer,
+        )
+        results[sensor] = _noted(made, notes.get(sensor, ()))
+    return AttitudeFree(results, extra)
+
+
+def _magnitude(metadata: Metadata, sensor: str) -> float:
+    return metadata.gravity_m_s2 if sensor == ACCELEROMETER else metadata.magnetic_field
+
+
+def _counts(recording: Recording) -> Array | None:
+    """(n,) how many samples each is the mean of, if the recording was averaged over poses."""
+    counts = recording.metadata.extra.get("pose_samples")
+    if not isinstance(counts, list) or len(counts) != len(recording):
+        return None
+    return np.asarray(counts, dtype=float)
+
+
+def _at_rest(recording: Recording, options: Options) -> tuple[tuple[Recording, Array] | None, tuple[str, ...]]:
+    """The means over the poses in which the accelerometer is at rest with their counts, and what to say about it."""
+    try:
+        poses = average_poses(recording, find_still(recording, sensors=[ACCELEROMETER]))
+    except RigError as error:
+        if options.rest == "poses":
+            raise
+        found = "it is never at rest" if isinstance(error, RefusedFit) else "it is too short to tell when it is at rest"
+        return None, (f"{found}: all samples were taken, as if gravity alone had acted",)
+    if len(poses) <= options.parameters:
+        if options.rest == "poses":
+            raise RefusedFit(
+                f"{recording.origin or recording.name}: {ACCELEROMETER}: at rest in {len(poses)} poses, expected more"
+                f" than the {options.parameters} parameters"
+            )
+        return None, (
+            f"it is at rest in {len(poses)} poses only: all samples were taken, as if gravity alone had acted",
+        )
+    return (poses.recording, poses.counts.astype(float)), ()
+
+
+def _aligned(
+    fits: Mapping[str, EllipsoidFit], recording: Recording, options: Options
+) -> tuple[Alignment | None, dict[str, Any]]:
+    """The alignment of both sensors' frames, and what to say about it."""
+    if not options.common_frame or set(fits) != {ACCELEROMETER, MAGNETOMETER}:
+        return None, {}
+    accelerometer, magnetometer = fits[ACCELEROMETER], fits[MAGNETOMETER]
+    try:
+        found = align(
+            accelerometer,
+            magnetometer,
+            recording.readings(ACCELEROMETER),
+            recording.readings(MAGNETOMETER),
+            options.field_points,
+        )
+    except RefusedFit as refused:
+        return None, {"alignment": {"refused": str(refused)}}
+    return found, {"alignment": found.to_json()}
+
+
+def _noted(calibration: SensorCalibration, notes: tuple[str, ...]) -> SensorCalibration:
+    if not notes:
+        return calibration
+    quality = calibration.quality
+    return replace(calibration, quality=replace(quality, warnings=(*quality.warnings, *notes)))
+
+
+def _read(scan: RecordingScan, progress: Callable[[int], None] | None) -> Recording:
+    """A file in memory: all of it, or every so many samples if there are more than ``MOST_SAMPLES``."""
+    kept: list[Recording] = []
+    step = 1
+    total = row = 0
+    for batch in scan:
+        first = -row % step
+        if first < len(batch):
+            kept.append(batch.select(slice(first, None, step)))
+            total += len(kept[-1])
+        row += len(batch)
+        if progress is not None:
+            progress(len(batch))
+        if total > MOST_SAMPLES:
+            kept = [_joined(kept, 2)]
+            total, step = len(kept[0]), 2 * step
+    joined = _joined(kept, 1)
+    rate = joined.metadata.rate_Hz
+    return replace(joined, metadata=replace(joined.metadata, rate_Hz=None if rate is None else rate / step))
+
+
+def _joined(parts: list[Recording], step: int) -> Recording:
+    """Time and readings of successive recordings, every ``step``-th sample."""
+    first = parts[0]
+    readings = {sensor: np.concatenate([part.readings(sensor) for part in parts])[::step] for sensor in first.sensors}
+    return Recording(
+        t=np.concatenate([part.t for part in parts])[::step],
+        accelerometer=readings.get(ACCELEROMETER),
+        magnetometer=readings.get(MAGNETOMETER),
+        units=first.units,
+        metadata=first.metadata,
+        name=first.name,
+        origin=first.origin,
+    )

@@ -1,0 +1,82 @@
+"""How far readings lie from an ellipsoid, and what noise of each channel that shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.ellipsoid._small import eigh
+from estimators.ellipsoid.shape import Ellipsoid
+
+Array = NDArray[np.float64]
+
+#: No channel is believed to be so much quieter than the mean, in variance: residuals hardly show it.
+_QUIETEST: Final = 0.02
+#: Beyond this condition the directions do not tell the channels apart.
+_CONDITION: Final = 300.0
+#: The regression is weighted once more where the variances differ by more than this.
+_ALIKE: Final = 2.0
+_ONES: Final = np.ones(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Squared distances of readings from an ellipsoid, to first order.
+
+    With m the normal of the ellipsoid at a reading, scaled so that m . (V - V') is the distance on the unit sphere, and
+    s_k the variances of the channels' noise, the squared distance has the expectation sum s_k m_k^2 / count.
+
+    Attributes:
+        squared: (n,) distances on the unit sphere, squared, times the count.
+        normal: (3, n) squared components of m [1 / recorded unit squared].
+    """
+
+    squared: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, readings: Array, ellipsoid: Ellipsoid, counts: Array | None = None) -> Self:
+        """Of readings (n, 3) [recorded unit], which are means of ``counts`` (n,) samples."""
+        y = ellipsoid.whitening @ readings.T
+        y -= (ellipsoid.whitening @ ellipsoid.center)[:, None]
+        normal = ellipsoid.whitening @ y
+        normal *= normal
+        y *= y
+        square = _ONES @ y
+        squared = square - 1.0
+        squared *= squared
+        squared *= square
+        squared *= 0.25
+        if counts is not None:
+            squared *= counts
+        return cls(squared, normal)
+
+    def over(self, variances: Array) -> Array:
+        """(n,) squared distances over their expectations, for variances (3,) of the noise [recorded unit squared]."""
+        return np.asarray(self.squared / (variances @ self.normal))
+
+    def variances(self) -> Array | None:
+        """(3,) of each channel's noise [recorded unit squared]; None where the readings do not tell.
+
+        A regression of the squared distances on the squared normals, weighted by what they are expected to be.
+        """
+        plain = _ONES @ self.normal
+        mean = float(self.squared.sum() / plain.sum())
+        if not mean > 0.0:
+            return None
+        variances = np.full(3, mean)
+        for _ in range(2):
+            expected = variances @ self.normal
+            scaled = self.normal / expected
+            matrix = scaled @ scaled.T
+            values, vectors = eigh(matrix)
+            if values[2] > _CONDITION * values[0]:
+                return None
+            variances = (vectors / values) @ (scaled @ (self.squared / expected) @ vectors)
+            variances = np.maximum(variances, _QUIETEST * mean)
+            if variances.max() < _ALIKE * variances.min():
+                break
+        return np.asarray(variances)

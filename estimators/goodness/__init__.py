@@ -1,0 +1,39 @@
+"""Is a calibration good? What its recording says about that, and how to calibrate in spite of outliers."""
+
+from estimators.goodness.by_direction import ByDirection, by_direction
+from estimators.goodness.hold_out import HoldOut, hold_out
+from estimators.goodness.judgement import Goodness, is_it_good, judged
+from estimators.goodness.optimum import Transfer, at_optimum
+from estimators.goodness.outliers import Outliers, efficiency, outliers
+from estimators.goodness.readings import Clipped, Repeats, clipped, repeats
+from estimators.goodness.residuals import Residuals, residuals_of
+from estimators.goodness.robust import Rejection, reject_outliers, robust_calibrate
+from estimators.goodness.sampling import thinned
+from estimators.goodness.whiteness import Whiteness, whiteness
+
+__all__ = [
+    "ByDirection",
+    "Clipped",
+    "Goodness",
+    "HoldOut",
+    "Outliers",
+    "Rejection",
+    "Repeats",
+    "Residuals",
+    "Transfer",
+    "Whiteness",
+    "at_optimum",
+    "by_direction",
+    "clipped",
+    "efficiency",
+    "hold_out",
+    "is_it_good",
+    "judged",
+    "outliers",
+    "reject_outliers",
+    "repeats",
+    "residuals_of",
+    "robust_calibrate",
+    "thinned",
+    "whiteness",
+]

@@ -1,0 +1,132 @@
+"""Does the calibration predict readings it has not seen?
+
+The recording is cut into blocks of time. For each, the fit is moved to where it would be without the block and without
+guard gaps on either side (one Gauss-Newton step, exact to the extent that the model is linear over the change), and the
+block's residuals are taken from there. Successive samples know of each other, hence blocks with gaps, not single
+samples.
+
+How much larger they get has a known distribution when the model is right: with the block's score s and the guards' g,
+the shift is -M (s + g), M the inverse information of the rest, so that the increase of the sum of squares is a
+quadratic form in (s, g), whose covariance also follows from the information.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.goodness.optimum import inverted, unit_scale
+from estimators.goodness.quadratic_form import tail_probability
+from estimators.goodness.residuals import Part, Residuals
+
+Array = NDArray[np.float64]
+
+BLOCKS: Final = 10
+#: The share of a block that is left out on either side of it.
+GUARD: Final = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class HoldOut:
+    """Residuals of blocks that were not fitted.
+
+    Attributes:
+        blocks: how many could be left out. alone: those that could not, as they alone determine some parameter.
+        ratio: RMS of the residuals when held out over that when fitted.
+        p_value: of the block that is predicted worst, for as many blocks as there are.
+        worst_s: begin and end of that block [s].
+        block_p_values: of each block; NaN for those that could not be left out.
+    """
+
+    blocks: int
+    alone: tuple[int, ...]
+    ratio: float
+    p_value: float
+    worst_s: tuple[float, float]
+    block_p_values: Array
+
+    def to_json(self) -> dict[str, Any]:
+        """A JSON object."""
+        return {
+            "blocks": self.blocks,
+            "alone": list(self.alone),
+            "ratio": self.ratio,
+            "p_value": self.p_value,
+            "worst_s": list(self.worst_s),
+        }
+
+
+def hold_out(residuals: Residuals, blocks: int = BLOCKS) -> HoldOut | None:
+    """Leave out block after block.
+
+    Args:
+        residuals: of a sensor, at the optimum of their own samples (``at_optimum``).
+        blocks: how many.
+
+    Returns:
+        None where the recording is too short, or every block is needed.
+    """
+    n = len(residuals)
+    if n < 2 * blocks:
+        return None
+    edges = np.linspace(0, n, blocks + 1).round().astype(int)
+    guard = int(GUARD * (n // blocks))
+    inner = np.stack([edges[:-1] + guard, edges[1:] - guard], axis=1)
+    cuts = [*np.concatenate([edges[:-1, None], inner], axis=1).ravel().tolist(), n]
+    parts = [residuals.part(first, stop) for first, stop in pairwise(cuts)]
+    total = _sum(parts)
+    scale = unit_scale(total.information)
+    full = inverted(total.information, scale)
+    fitted = held = 0.0
+    p_values = np.full(blocks, np.nan)
+    for block in range(blocks):
+        own = _sum(parts[3 * block : 3 * block + 3])
+        guards = _sum([parts[i] for i in (3 * block - 1, 3 * block + 3) if 0 <= i < len(parts)])
+        rest = total.information - own.information - guards.information
+        inverse = None if full is None else inverted(rest, scale)
+        if inverse is None or full is None:
+            continue
+        increase, p_values[block] = _increase(own, guards, inverse, full)
+        fitted += own.square
+        held += own.square + increase
+    told = np.isfinite(p_values)
+    if not told.any() or fitted <= 0.0:
+        return None
+    worst = int(np.nanargmin(p_values))
+    t = residuals.t
+    return HoldOut(
+        int(told.sum()),
+        tuple(int(block) for block in np.flatnonzero(~told)),
+        float(np.sqrt(held / fitted)),
+        min(1.0, int(told.sum()) * float(p_values[worst])),
+        (float(t[edges[worst]]), float(t[edges[worst + 1] - 1])),
+        p_values,
+    )
+
+
+def _sum(parts: list[Part]) -> Part:
+    return Part(
+        np.asarray(sum(part.information for part in parts)),
+        np.asarray(sum(part.score for part in parts)),
+        sum(part.square for part in parts),
+    )
+
+
+def _increase(own: Part, guards: Part, inverse: Array, full: Array) -> tuple[float, float]:
+    """By how much a block's sum of squares grows when it is held out, and the probability of as much or more."""
+    moved = inverse @ (own.score + guards.score)
+    increase = float(2.0 * own.score @ moved + moved @ own.information @ moved)
+    p = len(full)
+    both = np.zeros((2 * p, 2 * p))  # the information of block and guards ..
+    both[:p, :p], both[p:, p:] = own.information, guards.information
+    stacked = np.vstack([own.information, guards.information])
+    covariance = both - stacked @ full @ stacked.T  # .. less what the fit has taken: the covariance of the scores
+    form = np.tile(inverse @ own.information @ inverse, (2, 2))
+    form[:p, :p] += 2.0 * inverse
+    form[:p, p:] += inverse
+    form[p:, :p] += inverse
+    return increase, tail_probability(form, covariance, increase)

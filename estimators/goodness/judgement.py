@@ -1,0 +1,274 @@
+"""Is it good? Every test of a calibration in one answer, in words and as data."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from estimators.calibration import Calibration, SensorCalibration
+from estimators.coverage.seen import Coverage, coverage
+from estimators.goodness.by_direction import ByDirection, by_direction
+from estimators.goodness.hold_out import HoldOut, hold_out
+from estimators.goodness.optimum import Transfer, at_optimum
+from estimators.goodness.outliers import Outliers, outliers
+from estimators.goodness.readings import Clipped, Repeats, clipped, repeats
+from estimators.goodness.residuals import Residuals, residuals_of, selected
+from estimators.goodness.sampling import thinned
+from estimators.goodness.whiteness import Whiteness, whiteness
+from estimators.goodness.words import reasons, remarks
+from estimators.stillness import still_poses
+from rig.channels import ACCELEROMETER
+from rig.errors import RigError
+from rig.recording import Recording, read_recording
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+Array = NDArray[np.float64]
+
+#: Samples that are looked at: more of them make no test that matters sharper.
+MOST_SAMPLES: Final = 1 << 20
+#: Two ways to the same sum of squares agree to this.
+_SAME: Final = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Goodness:
+    """The answer for one sensor.
+
+    Attributes:
+        sensor: which one.
+        reasons: why it is not good; none where it is.
+        remarks: what else to know.
+        chi_square: against a noise floor, as of ``Quality``; None without a floor.
+        condition: of the Fisher information; infinite where something cannot be told.
+        transfer: whether the calibration's parameters are the recording's; None where these samples cannot tell.
+        coverage, by_direction, hold_out, whiteness, repeats, clipped, outliers: each test's result; None where the
+            recording is too short for it.
+        left_out: outliers that the estimator says it has left out.
+        samples: that were looked at.
+    """
+
+    sensor: str
+    reasons: tuple[str, ...]
+    remarks: tuple[str, ...]
+    chi_square: Mapping[str, Any] | None
+    condition: float
+    transfer: Transfer | None
+    coverage: Coverage
+    by_direction: ByDirection | None
+    hold_out: HoldOut | None
+    whiteness: Whiteness
+    repeats: Repeats
+    clipped: Clipped
+    outliers: Outliers
+    left_out: int
+    samples: int
+
+    @property
+    def good(self) -> bool:
+        """Whether the estimates and their standard deviations can be relied upon."""
+        return not self.reasons
+
+    @property
+    def verdict(self) -> str:
+        """``good: ..`` or ``not good: because ..``."""
+        if self.reasons:
+            return f"not good: because {'; '.join(self.reasons)}"
+        return f"good: {'; '.join(self.remarks)}"
+
+    def __str__(self) -> str:
+        """One line."""
+        return f"{self.sensor}: {self.verdict}"
+
+    def to_json(self) -> dict[str, Any]:
+        """What the calibration's JSON holds besides its quality."""
+        return {
+            "good": self.good,
+            "verdict": self.verdict,
+            "remarks": list(self.remarks),
+            "samples": self.samples,
+            "transfer": None if self.transfer is None else self.transfer.to_json(),
+            "by_direction": None if self.by_direction is None else self.by_direction.to_json(),
+            "hold_out": None if self.hold_out is None else self.hold_out.to_json(),
+            "whiteness": self.whiteness.to_json(),
+        }
+
+
+def is_it_good(
+    run: Recording | str | os.PathLike[str],
+    calibration: Calibration,
+    arm: Arm | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    at_most: int = MOST_SAMPLES,
+) -> dict[str, Goodness]:
+    """Ask a recording whether a calibration is good: its own, or another one's.
+
+    Args:
+        run: the recording, or its file, of which stretches are read.
+        calibration: made from it, or from an earlier one.
+        arm: for joint angles; None: the A465 where the calibration names it.
+        limits: sensor -> lowest and highest possible reading [recorded unit].
+        at_most: samples to look at, spread evenly in stretches.
+
+    Raises:
+        RigError: as of ``residuals_of``, or the file cannot be read.
+    """
+    recording = thinned(run, at_most)
+    used = _arm(calibration, arm)
+    found: dict[str, Goodness] = {}
+    for sensor in recording.sensors:
+        if sensor in calibration.sensors:
+            own = calibration[sensor]
+            still = None if own.axes or sensor != ACCELEROMETER else at_rest(run, own)
+            data = Data(
+                recording.readings(sensor),
+                recording if still is None else still,
+                (run if isinstance(run, Recording) else recording).name == calibration.recording,
+                None if limits is None else limits.get(sensor),
+            )
+            found[sensor] = _judge(data, sensor, own, used)
+    return found
+
+
+def judged(
+    run: Recording | str | os.PathLike[str],
+    calibration: Calibration,
+    arm: Arm | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    at_most: int = MOST_SAMPLES,
+) -> Calibration:
+    """The calibration with ``is_it_good`` written into it: ``quality``, and the rest under the key ``goodness``.
+
+    The reasons are added to the quality's warnings. Arguments as of ``is_it_good``.
+    """
+    found = is_it_good(run, calibration, arm, limits, at_most)
+    sensors = dict(calibration.sensors)
+    for sensor, goodness in found.items():
+        own = sensors[sensor]
+        known = own.quality.warnings
+        quality = replace(
+            own.quality,
+            chi_square=own.quality.chi_square if own.quality.chi_square is not None else goodness.chi_square,
+            coverage=_merged(own.quality.coverage, goodness.coverage.to_json()),
+            repeats=_merged(own.quality.repeats, goodness.repeats.to_json()),
+            clipped=goodness.clipped.to_json(),
+            outliers={**goodness.outliers.to_json(), "left_out": goodness.left_out},
+            warnings=(*known, *(reason for reason in goodness.reasons if reason not in known)),
+        )
+        sensors[sensor] = replace(own, quality=quality, extra={**own.extra, "goodness": goodness.to_json()})
+    return replace(calibration, sensors=sensors)
+
+
+def _arm(calibration: Calibration, arm: Arm | None) -> Arm | None:
+    if arm is not None or calibration.arm != "a465":
+        return arm
+    from rig.arm import Arm  # brings MuJoCo with it: only where it is needed
+
+    return Arm.a465()
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """What a sensor's calibration is held against.
+
+    Attributes:
+        readings: (n, 3) as they were recorded.
+        recording: whose residuals count: the same, or means over the poses in which an accelerometer was at rest.
+        own: whether the calibration seems to come from it, by its name.
+        limits: of a reading, where they are known [recorded unit].
+    """
+
+    readings: Array
+    recording: Recording
+    own: bool
+    limits: tuple[float, float] | None
+
+
+def _judge(data: Data, sensor: str, calibration: SensorCalibration, arm: Arm | None) -> Goodness:
+    recording = data.recording
+    if calibration.axes and recording.tool_quaternion is not None and recording.q is not None and arm is None:
+        recording = replace(recording, q=None)
+    given = residuals_of(recording, sensor, calibration, arm)
+    odd = outliers(given)
+    left_out = left_out_by(calibration)
+    if left_out and len(odd.rows):  # as the calibration has left them out
+        rest = np.ones(len(recording), dtype=bool)
+        rest[odd.rows] = False
+        given = residuals_of(selected(recording, rest), sensor, calibration, arm)
+    residuals, transfer = at_optimum(given, calibration.samples)
+    goodness = Goodness(
+        sensor,
+        (),
+        (),
+        _against_floor(given, calibration, data.own),
+        calibration.quality.condition,
+        transfer,
+        coverage(residuals.directions),
+        by_direction(residuals),
+        hold_out(residuals),
+        whiteness(residuals),
+        repeats(data.readings, calibration.noise),
+        clipped(data.readings, calibration.noise, data.limits),
+        odd,
+        left_out,
+        len(data.readings),
+    )
+    return replace(goodness, reasons=tuple(reasons(goodness, calibration)), remarks=tuple(remarks(goodness)))
+
+
+def at_rest(run: Recording | str | os.PathLike[str], calibration: SensorCalibration) -> Recording | None:
+    """The means over the poses that an attitude-free calibration of an accelerometer comes from.
+
+    None where it comes from all samples, or no poses are found.
+    """
+    recording = run if isinstance(run, Recording) else read_recording(run)
+    if calibration.samples >= len(recording) or "pose_samples" in recording.metadata.extra:
+        return None
+    try:
+        return still_poses(recording, sensors=(ACCELEROMETER,)).recording
+    except RigError:
+        return None
+
+
+def left_out_by(calibration: SensorCalibration) -> int:
+    """How many outliers the estimator, or ``robust_calibrate``, says it has left out."""
+    known = calibration.quality.outliers
+    if not isinstance(known, dict):
+        return 0
+    return int(known.get("left_out") or (0 if "expected" in known else known.get("count") or 0))
+
+
+def _merged(known: Any, found: dict[str, Any]) -> dict[str, Any]:
+    return {**known, **found} if isinstance(known, dict) else found
+
+
+def _against_floor(residuals: Residuals, calibration: SensorCalibration, own: bool) -> Mapping[str, Any] | None:
+    """The estimator's, which knows how well the floor is known, if it is of these samples; else made anew."""
+    known = calibration.quality.chi_square
+    if not residuals.sigma_given:
+        return known if own else None
+    found = _chi_square(residuals)
+    if known is None or not own:
+        return found
+    thinner = residuals.readings < calibration.samples
+    return known if thinner or abs(known["value"] / found["value"] - 1.0) < _SAME else found
+
+
+def _chi_square(residuals: Residuals) -> dict[str, Any]:
+    """Of the residuals against a given noise, where the estimator has not done it."""
+    per_channel = np.square(residuals.standardised).sum(axis=0)
+    freedom = float(residuals.values.size - residuals.parameters)
+    each = freedom / len(per_channel)
+    return {
+        "value": float(per_channel.sum()),
+        "degrees_of_freedom": freedom,
+        "p_value": float(chdtrc(freedom, float(per_channel.sum()))),
+        "residual_over_floor": [float(ratio) for ratio in np.sqrt(per_channel / each)],
+    }

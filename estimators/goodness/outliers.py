@@ -1,0 +1,106 @@
+"""Readings that no noise explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, pdtrc, stdtr
+
+from estimators.goodness.residuals import Residuals
+
+Array = NDArray[np.float64]
+
+#: Readings farther from the model than so many standard deviations are outliers: 1 in 1.7 million Gaussian ones.
+CUT: Final = 5.0
+#: Median absolute deviation of a unit normal.
+_MAD: Final = 0.6744897501960817
+_SIGNIFICANT: Final = 1e-4
+_SHOWN: Final = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Outliers:
+    """The outliers of a recording.
+
+    Attributes:
+        rows: (m,) samples with one, ascending.
+        count: readings, of all channels. expected: in Gaussian noise.
+        scale: (k,) the standard deviation they are held against, robust (by the median) [of the residuals].
+        largest: the largest residual in these.
+        significant: more than chance explains (false alarms: 1e-4).
+        pull: how far they move the mean of a channel, in standard errors of it: the largest of the channels.
+        times_s: of the first twenty [s].
+    """
+
+    rows: NDArray[np.intp]
+    count: int
+    expected: float
+    scale: Array
+    largest: float
+    significant: bool
+    pull: float
+    times_s: tuple[float, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """What a calibration's quality holds of it."""
+        return {
+            "count": self.count,
+            "samples": len(self.rows),
+            "expected": self.expected,
+            "largest_sigmas": self.largest,
+            "pull_sigmas": self.pull,
+            "significant": self.significant,
+            "times_s": list(self.times_s),
+        }
+
+
+def outliers(residuals: Residuals, cut: float = CUT) -> Outliers:
+    """Look for residuals beyond ``cut`` robust standard deviations.
+
+    They are significant if they are more than Gaussian noise has, and if the farthest is too far for Student's
+    distribution on what is left (Bonferroni): of few readings the median deviation is a poor scale.
+    """
+    z = residuals.standardised
+    spread = robust_scale(z)
+    ratio = np.abs(z) / spread
+    out = ratio > cut
+    rows = np.flatnonzero(out.any(axis=1))
+    count = int(out.sum())
+    expected = z.size * 2.0 * float(ndtr(-cut))
+    left = z[~out]
+    freedom = max(1.0, float(left.size - residuals.parameters))
+    scatter = max(float(np.sqrt(np.square(left).sum() / freedom)), np.finfo(float).tiny)
+    farthest = 2.0 * z.size * float(stdtr(freedom, -float(np.abs(z).max()) / scatter))
+    significant = count > 0 and max(farthest, float(pdtrc(count - 1, expected))) < _SIGNIFICANT
+    with np.errstate(invalid="ignore"):
+        pull = np.abs(np.where(out, z, 0.0).sum(axis=0)) / (spread * np.sqrt(len(z)))
+    scale = spread * residuals.sigma if residuals.sigma.ndim == 1 else spread * residuals.sigma.mean(axis=0)
+    return Outliers(
+        rows,
+        count,
+        expected,
+        np.asarray(scale),
+        float(ratio.max()),
+        significant,
+        float(pull.max()),
+        tuple(float(value) for value in residuals.t[rows[:_SHOWN]]),
+    )
+
+
+def robust_scale(values: ArrayLike) -> Array:
+    """(k,) standard deviation of (n, k) from the median absolute value; half of them may be anything."""
+    middle = np.median(np.abs(np.asarray(values, dtype=float)), axis=0)
+    return np.asarray(np.maximum(middle / _MAD, np.finfo(float).tiny))
+
+
+def efficiency(cut: float) -> float:
+    """What leaving out residuals beyond ``cut`` costs where none is an outlier: the full fit's variance over its own.
+
+    For Gaussian noise, the asymptotic efficiency of hard rejection (F. Hampel et al., "Robust Statistics", 1986):
+    P(|x| < c) - 2 c phi(c); 99.996 % at five standard deviations, 99.9 % at four, 97 % at three.
+    """
+    density = np.exp(-0.5 * cut * cut) / np.sqrt(2.0 * np.pi)
+    return float(1.0 - 2.0 * ndtr(-cut) - 2.0 * cut * density)

@@ -1,0 +1,108 @@
+"""The verdict in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.calibration import SensorCalibration
+from estimators.goodness.readings import summary_of
+from rig.channels import CHANNELS_OF
+
+if TYPE_CHECKING:
+    from estimators.goodness.judgement import Goodness
+
+#: A test that a good calibration fails once in ten thousand: with the four that have p-values, and the three readings
+#: tests at 1e-4 or below, a good one is called not good less than once in a thousand times.
+P_VALUE_LIMIT: Final = 1e-4
+#: Beyond this the last digits of the readings decide the answer.
+CONDITION_LIMIT: Final = 1e6
+
+
+def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
+    """Why it is not good."""
+    told: list[str] = []
+    untold = [name for name, told in calibration.identifiable.items() if told is not True and "deg" not in name]
+    if untold or not np.isfinite(calibration.covariance.diagonal()).any():
+        told.append(f"{', '.join(untold) or 'the parameters'} cannot be told from these orientations")
+    if found.condition > CONDITION_LIMIT and np.isfinite(found.condition):
+        told.append(f"the orientations tell the parameters apart badly (condition {found.condition:.1e})")
+    if found.clipped.count:
+        names = CHANNELS_OF[found.sensor]
+        ends = {
+            f"{name} at {end:g}": count
+            for side, values in ((found.clipped.low, found.clipped.lowest), (found.clipped.high, found.clipped.highest))
+            for name, count, end in zip(names, side, values, strict=True)
+        }
+        told.append(f"readings are clipped ({summary_of(ends)})")
+    if found.repeats.significant:
+        share, longest, held = found.repeats.share, found.repeats.longest, found.repeats.held
+        told.append(
+            f"{100.0 * share:.2g} % of the readings repeat the one before (up to {longest} in a row): the standard"
+            f" deviations are too small by a factor of {np.sqrt(held):.2f}"
+        )
+    if found.transfer is not None and found.transfer.p_value < P_VALUE_LIMIT:
+        told.append(
+            f"the calibration is not this recording's: its parameters have moved (chi-square"
+            f" {found.transfer.chi_square:.3g} of {found.transfer.parameters} degrees, {_p(found.transfer.p_value)})"
+        )
+    if found.outliers.significant and not found.left_out:
+        told.append(
+            f"{found.outliers.count} readings are outliers, up to {found.outliers.largest:.3g} standard deviations:"
+            f" they move a channel's mean by {found.outliers.pull:.1f} of its standard errors"
+        )
+    if found.chi_square is not None and found.chi_square["p_value"] < P_VALUE_LIMIT:
+        worst = max(found.chi_square["residual_over_floor"])
+        told.append(
+            f"residuals are {worst:.3g} times the noise floor ({_p(found.chi_square['p_value'])}): the model misses"
+            f" {np.sqrt(max(worst**2 - 1.0, 0.0)):.2g} times the noise"
+        )
+    if found.by_direction is not None and found.by_direction.p_value < P_VALUE_LIMIT:
+        told.append(
+            f"residuals depend on the direction ({_p(found.by_direction.p_value)}), most about"
+            f" {found.by_direction.worst_name}"
+        )
+    if found.hold_out is not None and found.hold_out.p_value < P_VALUE_LIMIT:
+        first, last = found.hold_out.worst_s
+        told.append(
+            f"readings that were held out are predicted worse than the noise explains ({found.hold_out.ratio:.4f} times"
+            f" the residuals, {_p(found.hold_out.p_value)}), most from {first:.4g} to {last:.4g} s"
+        )
+    if not found.repeats.significant and found.whiteness.p_value < P_VALUE_LIMIT:
+        told.append(
+            f"successive residuals are correlated ({found.whiteness.correlation:.2g}): standard deviations are too"
+            f" small by a factor of {found.whiteness.inflation:.2f} or more"
+        )
+    return told
+
+
+def remarks(found: Goodness) -> list[str]:
+    """What was found in order, and what could not be looked at."""
+    told: list[str] = []
+    if found.chi_square is None:
+        told.append("no noise floor was recorded to hold the residuals against")
+    else:
+        ratios = ", ".join(f"{ratio:.3f}" for ratio in found.chi_square["residual_over_floor"])
+        told.append(f"residuals over noise floor {ratios} ({_p(found.chi_square['p_value'])})")
+    if found.left_out:
+        told.append(f"{found.left_out} samples were left out as outliers")
+    if found.by_direction is None:
+        told.append("too few readings to look at them by direction")
+    else:
+        told.append(f"no direction stands out ({_p(found.by_direction.p_value)})")
+    if found.hold_out is None:
+        told.append("no part of the recording can be held out")
+    else:
+        told.append(f"held-out residuals {found.hold_out.ratio:.4f} times the fitted ones")
+        if found.hold_out.alone:
+            told.append(f"{len(found.hold_out.alone)} of ten parts of the recording cannot be done without")
+    told.append(
+        "no clipped, repeated or outlying readings" if not found.outliers.count else "no clipped or repeated readings"
+    )
+    told.append(str(found.coverage))
+    return told
+
+
+def _p(value: float) -> str:
+    return f"p = {value:.2g}" if value > 1e-99 else "p < 1e-99"

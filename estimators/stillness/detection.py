@@ -1,0 +1,254 @@
+"""When a sensor stands still: by the variance of its readings, and by the speed of the arm where that is known.
+
+Camps et al., 6.2, leave out measurements of high temporal variance, in which the sensor is not static; their threshold
+is 0.0016 V^2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.stillness.stretches import Signals, mask_of, poses_of, split_where_it_drifts, stretches_of, sums_over
+from estimators.stillness.threshold import choose_threshold
+from estimators.stillness.variance import windowed_variance
+from rig.channels import ACCELEROMETER, CHANNELS_OF
+from rig.errors import RefusedFit, RigError, unknown_name
+from rig.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Camps et al., 6.2 [V^2].
+CAMPS_THRESHOLD_V2: Final = 0.0016
+#: A joint, or the tool, that turns faster is moving [rad/s]. In a window of a second it is 2 mrad, which moves no
+#: reading by more than 0.2 % of the field; encoders toggle by some 1e-5 rad, tracking systems tremble by some 1e-4.
+SPEED_LIMIT: Final = 2e-3
+#: Successive stretches whose means differ by less than this many standard deviations of a reading (RMS over the
+#: channels) are one pose: a knock between them is no new orientation. A stretch that drifts farther, too slowly for
+#: any window to see, is more than one.
+SAME_POSE: Final = 3.0
+#: So are those between which the joints, or the tool, have turned by less [rad].
+SAME_ANGLE: Final = 2e-3
+
+_SHORTEST: Final = 11  # samples of a window
+_WINDOWS_A_LENGTH: Final = 2  # taken for choosing the threshold
+_TREND_LIMIT: Final = 0.5
+_TREND_WINDOWS: Final = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Stillness:
+    """When the sensor stood still.
+
+    Attributes:
+        still: (n,) whether a sample belongs to a pose.
+        first, stop: (s,) the stretches it stood still: samples first to stop - 1.
+        pose: (s,) number of each stretch's pose, from 0 on; successive stretches in the same orientation share one.
+        channels: (c,) those that were looked at. noise: (c,) their standard deviation while still [recorded unit].
+        window: samples of the sliding window. activity: (n,) its variance over the threshold: below one is still.
+        false_alarm: probability that a window of a sensor standing still is taken for moving; None where the threshold
+            was given.
+        rule: how it was decided, in words.
+    """
+
+    still: Mask
+    first: NDArray[np.intp]
+    stop: NDArray[np.intp]
+    pose: NDArray[np.intp]
+    channels: tuple[str, ...]
+    noise: Array
+    window: int
+    activity: Array
+    false_alarm: float | None
+    rule: str
+
+    @property
+    def poses(self) -> int:
+        """How many different poses in succession."""
+        return int(self.pose[-1]) + 1
+
+
+def find_still(
+    recording: Recording,
+    *,
+    window_s: float = 1.0,
+    threshold: float | Mapping[str, float] | None = None,
+    sensors: Sequence[str] | None = None,
+    speed_limit: float = SPEED_LIMIT,
+) -> Stillness:
+    """Find the stretches in which the sensor stands still.
+
+    A sample counts if the window centred on it is quiet, so half a window at either end of a pose is given up; a
+    stretch that is left with less than half a window is none. With joint angles or tool poses the arm must stand still
+    over the window as well.
+
+    Args:
+        recording: with or without a pose.
+        window_s: length of the window [s]; it has 11 samples at least.
+        threshold: the sensor moves where the variance of any channel exceeds it [recorded unit squared]: a number for
+            the accelerometer (without one, for the magnetometer), such as ``CAMPS_THRESHOLD_V2``, or sensor -> number.
+            None: chosen from the data, see ``estimators.stillness.threshold``.
+        sensors: whose readings decide; None: all, or those with a threshold.
+        speed_limit: of joints, or of the tool's rotation [rad/s].
+
+    Raises:
+        RigError: an option out of its range, an unknown sensor, or a recording shorter than the window.
+        RefusedFit: it never stands still.
+    """
+    where = recording.origin or recording.name
+    window = _window(recording, window_s, where)
+    given = _given(recording, threshold, where)
+    chosen = tuple(sensors) if sensors is not None else recording.sensors if given is None else tuple(given)
+    columns = [column for sensor in chosen for column in recording.readings(sensor).T]
+    names = tuple(name for sensor in chosen for name in CHANNELS_OF[sensor])
+    half = window // 2
+    held = _held(recording, half, speed_limit)
+    if held is not None and not held.any():
+        raise RefusedFit(
+            f"{where}: never stands still: its pose turns faster than {speed_limit:g} rad/s all the time, expected"
+            " poses held without motion"
+        )
+    variance = windowed_variance(columns, window)
+    if given is not None:
+        limits = np.repeat([given[sensor] for sensor in chosen if sensor in given], 3)
+        if len(limits) != len(columns):
+            raise RigError(f"{where}: threshold: found one of {', '.join(given)}, expected one of each of {chosen}")
+        activity = (variance / limits[:, None]).max(axis=0)
+        quiet = activity < 1.0
+        false_alarm = None
+        rule = f"variance in {window} samples below {', '.join(f'{given[sensor]:g}' for sensor in chosen)}, as given"
+    else:
+        step = max(1, window // _WINDOWS_A_LENGTH)
+        found = choose_threshold(variance[:, half : len(recording) - half : step], window)
+        weights = 1.0 / (found.floor * found.limit * len(columns))
+        activity = np.einsum("c,cn->n", weights, variance)  # not BLAS, whose second thread costs more than it gains
+        quiet = activity < 1.0
+        false_alarm = found.false_alarm
+        rule = (
+            f"variance in {window} samples below {found.limit:.3g} times the floor of"
+            f" {', '.join(f'{floor:.3g}' for floor in np.sqrt(found.floor))} (RMS of {', '.join(names)})"
+        )
+    if held is not None:
+        quiet &= held
+        rule += f"; speed below {speed_limit:g} rad/s"
+    if quiet.any():
+        _check_trend(columns, quiet, variance, window, where)
+    first, stop = stretches_of(quiet, max(2, half))
+    if not len(first):
+        raise RefusedFit(
+            f"{where}: never stands still for {1.5 * window / recording.rate_Hz:.2g} s: expected poses held without"
+            f" motion ({rule})"
+        )
+    noise = np.sqrt(sums_over(list(variance), first, stop).sum(axis=1) / (stop - first).sum())
+    groups = [Signals(columns, np.square(SAME_POSE * noise)), *_pose_signals(recording)]
+    first, stop = split_where_it_drifts(groups, first, stop, window)
+    return Stillness(
+        mask_of(len(recording), first, stop),
+        first,
+        stop,
+        poses_of(groups, first, stop),
+        names,
+        noise,
+        window,
+        activity,
+        false_alarm,
+        rule,
+    )
+
+
+def _window(recording: Recording, window_s: float, where: str) -> int:
+    if not (np.isfinite(window_s) and window_s > 0.0):
+        raise RigError(f"window_s: found {window_s}, expected a positive time")
+    if len(recording) < _SHORTEST:
+        raise RigError(f"{where}: found {len(recording)} samples, expected {_SHORTEST} or more to see it stand still")
+    window = max(_SHORTEST, 2 * round(0.5 * window_s * recording.rate_Hz) + 1)
+    if window > len(recording):
+        raise RigError(f"{where}: found {len(recording)} samples, expected at least the window's {window}")
+    return window
+
+
+def _given(recording: Recording, threshold: float | Mapping[str, float] | None, where: str) -> dict[str, float] | None:
+    if threshold is None:
+        return None
+    if isinstance(threshold, Mapping):
+        given = dict(threshold)
+    else:
+        sensor = ACCELEROMETER if ACCELEROMETER in recording.sensors else recording.sensors[0]
+        given = {sensor: float(threshold)}
+    for sensor, value in given.items():
+        if sensor not in recording.sensors:
+            raise unknown_name("recorded sensor", sensor, recording.sensors)
+        if not (np.isfinite(value) and value > 0.0):
+            raise RigError(f"{where}: threshold of the {sensor}: found {value}, expected a positive variance")
+    return given
+
+
+def _check_trend(columns: Sequence[Array], quiet: Mask, variance: Array, window: int, where: str) -> None:
+    """Refuse where what seems to be the noise of a sensor at rest is a steady motion.
+
+    A signal that rises evenly by r over a window has the variance r^2 / 12, and the means of its halves differ by
+    r / 2, so that their squared difference is three times the variance. Of noise without memory it is 4 / w of the
+    variance; and small for any noise whose memory is short against the window.
+    """
+    half = window // 2
+    centres = np.flatnonzero(quiet[half : len(quiet) - half : window]) * window
+    if not len(centres):
+        return
+    begins = centres[:: max(1, len(centres) // _TREND_WINDOWS)]
+    rows = begins[:, None] + np.arange(half)
+    steps = [np.square(values[rows + half + 1].mean(axis=1) - values[rows].mean(axis=1)).mean() for values in columns]
+    own = variance[:, begins + half].mean(axis=1)
+    found = float(np.mean(np.array(steps)[own > 0.0] / (3.0 * own[own > 0.0]))) if own.any() else 0.0
+    if found > _TREND_LIMIT:
+        raise RefusedFit(
+            f"{where}: never stands still: in its quietest windows of {window} samples a steady motion makes"
+            f" {100.0 * min(found, 1.0):.0f} % of the variance, expected noise"
+        )
+
+
+def _pose_signals(recording: Recording) -> list[Signals]:
+    """The recorded pose: any rotation beyond ``SAME_ANGLE`` is another pose, whatever the readings say."""
+    if recording.q is not None:
+        joints = recording.q.shape[1]
+        return [Signals(list(recording.q.T), np.full(joints, SAME_ANGLE**2 / joints))]
+    if recording.tool_quaternion is not None:
+        return [Signals(list(continuous(recording.tool_quaternion).T), np.full(4, (0.5 * SAME_ANGLE) ** 2 / 4.0))]
+    return []
+
+
+def _held(recording: Recording, half: int, speed_limit: float) -> Mask | None:
+    """(n,) whether a sample lies in any window from whose begin to whose end the pose hardly turns.
+
+    None where no pose was recorded.
+    """
+    if recording.q is None and recording.tool_quaternion is None:
+        return None
+    count = len(recording)
+    allowed = speed_limit * (recording.t[2 * half :] - recording.t[: count - 2 * half])
+    if recording.q is not None:
+        way = np.zeros(count - 2 * half)
+        for column in recording.q.T:
+            np.maximum(way, np.abs(column[2 * half :] - column[: count - 2 * half]), out=way)
+    else:
+        assert recording.tool_quaternion is not None
+        after, before = recording.tool_quaternion[2 * half :], recording.tool_quaternion[: count - 2 * half]
+        apart, opposite = np.square(after - before).sum(axis=1), np.square(after + before).sum(axis=1)
+        way = 2.0 * np.sqrt(np.minimum(apart, opposite))  # q and -q are the same rotation
+    quiet = np.cumsum(np.concatenate([[False], way <= allowed]), dtype=np.int64)  # windows, by their first sample
+    last = np.minimum(np.arange(1, count + 1), count - 2 * half)
+    first = np.maximum(np.arange(count) - 2 * half, 0)
+    return np.asarray(quiet[last] > quiet[first])
+
+
+def continuous(quaternion: Array) -> Array:
+    """Quaternions (n, 4) with the signs, of which q and -q are the same rotation, that make each follow the last."""
+    turned = np.einsum("ij,ij->i", quaternion[1:], quaternion[:-1]) < 0.0
+    if not turned.any():
+        return quaternion
+    signs = np.concatenate([[1.0], np.where(np.cumsum(turned) % 2, -1.0, 1.0)])
+    return np.asarray(quaternion * signs[:, None])

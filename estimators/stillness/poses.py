@@ -1,0 +1,160 @@
+"""Readings of a sensor at rest, averaged pose by pose, without losing what the single readings say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.statistics import Statistics
+from estimators.stillness.detection import SPEED_LIMIT, Stillness, continuous, find_still
+from estimators.stillness.stretches import sums_over
+from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.recording import Recording
+from rig.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class StillPoses:
+    """The mean readings of each pose, with the number of readings behind them.
+
+    Attributes:
+        recording: (p,) one sample a pose: its mean time, pose and readings. The metadata hold the counts as
+            ``pose_samples``.
+        counts: (p,) samples a pose.
+        within: (6, 6) sum over all samples of the products of their deviations from their pose's mean [recorded
+            units]; zero where a sensor was not recorded.
+        noise: sensor -> (3,) standard deviation of a reading about its pose's mean [recorded unit], and
+            ``degrees_of_freedom`` the number behind it.
+        inflation: sensor -> (3,) the variance of the mean of half a pose over that of as many readings without memory:
+            one for white noise. The covariance of a fit that takes them for independent is too small by it.
+        stillness: how the poses were found.
+    """
+
+    recording: Recording
+    counts: Rows
+    within: Array
+    noise: Mapping[str, Array]
+    degrees_of_freedom: int
+    inflation: Mapping[str, Array]
+    stillness: Stillness
+
+    def __len__(self) -> int:
+        """How many poses."""
+        return len(self.counts)
+
+    def statistics(self, arm: Arm | None = None, sensors: Sequence[str] | None = None) -> Statistics:
+        """The sufficient statistics of all samples of the poses, for ``estimators.kinematic.fit_sensor``.
+
+        With the scatter about the means added back they are those of the single readings, each in its pose's mean
+        orientation: the poses count as often as they were read.
+
+        Args:
+            arm: for joint angles.
+            sensors: in this order; None: all.
+
+        Raises:
+            RigError: as ``Recording.rotations``.
+        """
+        chosen = self.recording.sensors if sensors is None else sensors
+        terms = np.column_stack([self.recording.rotations(arm), np.ones(len(self))])
+        means = np.hstack([self.recording.readings(sensor) for sensor in chosen])
+        columns = np.concatenate([np.arange(6)[COLUMNS_OF[sensor]] for sensor in chosen])
+        weights = self.counts[:, None].astype(float)
+        with one_blas_thread():
+            return Statistics(
+                int(self.counts.sum()),
+                terms.T @ (weights * terms),
+                terms.T @ (weights * means),
+                means.T @ (weights * means) + self.within[np.ix_(columns, columns)],
+            )
+
+
+def still_poses(
+    recording: Recording,
+    *,
+    window_s: float = 1.0,
+    threshold: float | Mapping[str, float] | None = None,
+    sensors: Sequence[str] | None = None,
+    speed_limit: float = SPEED_LIMIT,
+) -> StillPoses:
+    """``average_poses`` over what ``find_still`` finds; the options are those of the latter."""
+    found = find_still(recording, window_s=window_s, threshold=threshold, sensors=sensors, speed_limit=speed_limit)
+    return average_poses(recording, found)
+
+
+def average_poses(recording: Recording, stillness: Stillness) -> StillPoses:
+    """Average a recording over the poses that were found in it.
+
+    Everything recorded is averaged: readings, joint angles, the tool's pose (quaternions of either sign), temperature,
+    currents and supply.
+
+    Args:
+        recording: in which ``stillness`` was found.
+        stillness: the stretches and their poses.
+    """
+    first, stop, pose = stillness.first, stillness.stop, stillness.pose
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(pose) > 0]))
+    counts = np.add.reduceat(stop - first, starts)
+
+    def mean(values: Array) -> Array:
+        columns = [values] if values.ndim == 1 else list(values.T)
+        means = np.add.reduceat(sums_over(columns, first, stop), starts, axis=1) / counts
+        return means[0] if values.ndim == 1 else means.T
+
+    def optional(values: Array | None) -> Array | None:
+        return None if values is None else mean(values)
+
+    quaternion = recording.tool_quaternion
+    if quaternion is not None:
+        turned = mean(continuous(quaternion))
+        quaternion = turned / np.sqrt(np.square(turned).sum(axis=1))[:, None]
+    extra = {**recording.metadata.extra, "pose_samples": [int(count) for count in counts]}
+    readings = {sensor: mean(recording.readings(sensor)) for sensor in recording.sensors}
+    means = replace(
+        recording,
+        t=mean(recording.t),
+        q=optional(recording.q),
+        tool_quaternion=quaternion,
+        tool_position=optional(recording.tool_position),
+        temperature=optional(recording.temperature),
+        currents={joint: mean(current) for joint, current in recording.currents.items()},
+        supply=optional(recording.supply),
+        metadata=replace(recording.metadata, rate_Hz=None, extra=extra),
+        first_row=0,
+        accelerometer=readings.get(ACCELEROMETER),
+        magnetometer=readings.get(MAGNETOMETER),
+    )
+    within, halves = _scatter(recording, stillness, means)
+    freedom = int(counts.sum()) - len(counts)
+    noise, inflation = {}, {}
+    for sensor in recording.sensors:
+        variance = within.diagonal()[COLUMNS_OF[sensor]] / max(freedom, 1)
+        noise[sensor] = np.sqrt(variance)
+        inflation[sensor] = halves[COLUMNS_OF[sensor]] / np.maximum(variance, np.finfo(float).tiny)
+    return StillPoses(means, counts, within, noise, freedom, inflation, stillness)
+
+
+def _scatter(recording: Recording, stillness: Stillness, means: Recording) -> tuple[Array, Array]:
+    """(6, 6) sum of products about the poses' means, and (6,) the variance that the two halves of stretches suggest."""
+    within, halves = np.zeros((6, 6)), np.zeros(6)
+    readings = np.zeros((int(np.max(stillness.stop - stillness.first)), 6))
+    with one_blas_thread():
+        for first, stop, pose in zip(stillness.first, stillness.stop, stillness.pose, strict=True):
+            part = readings[: stop - first]
+            for sensor in recording.sensors:
+                part[:, COLUMNS_OF[sensor]] = recording.readings(sensor)[first:stop] - means.readings(sensor)[pose]
+            within += part.T @ part
+            middle = len(part) // 2
+            apart = part[:middle].mean(axis=0) - part[middle:].mean(axis=0)
+            halves += np.square(apart) / (1.0 / middle + 1.0 / (len(part) - middle))
+    return within, halves / len(stillness.first)

@@ -1,0 +1,53 @@
+"""``rig bound``: what a maneuver can tell, before it is run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from scenarios.cli._options import PATH, Choice, check_output, json_option, print_json
+
+
+@click.command(short_help="What a scenario's maneuver can tell, before it is run.")
+@click.argument("scenario")
+@click.option("-o", "--output", type=PATH, metavar="PLOT", help="Draw it against time: .png, .svg or .pdf.")
+@click.option(
+    "--method",
+    type=Choice(("simultaneous", "separate")),
+    default="simultaneous",
+    help="One field for all axes, or one each.",
+)
+@json_option
+def bound(scenario: str, output: Path | None, method: Any, as_json: bool) -> None:
+    """The Cramer-Rao bound of SCENARIO, a name of rig scenarios or a TOML file.
+
+    No calibration of its recording can be more certain than this, and rig calibrate is as certain: every parameter's
+    standard deviation, what stays open and why, and what each minute of the maneuver pays. Nothing is simulated.
+
+    \b
+    Example:
+      rig bound ann-arbor
+      rig bound mine.toml -o bound.png
+    """
+    if output is not None:
+        check_output(output, (".png", ".svg", ".pdf"))
+    from scenarios.bound import bound_of
+    from scenarios.loader import load
+
+    found = bound_of(load(scenario), method)
+    if output is not None:
+        from scenarios.plots import save
+        from scenarios.plots.bound import bound_figure
+
+        save(bound_figure(found), output)
+    if as_json:
+        print_json(found.to_json())
+        return
+    from scenarios.bound_report import bound_report
+    from scenarios.report import show
+
+    show(bound_report(found))
+    if output is not None:
+        click.echo(f"\n{output}: written")

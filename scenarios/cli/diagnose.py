@@ -1,0 +1,185 @@
+"""``rig diagnose``: where a recording disagrees with the rig, which effect causes it, how far the gap closes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rig.errors import RigError, unknown_name
+from scenarios.cli._options import (
+    PATH,
+    arm_options,
+    check_output,
+    chosen_arm,
+    json_option,
+    print_json,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    from scenarios.gap_report.batch import Outcome, Task
+
+
+@click.command(short_help="Name what causes a recording's sim-to-real gap.")
+@click.argument("runs", type=PATH, nargs=-1, required=True, metavar="RUN...")
+@click.option("--locked", type=PATH, metavar="F", help="Locked-arm recording, for the noise floor.")
+@click.option("--maneuver2", type=PATH, metavar="F", help="Another maneuver of the same rig, to judge the causes on.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue; repeatable.")
+@arm_options
+@click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; one for each processor by default.")
+@click.option("--save-scenario", "saved", type=PATH, metavar="F.toml", help="Write the improved rig, for rig sweep.")
+@click.option("--out", type=PATH, default="diagnosis", metavar="DIR", help="For the results; ./diagnosis by default.")
+@json_option
+def diagnose(
+    runs: tuple[Path, ...],
+    locked: Path | None,
+    maneuver2: Path | None,
+    without: tuple[str, ...],
+    urdf: Path | None,
+    tip: str | None,
+    jobs: int | None,
+    saved: Path | None,
+    out: Path,
+    as_json: bool,
+) -> int:
+    """Say where each RUN disagrees with the rig, which effects cause it, and how far the gap closes with them.
+
+    Each gets DIR/NAME.diagnosis.json and DIR/NAME.html, a page to look at. A RUN.locked.parquet beside RUN.parquet is
+    taken as its noise floor. Several RUNs are done in parallel; a bad one does not stop the others.
+
+    \b
+    Example:
+      rig diagnose run.parquet
+      rig diagnose lab/*.parquet --out reports --jobs 2
+      rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
+    """
+    chosen = _to_diagnose(runs)
+    _check(chosen, without, saved, out)
+    from rig.recording import scan_recording
+    from scenarios.gap_report.batch import Outcome, Task, outcomes
+
+    arm = chosen_arm(urdf, tip)
+    for path in (locked, maneuver2):  # a file for all recordings is not to be refused once for each
+        if path is not None:
+            scan_recording(path, joints=None if arm is None else arm.dof)
+    tasks = [Task(run, locked, maneuver2, without, urdf, tip, saved is not None) for run in chosen]
+    found: dict[int, Outcome | Exception] = {}
+    words = str(chosen[0]) if len(chosen) == 1 else f"{len(chosen)} recordings"
+    with progress_bar(f"diagnosing {words}") as progress:
+        for number, result in outcomes(tasks, jobs or _processors(), progress):
+            if isinstance(result, Outcome):
+                _write(result, out, saved)
+            elif _debugging() or (len(tasks) == 1 and not isinstance(result, RigError)):
+                raise result
+            elif len(tasks) == 1:
+                raise type(result)(_words(tasks[0], result))
+            found[number] = result
+    results = [found[number] for number in range(len(tasks))]
+    if as_json:
+        documents = [_document(task, result) for task, result in zip(tasks, results, strict=True)]
+        print_json(documents[0] if len(documents) == 1 else documents)
+    else:
+        _tell([result for result in results if isinstance(result, Outcome)], out, saved)
+    return _failures(tasks, results)
+
+
+def _to_diagnose(runs: Sequence[Path]) -> list[Path]:
+    """The recordings without those that are another's locked one, as a pattern like *.parquet names both."""
+    stems = {run.with_name(run.stem) for run in runs}
+    return [run for run in runs if not run.stem.endswith(".locked") or run.with_name(run.stem[:-7]) not in stems]
+
+
+def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out: Path) -> None:
+    """Refuse, before any work, what could not end well."""
+    from rig.effects import EFFECTS
+
+    for name in without:
+        if name not in EFFECTS:
+            raise unknown_name("effect", name, EFFECTS)
+    named: dict[str, Path] = {}
+    for run in runs:
+        if run.stem in named:
+            raise RigError(
+                f"{run}: found the name {run.stem!r} again after {named[run.stem]}, expected different names"
+            )
+        named[run.stem] = run
+    if saved is not None:
+        check_output(saved, (".toml",))
+        if len(runs) > 1:
+            raise RigError(f"--save-scenario: found {len(runs)} recordings, expected one, whose rig it is")
+    existing = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    if not existing.is_dir():
+        raise RigError(f"{out}: {existing} is a file, expected a folder for the results")
+    if not os.access(existing, os.W_OK):
+        raise RigError(f"{out}: folder {existing} cannot be written to")
+
+
+def _write(outcome: Outcome, out: Path, saved: Path | None) -> None:
+    """All files of a recording or none."""
+    from rig.files import atomic_path
+
+    out.mkdir(parents=True, exist_ok=True)
+    name = outcome.diagnosis.recording
+    with atomic_path(out / f"{name}.html") as page, atomic_path(out / f"{name}.diagnosis.json") as document:
+        page.write_text(outcome.page, encoding="utf-8")
+        outcome.diagnosis.write(document)
+        if saved is not None and outcome.scenario is not None:
+            with atomic_path(saved) as scenario:
+                scenario.write_text(outcome.scenario, encoding="utf-8")
+
+
+def _tell(outcomes: Sequence[Outcome], out: Path, saved: Path | None) -> None:
+    from scenarios.gap_report.terminal import diagnosis_tables, summary_table
+    from scenarios.report import show
+
+    if not outcomes:
+        return
+    if len(outcomes) == 1:
+        name = outcomes[0].diagnosis.recording
+        show(diagnosis_tables(outcomes[0].diagnosis, outcomes[0].units))
+        click.echo(f"\n{out / name}.html, {out / name}.diagnosis.json: written")
+    else:
+        show(summary_table([outcome.diagnosis for outcome in outcomes]))
+        click.echo(f"\n{out}: {len(outcomes)} recordings, for each NAME.html and NAME.diagnosis.json")
+    if saved is not None:
+        click.echo(f"{saved}: written; rig sweep {saved} -o RUN.parquet simulates it")
+
+
+def _document(task: Task, result: Outcome | Exception) -> dict[str, Any]:
+    """The contract's object, or what stopped it."""
+    if isinstance(result, Exception):
+        return {"recording": task.run.stem, "error": _words(task, result)}
+    document: dict[str, Any] = result.diagnosis.to_json()
+    return document
+
+
+def _failures(tasks: Sequence[Task], results: Sequence[Outcome | Exception]) -> int:
+    """One line on stderr for each recording without a diagnosis, and the exit status of all."""
+    from scenarios.cli._app import BUG, DONE
+
+    status = DONE
+    for task, result in zip(tasks, results, strict=True):
+        if isinstance(result, Exception):
+            click.echo(f"rig: {_words(task, result)}", err=True)
+            status = max(status, result.exit_status if isinstance(result, RigError) else BUG)
+    return status
+
+
+def _words(task: Task, error: Exception) -> str:
+    words = " ".join(str(error).split())
+    if isinstance(error, RigError):
+        return words if task.run.name in words else f"{task.run}: {words}"
+    return f"{task.run}: this is a bug in rig, not in your call: {type(error).__name__}: {words}"
+
+
+def _debugging() -> bool:
+    return os.environ.get("RIG_DEBUG", "") not in ("", "0")
+
+
+def _processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,52 @@
+"""``rig noise``: what the noise of a locked arm is like."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from scenarios.cli._options import PATH, check_output, json_option, print_json, progress_bar
+
+
+@click.command(short_help="What the noise of a locked-arm recording is like.")
+@click.argument("locked", type=PATH)
+@click.option("-o", "--output", type=PATH, metavar="PLOT", help="Draw Allan deviation and spectrum: .png, .svg, .pdf.")
+@click.option("--calibration", type=PATH, metavar="CAL", help="Also give white noise in field units.")
+@json_option
+def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: bool) -> None:
+    """Study the noise of LOCKED, a recording of poses held still.
+
+    RMS of each pose, dynamic range and bits as in Renk et al.; the terms of the Allan deviation with their uncertainty:
+    white noise, bias instability, random walk, quantisation, ramp; whether the noise is white, and which autoregression
+    whitens it.
+
+    \b
+    Example:
+      rig noise run.locked.parquet
+      rig noise run.locked.parquet -o noise.png --calibration cal.json
+    """
+    if output is not None:
+        check_output(output, (".png", ".svg", ".pdf"))
+    from estimators.calibration import Calibration
+    from estimators.noise_study import study_noise
+    from rig.recording import read_recording
+
+    found = None if calibration is None else Calibration.read(calibration)
+    recording = read_recording(locked)
+    with progress_bar(f"studying {locked}"):
+        study = study_noise(recording)
+    if output is not None:
+        from scenarios.plots import save
+        from scenarios.plots.noise import noise_figure
+
+        save(noise_figure(study, recording.name), output)
+    if as_json:
+        print_json(study.to_json())
+        return
+    from scenarios.noise_report import noise_report
+    from scenarios.report import show
+
+    show(noise_report(study, found, recording.metadata.magnetic_field_unit))
+    if output is not None:
+        click.echo(f"\n{output}: written")

@@ -1,0 +1,333 @@
+"""``rig study``: consistency, subsets and both papers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from scenarios.cli._options import (
+    PATH,
+    Choice,
+    arm_options,
+    chosen_arm,
+    json_option,
+    print_json,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from scenarios.studies.executor import Workers
+    from scenarios.studies.summary import Summary
+
+
+@click.group(short_help="Consistency, subsets, and both papers table by table.")
+def study() -> None:
+    """Study the estimators: many draws of the noise, many subsets of a recording, or what two papers publish.
+
+    With --json each study prints one JSON document.
+
+    \b
+    Example:
+      rig study consistency renk2005-table2 -o study
+      rig study subsets run.parquet
+      rig study paper -o docs
+    """
+
+
+def _workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--workers`` and ``--cluster``: where trials run."""
+    cluster = click.option("--cluster", metavar="tcp://HOST:PORT", help="A Dask cluster that is there already.")
+    workers = click.option(
+        "--workers", type=click.IntRange(min=0), metavar="N", help="Local processes; 0: this one. One a processor."
+    )
+    return workers(cluster(command))
+
+
+def _workers(workers: int | None, cluster: str | None) -> Workers:
+    from rig.errors import RigError
+    from scenarios.studies.executor import Workers
+
+    if workers is not None and cluster is not None:
+        raise RigError("--workers and --cluster: found both, expected one of them")
+    return Workers(workers, cluster)
+
+
+@study.command(short_help="Do estimates converge, and at the best possible rate?")
+@click.argument("scenario")
+@click.option("-o", "--output", type=PATH, required=True, metavar="STUDY", help="Folder; an ended study goes on there.")
+@click.option("--draws", type=click.IntRange(min=2), default=2000, show_default=True, help="Of the noise.")
+@click.option(
+    "--counts", type=click.IntRange(min=2), default=25, show_default=True, help="How many numbers of samples."
+)
+@click.option("--first", type=click.IntRange(min=24), default=100, show_default=True, help="The smallest of them.")
+@click.option("--noise", "factors", multiple=True, type=float, metavar="K", help="White noise times K; 1 and 10.")
+@click.option("--method", "methods", multiple=True, type=Choice(("separate", "simultaneous")), help="Both by default.")
+@click.option("--order", "orders", multiple=True, type=Choice(("first", "every-kth", "random")), help="All by default.")
+@click.option("--parameter", "parameters", multiple=True, metavar="NAME", help="To show; sensitivity1 and offset1.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of everything random.")
+@_workers_options
+@json_option
+def consistency(
+    scenario: str,
+    output: Path,
+    draws: int,
+    counts: int,
+    first: int,
+    factors: tuple[float, ...],
+    methods: tuple[Any, ...],
+    orders: tuple[Any, ...],
+    parameters: tuple[str, ...],
+    seed: int,
+    workers: int | None,
+    cluster: str | None,
+    as_json: bool,
+) -> None:
+    """Estimate against the number of samples, for thousands of draws of SCENARIO's noise.
+
+    Bias, RMSE over the Cramer-Rao bound, coverage and the rate of convergence, with intervals, and a verdict. STUDY
+    gets the errors of every fit (table.parquet), what they come to (summary.parquet, rates.parquet), and plots. The
+    same command goes on with a study that was ended.
+
+    \b
+    Example:
+      rig study consistency renk2005-table2 -o study
+      rig study consistency mine.toml -o study --draws 500 --order every-kth --parameter axis2_beta_deg
+      rig study consistency renk2005-table2 -o study --cluster tcp://10.0.0.1:8786
+    """
+    from scenarios.loader import load
+    from scenarios.studies import consistency as consistency_study
+    from scenarios.studies.settings import Settings
+    from scenarios.studies.store import SUMMARY, StudyFolder
+    from scenarios.studies.summary import RATES, Summary
+
+    where = _workers(workers, cluster)
+    settings = Settings.of(
+        load(scenario),
+        counts,
+        first=first,
+        noise_factors=factors or (1.0, 10.0),
+        methods=methods or ("separate", "simultaneous"),
+        orders=orders or ("first", "every-kth", "random"),
+        draws=draws,
+        seed=seed,
+    )
+    shown = _known(parameters, settings.methods) or ("sensitivity1", "offset1")
+    folder = StudyFolder.begin(output, "consistency", settings)
+    with progress_bar(f"{settings.trials} trials of {settings.name}") as progress:
+        errors = consistency_study.run(settings, folder, where, progress)
+    with progress_bar("summing up"):
+        summary = Summary.of(settings, errors)
+        cells, rates = summary.tables()
+        folder.write(SUMMARY, cells)
+        folder.write(RATES, rates)
+        files = _consistency_plots(summary, folder.path, errors, shown)
+    if as_json:
+        _print_consistency(summary, output, files)
+        return
+    from scenarios.report import show
+    from scenarios.studies.report import consistency_report
+
+    show(consistency_report(summary, shown))
+    click.echo(f"\n{output}: {errors.num_rows:,} fits; look at them: rig view {output}")
+
+
+def _known(parameters: tuple[str, ...], methods: tuple[Any, ...]) -> tuple[str, ...]:
+    from rig.errors import unknown_name
+    from scenarios.studies.coordinates import coordinate_names
+
+    for name in parameters:
+        for method in methods:
+            if name not in coordinate_names(method):
+                raise unknown_name(f"parameter of {method} fits", name, coordinate_names(method))
+    return parameters
+
+
+def _consistency_plots(summary: Summary, folder: Path, errors: Any, parameters: tuple[str, ...]) -> list[Path]:
+    from scenarios.plots.study_consistency import consistency_figure
+    from scenarios.plots.style import save
+
+    files = []
+    for sensor, method in dict.fromkeys((cell.sensor, cell.method) for cell in summary.cells):
+        figure = consistency_figure(summary, sensor, method, parameters, errors)
+        for suffix in (".png", ".svg"):
+            files.append(folder / f"{sensor}-{method}{suffix}")
+            save(figure, files[-1])
+    return files
+
+
+def _print_consistency(summary: Summary, output: Path, files: list[Path]) -> None:
+    from scenarios.studies.verdict import verdicts
+
+    print_json(
+        {
+            "study": output,
+            "plots": files,
+            "verdicts": [
+                {
+                    "sensor": verdict.sensor,
+                    "method": verdict.method,
+                    "noise_factor": verdict.noise_factor,
+                    "verdict": verdict.word,
+                    "why": verdict.sentences,
+                    "biases": [
+                        {
+                            "order": departure.cell.order,
+                            "count": departure.cell.count,
+                            "parameter": departure.cell.parameter,
+                            "sigmas": departure.sigmas,
+                            "sigmas_after_curvature": departure.after,
+                            "reason": departure.reason,
+                        }
+                        for departure in verdict.departures
+                    ],
+                }
+                for verdict in verdicts(summary)
+            ],
+            "rates": [asdict(rate) for rate in summary.rates],
+            "cells": [asdict(cell) for cell in summary.cells],
+        }
+    )
+
+
+@study.command(short_help="How much of a recording's misfit is noise, and how much systematic?")
+@click.argument("run", type=PATH)
+@click.option("-o", "--output", type=PATH, metavar="STUDY", help="Folder for tables and plots.")
+@click.option("--subsets", "count", type=click.IntRange(min=2), default=25, show_default=True, help="How many.")
+@click.option(
+    "--method", type=Choice(("simultaneous", "separate")), default="simultaneous", help="Of the parameters listed."
+)
+@click.option("--locked", type=PATH, metavar="F", help="Locked-arm recording, for the noise floor.")
+@arm_options
+@json_option
+def subsets(
+    run: Path,
+    output: Path | None,
+    count: int,
+    method: Any,
+    locked: Path | None,
+    urdf: Path | None,
+    tip: str | None,
+    as_json: bool,
+) -> None:
+    """Calibrate every k-th sample of RUN, k times over: what scatters is noise, what all share is systematic.
+
+    Mean and standard deviation of every parameter beside the Cramer-Rao bound, the fit error taken apart, and whether
+    the three separate fits of a sensor find one field direction. Neighbouring samples should see nearly the same pose:
+    a recording at its full rate is best. A RUN.locked.parquet beside RUN.parquet is taken as the noise floor.
+
+    \b
+    Example:
+      rig study subsets run.parquet
+      rig study subsets run.parquet -o study --subsets 10
+    """
+    from rig.recording import locked_beside, scan_recording
+    from scenarios.studies.subsets import study as study_subsets
+
+    arm = chosen_arm(urdf, tip)
+    scan = scan_recording(run, joints=None if arm is None else arm.dof)
+    still = locked or locked_beside(run)
+    with progress_bar(f"{count} subsets of {run}") as progress:
+        found = study_subsets(
+            scan,
+            count,
+            method=method,
+            noise=_floor(still),
+            noise_source="residuals" if still is None else "locked recording",
+            arm=arm,
+            progress=_counted(progress, scan.rows),
+        )
+    files: list[Path] = []
+    if output is not None:
+        from scenarios.plots.study_subsets import subsets_figure
+        from scenarios.plots.style import save
+        from scenarios.studies.subset_files import write_subsets
+
+        folder = write_subsets(found, output)
+        figure = subsets_figure(found)
+        for suffix in (".png", ".svg"):
+            files.append(folder.path / f"subsets{suffix}")
+            save(figure, files[-1])
+    if as_json:
+        print_json({**asdict(found), "study": output, "plots": files})
+        return
+    from scenarios.report import show
+    from scenarios.studies.report import subsets_report
+
+    show(subsets_report(found))
+    if output is not None:
+        click.echo(f"\n{output}: written; look at it: rig view {output}")
+
+
+def _floor(locked: Path | None) -> Callable[[str, str], NDArray[Any] | None]:
+    """Sensor and unit -> the noise of its channels."""
+    if locked is None:
+        return lambda sensor, unit: None
+    from estimators import noise_floor
+    from rig.recording import read_recording
+
+    floor = noise_floor(read_recording(locked))
+
+    def of(sensor: str, unit: str) -> NDArray[Any] | None:
+        found = floor.of(sensor, unit)
+        return None if found is None else found[0]
+
+    return of
+
+
+def _counted(progress: Callable[[float], None], rows: int | None) -> Callable[[int], None]:
+    """From samples done to the share of all; nothing where their number is not known beforehand."""
+    done = 0
+
+    def count(samples: int) -> None:
+        nonlocal done
+        done += samples
+        if rows:
+            progress(done / rows)
+
+    return count
+
+
+@study.command(short_help="Every table of both papers beside the rig.")
+@click.option("-o", "--output", type=PATH, required=True, metavar="FOLDER", help="Gets paper.md and its pictures.")
+@click.option("--draws", type=click.IntRange(min=2), default=2000, show_default=True, help="Of the consistency study.")
+@_workers_options
+@json_option
+def paper(output: Path, draws: int, workers: int | None, cluster: str | None, as_json: bool) -> None:
+    """Hold every table of Renk et al. (2005) and Camps et al. (2009) against what the rig gives.
+
+    FOLDER/paper.md says of each published row whether it agrees, or why it differs; its consistency study is kept in
+    FOLDER/paper, and not made again.
+
+    \b
+    Example:
+      rig study paper -o docs
+    """
+    from scenarios.studies.paper.compare import findings
+    from scenarios.studies.paper.run import make_paper, settings
+
+    where = _workers(workers, cluster)
+    with progress_bar("both papers") as progress:
+        made = make_paper(output, settings(draws), where, progress)
+    if as_json:
+        comparison = made.comparison
+        print_json(
+            {
+                "files": made.files,
+                "findings": findings(comparison),
+                "rows": [asdict(row) for row in comparison.rows],
+                "statements": [asdict(statement) for statement in comparison.statements],
+                "misfits": [asdict(row) for row in comparison.misfits],
+            }
+        )
+        return
+    from scenarios.report import show
+    from scenarios.studies.report import paper_report
+
+    show(paper_report(made.comparison))
+    click.echo(f"\n{made.files[0]}: written, with {len(made.files) - 1} pictures")

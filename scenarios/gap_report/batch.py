@@ -1,0 +1,158 @@
+"""Many recordings diagnosed in parallel processes; whoever asked writes the files."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import active_children, get_context, parent_process
+from pathlib import Path
+
+from estimators.gap import Diagnosis, diagnose
+from rig.arm import Arm
+from rig.errors import RigError
+from rig.recording import locked_beside, read_recording
+from rig.threads import one_blas_thread
+from scenarios.gap_report.improved_rig import check_units, improved_rig
+from scenarios.gap_report.page import page
+from scenarios.gap_report.residuals import gap_residuals
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One recording to diagnose.
+
+    Attributes:
+        run: its file.
+        locked: the locked recording; None: the one beside it, if there is one.
+        maneuver2: another maneuver of the same rig.
+        without: effects to leave out of the catalogue.
+        urdf, tip: the arm; None: the A465.
+        improved: whether the improved rig is wanted.
+    """
+
+    run: Path
+    locked: Path | None = None
+    maneuver2: Path | None = None
+    without: tuple[str, ...] = ()
+    urdf: Path | None = None
+    tip: str | None = None
+    improved: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task: the diagnosis, its page, the recorded units, and the improved rig where it was wanted."""
+
+    diagnosis: Diagnosis
+    page: str
+    units: Mapping[str, str]
+    scenario: str | None
+
+
+def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
+    """Diagnose one recording in this process, with one BLAS thread.
+
+    Raises:
+        RigError, RefusedFit: the recording cannot be read or diagnosed.
+    """
+    arm = None if task.urdf is None or task.tip is None else Arm.from_urdf(task.urdf, task.tip)
+    joints = None if arm is None else arm.dof
+    recording = read_recording(task.run, joints)
+    if task.improved:
+        check_units(recording)
+    beside = task.locked or locked_beside(task.run)
+    locked = None if beside is None else read_recording(beside, joints)
+    second = None if task.maneuver2 is None else read_recording(task.maneuver2, joints)
+    with one_blas_thread():
+        diagnosis = diagnose(recording, locked, second, task.without, arm, progress)
+        residuals = gap_residuals(recording, diagnosis, locked, arm)
+        scenario = improved_rig(diagnosis, residuals, locked, task.urdf, task.tip) if task.improved else None
+        return Outcome(diagnosis, page(diagnosis, residuals, task.without), dict(recording.units), scenario)
+
+
+def outcomes(
+    tasks: Sequence[Task], jobs: int, progress: Progress = lambda share: None
+) -> Iterator[tuple[int, Outcome | Exception]]:
+    """The number of each task with its outcome, or with what stopped it, as they are done.
+
+    Args:
+        jobs: processes; with one, or for a single task, this process does the work.
+        progress: called with the share of all tasks that is done.
+    """
+    if jobs == 1 or len(tasks) == 1:
+        yield from _here(tasks, progress)
+        return
+    killed = []
+    done = 0
+    for number, result in _pooled(dict(enumerate(tasks)), jobs):
+        if isinstance(result, BrokenProcessPool):  # one of the recordings did it: which, alone tells
+            killed.append(number)
+            continue
+        done += 1
+        progress(done / len(tasks))
+        yield number, result
+    for number in killed:
+        for _, result in _pooled({number: tasks[number]}, 1):
+            done += 1
+            progress(done / len(tasks))
+            if isinstance(result, BrokenProcessPool):
+                result = RigError(f"{tasks[number].run}: its process was killed (out of memory?), expected it to end")
+            yield number, result
+
+
+def _here(tasks: Sequence[Task], progress: Progress) -> Iterator[tuple[int, Outcome | Exception]]:
+    for number, task in enumerate(tasks):
+
+        def share(part: float, before: int = number) -> None:
+            progress((before + part) / len(tasks))
+
+        try:
+            result: Outcome | Exception = carry_out(task, share)
+        except Exception as error:
+            result = error
+        share(1.0)
+        yield number, result
+
+
+def _pooled(tasks: Mapping[int, Task], jobs: int) -> Iterator[tuple[int, Outcome | Exception]]:
+    """In processes of their own, which end with the loop over the results, whatever ends it."""
+    others = set(active_children())
+    # Spawned, not forked: the same on every system, and safe beside the threads of a progress bar.
+    pool = ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=get_context("spawn"), initializer=_start_worker)
+    finished = False
+    try:
+        futures = {pool.submit(carry_out, task): number for number, task in tasks.items()}
+        for future in as_completed(futures):
+            error = future.exception()
+            if error is not None and not isinstance(error, Exception):
+                raise error
+            yield futures.pop(future), error if error is not None else future.result()
+        finished = True
+    finally:
+        if not finished:
+            for process in set(active_children()) - others:
+                process.terminate()
+        pool.shutdown(wait=finished, cancel_futures=True)
+
+
+def _start_worker() -> None:
+    """Ctrl-C is the parent's to answer, and without a parent there is nothing to do."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.simplefilter("ignore")  # as in the parent: what a library tells its programmer is not for the user
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

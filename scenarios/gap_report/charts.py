@@ -1,0 +1,115 @@
+"""Bars: the gap by channel, what it follows, how far it closes, how far the calibration had moved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from estimators.gap.diagnosis import Diagnosis
+from rig.channels import CHANNELS_OF
+from scenarios.gap_report.svg import Drawing, Scale, nice_step, tick_label
+from scenarios.gap_report.units import Shown
+from scenarios.gap_report.words import closed_words, percent
+
+_WIDTH: Final = 1000.0
+_LABEL: Final = 92.0  # left of the bars
+_VALUES: Final = 190.0  # right of them
+_ROW: Final = 34.0
+
+
+def channel_bars(diagnosis: Diagnosis, shown: Mapping[str, Shown]) -> str:
+    """Each channel's gap before and after, with its noise floor; one scale a sensor. ``shown``: units by channel."""
+    sensors = [[name for name in names if name in diagnosis.channels] for names in CHANNELS_OF.values()]
+    groups = [names for names in sensors if names]
+    height = sum(46.0 + _ROW * len(names) for names in groups)
+    drawing = Drawing(_WIDTH, height, "gap of each channel before and after, beside its noise floor")
+    explained = bool(diagnosis.causes)
+    top = 0.0
+    for names in groups:
+        unit = shown[names[0]]
+        rows = [diagnosis.channels[name] for name in names]
+        largest = max([row.noise_floor for row in rows] + [row.gap_before for row in rows]) * unit.factor
+        scale = Scale(0.0, max(largest, 1e-12) * 1.04, _LABEL, _WIDTH - _VALUES)
+        bottom = top + 14 + _ROW * len(names)
+        for tick in scale.ticks():
+            drawing.line(scale.at(tick), top + 8, scale.at(tick), bottom, "grid")
+        for number, (name, row) in enumerate(zip(names, rows, strict=True)):
+            y = top + 14 + _ROW * number
+            before, after, floor = (unit.factor * size for size in (row.gap_before, row.gap_after, row.noise_floor))
+            drawing.text(_LABEL - 10, y + 16, name, "name", "end")
+            drawing.rect(_LABEL, y, scale.at(before) - _LABEL, 11, "before")
+            if explained:
+                drawing.rect(_LABEL, y + 13, scale.at(after) - _LABEL, 11, "after")
+            drawing.line(scale.at(floor), y - 3, scale.at(floor), y + 27, "floor")
+            told = f"{before:.3g} → {after:.2g} {unit.name}" if explained else f"{before:.3g} {unit.name}"
+            drawing.text(_WIDTH - _VALUES + 14, y + 10, told, "value")
+            drawing.text(_WIDTH - _VALUES + 14, y + 24, _beside(row.closed, before / max(floor, 1e-300)), "note")
+        drawing.x_axis(scale, bottom)
+        drawing.text(_WIDTH - _VALUES + 14, bottom + 15, f"RMS, {unit.name}", "tick")
+        top = bottom + 32
+    return str(drawing)
+
+
+def _beside(closed: float | None, relative: float) -> str:
+    of_floor = f"{relative:.2g} × floor"
+    return of_floor if closed is None else f"{of_floor}, {percent(closed)} closed"
+
+
+def follow_bars(follows: Sequence[Mapping[str, Any]], most: int = 10) -> str:
+    """Shares of the gap by what the residual follows, the largest first."""
+    rows = sorted(follows, key=lambda each: -float(each["share"]))[:most]
+    left = 170.0
+    drawing = Drawing(560, 24.0 * len(rows) + 24, "shares of the gap by what the residual follows")
+    scale = Scale(0.0, 1.0, left, 500.0)
+    bottom = 24.0 * len(rows) + 2
+    for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
+        drawing.line(scale.at(tick), 0, scale.at(tick), bottom, "grid")
+        drawing.text(scale.at(tick), bottom + 15, f"{100 * tick:.0f} %", "tick", "middle")
+    for number, each in enumerate(rows):
+        share = min(max(float(each["share"]), 0.0), 1.0)
+        y = 24.0 * number + 5
+        channel = each.get("channel")
+        words = str(each["variable"]) + (f", {channel}" if channel and channel != "all" else "")
+        drawing.text(left - 10, y + 11, words, "name", "end")
+        drawing.rect(left, y, scale.at(share) - left, 14, "share")
+        drawing.text(scale.at(share) + 6, y + 11, percent(share), "value")
+    return str(drawing)
+
+
+def closed_bar(diagnosis: Diagnosis) -> str:
+    """The share of the squared gap that is gone, with its interval."""
+    drawing = Drawing(_WIDTH, 56, f"share of the gap that closes: {closed_words(diagnosis)}")
+    scale = Scale(0.0, 1.0, 10, _WIDTH - _VALUES)
+    value = min(max(diagnosis.closed or 0.0, 0.0), 1.0)
+    drawing.rect(scale.at(0), 8, scale.at(1) - scale.at(0), 20, "left")
+    drawing.rect(scale.at(0), 8, scale.at(value) - scale.at(0), 20, "after")
+    if diagnosis.closed_low is not None and diagnosis.closed_high is not None:
+        low, high = (scale.at(min(max(each, 0.0), 1.0)) for each in (diagnosis.closed_low, diagnosis.closed_high))
+        drawing.line(low, 18, high, 18, "interval")
+        for end in (low, high):
+            drawing.line(end, 11, end, 25, "interval")
+    for tick in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
+        drawing.line(scale.at(tick), 28, scale.at(tick), 33, "axis")
+        drawing.text(scale.at(tick), 46, f"{100 * tick:.0f} %", "tick", "middle")
+    drawing.text(_WIDTH - _VALUES + 14, 23, closed_words(diagnosis), "value")
+    return str(drawing)
+
+
+def shift_bars(rows: Sequence[tuple[str, float]]) -> str:
+    """Shifts in standard deviations of named parameters, in the order given."""
+    left = 170.0
+    drawing = Drawing(480, 22.0 * len(rows) + 24, "shift of calibration parameters in standard deviations")
+    reach = max(1.0, *(abs(sigmas) for _, sigmas in rows))
+    scale = Scale(-reach, reach, left, 420)
+    bottom = 22.0 * len(rows) + 2
+    step = nice_step(reach / 2.5)
+    for tick in (-step, 0.0, step):
+        drawing.line(scale.at(tick), 0, scale.at(tick), bottom, "grid" if tick else "axis")
+        drawing.text(scale.at(tick), bottom + 15, f"{tick_label(tick)}σ", "tick", "middle")
+    for number, (name, sigmas) in enumerate(rows):
+        y = 22.0 * number + 4
+        drawing.text(left - 12, y + 11, name, "name", "end")
+        start, end = sorted((scale.at(0.0), scale.at(sigmas)))
+        drawing.rect(start, y, end - start, 14, "before")
+        drawing.text(478, y + 11, f"{sigmas:+.1f}".replace("-", "−"), "value", "end")
+    return str(drawing)

@@ -1,0 +1,184 @@
+"""The improved rig: a scenario with the recording's calibration, its maneuver and the causes of its gap."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.basefit import all_readings
+from estimators.gap.defects import lattice
+from estimators.gap.diagnosis import Diagnosis
+from rig.acquisition import Acquisition
+from rig.channels import CHANNELS, COLUMNS_OF
+from rig.effects import Effect
+from rig.environment import Environment
+from rig.errors import RigError
+from rig.maneuver import HandTumble
+from rig.recording import Recording
+from rig.simulate import Rig
+from scenarios.gap_report.closest_maneuver import closest_maneuver
+from scenarios.gap_report.residuals import GapResiduals
+from scenarios.gap_report.words import cause_title, sentence
+from scenarios.scenario import Scenario
+from scenarios.tables import ArmTable
+
+Array = NDArray[np.float64]
+
+#: The rate at which the simulator runs [Hz]; a slower recording keeps every so many of its samples.
+_RATE_HZ: Final = 100.0
+
+
+def improved_rig(
+    diagnosis: Diagnosis,
+    residuals: GapResiduals,
+    locked: Recording | None = None,
+    urdf: Path | None = None,
+    tip: str | None = None,
+) -> str:
+    """The scenario as TOML, with comments that say where it differs from what was recorded.
+
+    Args:
+        residuals: of the diagnosed recording.
+        locked: the locked recording, whose converter step is the rig's.
+        urdf, tip: the arm, where it is not the A465.
+
+    Raises:
+        RigError: the readings are not in volts, or the arm cannot be named in a file.
+    """
+    recording = residuals.recording
+    check_units(recording)
+    arm = residuals.bench.base.arm
+    pipeline = residuals.calibrated
+    every = max(1, round(_RATE_HZ / recording.rate_Hz))
+    rate_Hz = every * recording.rate_Hz
+    played = closest_maneuver(
+        recording.t, recording.q if arm is not None else None, rate_Hz, arm.name if arm is not None else "none"
+    )
+    rig = Rig(
+        arm=None if isinstance(played.maneuver, HandTumble) else arm,
+        environment=_warming(pipeline.environment, recording),
+        accelerometer=pipeline.accelerometer,
+        magnetometer=pipeline.magnetometer,
+        acquisition=_acquisition(residuals, locked, every),
+        effects=tuple(_from_zero(effect, float(recording.t[0])) for effect in residuals.causes),
+    )
+    scenario = Scenario(
+        name=diagnosis.recording,
+        rig=rig,
+        maneuver=played.maneuver,
+        title=f"The rig of {diagnosis.recording} with the causes of its gap",
+        description=sentence(diagnosis),
+        source=f"Calibration and effects fitted to {recording.name} by rig diagnose.",
+        arm_table=ArmTable(model="none")
+        if rig.arm is None
+        else ArmTable(urdf=None if urdf is None else str(urdf), tip=tip),
+    )
+    return _comments([played.difference, *_remarks(diagnosis, residuals, rig)]) + scenario.to_toml()
+
+
+def check_units(recording: Recording) -> None:
+    """Refuse a recording whose rig no scenario can describe.
+
+    Raises:
+        RigError: the readings are not in volts.
+    """
+    for sensor in recording.sensors:
+        if (unit := recording.unit(sensor)) != "V":
+            where = recording.origin or recording.name
+            raise RigError(
+                f"{where}: --save-scenario: found {sensor} in {unit!r}, expected V, as a scenario's board reads"
+            )
+
+
+def _floor_of(residuals: GapResiduals, sensor: str) -> Array:
+    """(3,) standard deviation of a sensor's noise at rest [recorded unit]."""
+    columns = range(len(CHANNELS))[COLUMNS_OF[sensor]]
+    return np.sqrt([residuals.floor[column].variance for column in columns])
+
+
+def _from_zero(effect: Effect, begin_s: float) -> Effect:
+    """The effect on a clock that starts with the recording, as a simulation's does."""
+    if begin_s == 0.0:
+        return effect
+    values = asdict(effect)
+    if "at_s" in values:
+        values["at_s"] -= begin_s
+    if effect.tone:
+        turn = 2.0 * np.pi * values["freq_Hz"] * begin_s
+        values["phase_rad"] = np.remainder(np.asarray(values["phase_rad"]) + turn, 2.0 * np.pi).tolist()
+    return effect.from_mapping(values)
+
+
+def _acquisition(residuals: GapResiduals, locked: Recording | None, every: int) -> Acquisition:
+    """Noise floor, converter step and decimation; the range is the board's where no reading leaves it."""
+    recording = residuals.recording
+    noise = np.zeros(len(CHANNELS))
+    for sensor in recording.sensors:
+        noise[COLUMNS_OF[sensor]] = _floor_of(residuals, sensor)
+    steps = lattice(all_readings(recording if locked is None else locked))
+    steps = steps[steps > 0.0]
+    readings = all_readings(recording)
+    standard = Acquisition()
+    low, high = standard.range_V or (-np.inf, np.inf)
+    bits = standard.bits if len(steps) else None
+    return Acquisition(
+        noise_V=tuple(float(value) for value in noise),
+        range_V=standard.range_V if low <= np.nanmin(readings) and np.nanmax(readings) <= high else None,
+        bits=bits,
+        full_scale_V=standard.full_scale_V if bits is None else float(f"{np.median(steps) * 2.0 ** (bits - 1):.6g}"),
+        decimation=every,
+        pose="joints" if residuals.bench.base.arm is not None else "tool",
+    )
+
+
+def _warming(environment: Environment, recording: Recording) -> Environment:
+    """The environment with the exponential that is nearest to the recorded temperature."""
+    if recording.temperature is None:
+        return environment
+    elapsed = recording.t - recording.t[0]
+    best: tuple[float, Array, float] | None = None
+    for tau in np.geomspace(max(recording.duration_s / 50.0, 1.0), max(3.0 * recording.duration_s, 2.0), 40):
+        columns = np.stack([np.ones_like(elapsed), -np.expm1(-elapsed / tau)], axis=1)
+        values, *_ = np.linalg.lstsq(columns, recording.temperature, rcond=None)
+        left = float(np.sum((recording.temperature - columns @ values) ** 2))
+        if best is None or left < best[0]:
+            best = (left, values, float(tau))
+    assert best is not None
+    return replace(
+        environment,
+        temperature_degC=float(np.round(best[1][0], 3)),
+        temperature_rise_degC=float(np.round(best[1][1], 3)),
+        temperature_tau_s=float(np.round(best[2], 1)),
+    )
+
+
+def _remarks(diagnosis: Diagnosis, residuals: GapResiduals, rig: Rig) -> list[str]:
+    remarks: list[str] = []
+    for cause in diagnosis.causes:
+        if cause.equivalent:
+            others = "; ".join(cause_title(each["effect"], each["where"]) for each in cause.equivalent)
+            remarks.append(f"The data cannot split {cause_title(cause.effect, cause.where)} from: {others}.")
+    if diagnosis.verdict == "unknown":
+        remarks.append("Part of the gap has no name, and is not in this rig.")
+    coloured = [CHANNELS[column] for column in residuals.bench.columns if residuals.floor[column].coloured > 0.0]
+    if coloured:
+        remarks.append(f"The noise floor of {', '.join(coloured)} is coloured; here it is white noise of the same RMS.")
+    temperature = residuals.recording.temperature
+    if temperature is not None:
+        off = temperature - rig.environment.temperature(residuals.recording.t - residuals.recording.t[0])
+        if (worst := float(np.abs(off).max())) > 0.5:
+            remarks.append(
+                f"The recorded temperature is up to {worst:.1f} degC off this warm-up; effects that follow it differ."
+            )
+    return remarks
+
+
+def _comments(remarks: Sequence[str]) -> str:
+    lines = [line for remark in remarks for line in textwrap.wrap(remark, 116)]
+    return "".join(f"# {line}\n" for line in lines) + "\n"

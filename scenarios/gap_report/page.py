@@ -1,0 +1,113 @@
+"""The page of a diagnosis: one HTML file that needs nothing else, neither scripts nor the network."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from estimators.gap.diagnosis import Diagnosis
+from scenarios.gap_report import sections
+from scenarios.gap_report.residuals import GapResiduals
+from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline, percent
+
+#: Nothing may be loaded from anywhere; the style is the page's own.
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def page(diagnosis: Diagnosis, residuals: GapResiduals, without: Sequence[str] = ()) -> str:
+    """The page of a diagnosis.
+
+    Args:
+        residuals: of the same recording, from ``gap_residuals``.
+        without: effects that were left out of the catalogue.
+    """
+    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+    title = f"{diagnosis.recording}: {VERDICTS[diagnosis.verdict].lower()}"
+    parts = [
+        _head(diagnosis, residuals, without),
+        sections.where(diagnosis, residuals),
+        sections.which(diagnosis),
+        sections.how_far(diagnosis, residuals),
+        sections.calibration(diagnosis),
+        sections.remainder(diagnosis),
+        sections.untold(diagnosis),
+        sections.next_step(diagnosis),
+        _foot(diagnosis),
+    ]
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n<main>\n"
+        + "\n".join(part for part in parts if part)
+        + "\n</main>\n</body>\n</html>\n"
+    )
+
+
+def _head(diagnosis: Diagnosis, residuals: GapResiduals, without: Sequence[str]) -> str:
+    run = residuals.recording
+    facts = [
+        f"{diagnosis.samples:,} samples",
+        f"{run.duration_s:,.0f} s at {run.rate_Hz:.4g} Hz",
+        " and ".join(run.sensors),
+        f"noise floor: {diagnosis.floor}",
+    ]
+    if without:
+        facts.append(f"without {', '.join(without)} in the catalogue")
+    notes = "".join(f'<p class="warning">{escape(warning)}</p>' for warning in diagnosis.warnings)
+    more = f'<p class="lead">{escape(words)}</p>\n' if (words := consequences(diagnosis)) else ""
+    return (
+        f'<p class="kicker">Sim-to-real gap of {escape(diagnosis.recording)}</p>\n'
+        f"<h1>{escape(headline(diagnosis))}</h1>\n{more}"
+        f'<p class="soft"><span class="badge {diagnosis.verdict}">{VERDICTS[diagnosis.verdict]}</span>'
+        f"{escape(' · '.join(facts))}</p>\n{notes}{_tiles(diagnosis)}"
+    )
+
+
+def _tiles(diagnosis: Diagnosis) -> str:
+    rows = {name: row for name, row in diagnosis.channels.items() if row.noise_floor > 0}
+    tiles: list[tuple[str, str, str]] = []
+    if rows and diagnosis.verdict == "no-gap":
+        ratios = sorted(row.rms_before / row.noise_floor for row in rows.values())
+        tiles.append(("Residual over floor", f"{ratios[0]:.2f} – {ratios[-1]:.2f}", "RMS of each channel"))
+    elif rows:
+        worst = max(rows, key=lambda name: rows[name].gap_before / rows[name].noise_floor)
+        tiles.append(("Largest gap", f"{rows[worst].gap_before / rows[worst].noise_floor:.2g} × floor", f"in {worst}"))
+    if diagnosis.causes:
+        first = diagnosis.causes[0]
+        rivals = len(first.equivalent)
+        alike = f"{rivals} more fit{'s' if rivals == 1 else ''} as well" if rivals else "no other cause fits as well"
+        tiles.append(("Probability of the first cause", percent(first.probability), alike))
+    if diagnosis.closed is not None:
+        share, _, interval = closed_words(diagnosis).partition(" (")
+        note = f"95 %: {interval.removesuffix(')')}, {diagnosis.closed_on}" if interval else diagnosis.closed_on
+        tiles.append(("Gap closed", share, note))
+    left = "nothing above the floor" if diagnosis.remainder == "noise" else "more than noise"
+    tiles.append(("Left over", diagnosis.remainder, left))
+    return f'<dl class="tiles">{"".join(_tile(*tile) for tile in tiles)}</dl>'
+
+
+def _tile(name: str, value: str, note: str) -> str:
+    return f'<div class="tile"><dt>{escape(name)}</dt><dd>{escape(value)}<small>{escape(note)}</small></dd></div>'
+
+
+def _foot(diagnosis: Diagnosis) -> str:
+    lines: Iterable[str] = (
+        "<b>Floor</b>: the RMS of a channel's noise at rest. <b>Gap</b>: what the ideal rig with its best calibration "
+        "misses beyond the floor, RMS. <b>Before</b>: that rig. <b>After</b>: the same rig with the causes in the "
+        "simulator and the calibration refitted. <b>Closed</b>: 1 − (gap after / gap before)², on data that did not "
+        "choose or fit the causes.",
+        f"torusrig {escape(_version())}, {diagnosis.seconds:.1f} s. All numbers: "
+        f"<code>{escape(diagnosis.recording)}.diagnosis.json</code>. To simulate a rig with these causes: "
+        f"<code>rig sweep SCENARIO --with {escape(diagnosis.recording)}.diagnosis.json -o RUN.parquet</code>",
+    )
+    return "<footer>" + "".join(f"<p>{line}</p>" for line in lines) + "</footer>"
+
+
+def _version() -> str:
+    try:
+        return version("torusrig")
+    except PackageNotFoundError:
+        return "from its sources"

@@ -1,0 +1,163 @@
+"""What the base model leaves of a recording, and what is left once the diagnosed causes are modelled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.basefit import all_readings, estimated_floor, fitted_pipeline, learn_floor, set_up
+from estimators.gap.bench import Bench
+from estimators.gap.colour import ChannelNoise
+from estimators.gap.defects import find_defects, lattice, masked
+from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.score import Explained
+from estimators.gap.stochastic import fit_effect
+from estimators.pipeline import calibrate
+from rig.arm import Arm
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.effects import Effect, Kind, make_effect
+from rig.errors import RefusedFit
+from rig.pipeline import Pipeline
+from rig.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class GapResiduals:
+    """A recording's residuals before and after the causes are modelled; channels that were not recorded are NaN.
+
+    Attributes:
+        recording: what was diagnosed.
+        floor: the noise of each channel at rest.
+        before: (n, 6) [recorded unit] reading minus base fit.
+        after: (n, 6) [recorded unit] reading minus the fit with the causes' change in it; None where no cause is named.
+        left_out: (n, 6) readings that a named defect has spoilt, such as a spike; they do not count in ``after``.
+        white_before, white_after: (n, 6) the same residuals whitened: independent and of variance one where only the
+            floor (and, after, the named noise) is left.
+        causes: the effects of the diagnosis.
+        bench: the base fit.
+        calibrated: the rig calibrated with the causes in place, without them; the base fit's where there are none.
+    """
+
+    recording: Recording
+    floor: tuple[ChannelNoise, ...]
+    before: Array
+    after: Array | None
+    left_out: Mask
+    white_before: Array
+    white_after: Array | None
+    causes: tuple[Effect, ...]
+    bench: Bench
+    calibrated: Pipeline
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that were recorded."""
+        return tuple(CHANNELS[column] for column in self.bench.columns)
+
+
+def gap_residuals(
+    recording: Recording, diagnosis: Diagnosis, locked: Recording | None = None, arm: Arm | None = None
+) -> GapResiduals:
+    """Fit the base model again, and refit its calibration with the causes of a diagnosis in place.
+
+    Args:
+        locked: the locked recording that the diagnosis took its floor from; None: the floor is estimated as there.
+        arm: None: the A465 where the recording has joint angles.
+
+    Raises:
+        RigError, RefusedFit: as ``estimators.gap.diagnose``.
+    """
+    if arm is None and recording.q is not None:
+        arm = Arm.a465()
+    floor = channel_floor(recording, locked, arm)
+    bench = set_up(recording, floor, arm)
+    causes = diagnosed_effects(diagnosis)
+    clean, left_out = _without_defects(bench, causes, locked)
+    known = _recalibrated(recording, clean, causes, floor) if mean_effects(causes) else clean
+    after = known.left_over(known.residual - known.change(mean_effects(causes))) if causes else None
+    return GapResiduals(
+        recording=recording,
+        floor=floor,
+        before=bench.residual,
+        after=after,
+        left_out=left_out,
+        white_before=_whitened(bench, bench.residual),
+        white_after=None if after is None else _whitened(_with_noise(known, causes, after), after),
+        causes=causes,
+        bench=bench,
+        calibrated=known.pipeline,
+    )
+
+
+def channel_floor(recording: Recording, locked: Recording | None, arm: Arm | None) -> tuple[ChannelNoise, ...]:
+    """The noise floor of each channel, from the locked recording or, lacking one, from the recording itself."""
+    if locked is None:
+        return estimated_floor(recording, arm)
+    return learn_floor(locked, float(np.median(np.diff(recording.t))))
+
+
+def diagnosed_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
+    """The causes of a diagnosis as effects that the simulator can apply."""
+    return tuple(
+        make_effect(
+            cause.effect, {"where": cause.where, **{name: value.value for name, value in cause.parameters.items()}}
+        )
+        for cause in diagnosis.causes
+    )
+
+
+def mean_effects(effects: Sequence[Effect]) -> list[Effect]:
+    """Those effects that move the expected reading."""
+    return [effect for effect in effects if effect.kind is Kind.MEAN]
+
+
+def _without_defects(bench: Bench, causes: Sequence[Effect], locked: Recording | None) -> tuple[Bench, Mask]:
+    """The bench without the readings that named defects have spoilt, and which these are."""
+    names = {effect.name for effect in causes if effect.kind is Kind.DISTRIBUTION}
+    nothing = np.zeros(bench.readings.shape, dtype=bool)
+    if not names:
+        return bench, nothing
+    step = np.full(len(CHANNELS), np.nan) if locked is None else lattice(all_readings(locked))
+    defects = [defect for defect in find_defects(bench, step) if defect.effect in names]
+    return masked(bench, defects), np.logical_or.reduce([nothing, *(defect.affected for defect in defects)])
+
+
+def _recalibrated(recording: Recording, bench: Bench, causes: Sequence[Effect], floor: Sequence[ChannelNoise]) -> Bench:
+    """The bench with the calibration that the recording gives once the causes' change is taken out of it."""
+    change = bench.change(mean_effects(causes))
+    corrected = recording
+    for sensor in recording.sensors:
+        readings = recording.readings(sensor) - change[:, COLUMNS_OF[sensor]]
+        both = {ACCELEROMETER: corrected.accelerometer, MAGNETOMETER: corrected.magnetometer, sensor: readings}
+        corrected = replace(corrected, accelerometer=both[ACCELEROMETER], magnetometer=both[MAGNETOMETER])
+    sigma = np.sqrt([channel.variance for channel in floor])
+    noise = {sensor: sigma[COLUMNS_OF[sensor]] for sensor in recording.sensors}
+    try:
+        pipeline = fitted_pipeline(calibrate(corrected, noise=noise, arm=bench.base.arm), recording)
+    except RefusedFit:  # the causes take so much that too little is left: the first calibration, then
+        return bench
+    return replace(bench, pipeline=pipeline, base=pipeline.expected(bench.base, np.random.default_rng(0)))
+
+
+def _with_noise(bench: Bench, causes: Sequence[Effect], after: Array) -> Bench:
+    """The bench with the named noise whitened as well."""
+    for effect in causes:
+        if effect.kind is Kind.NOISE:
+            explained = Explained(bench.absorbed, bench.whiten(after))
+            offer = fit_effect(type(effect), effect.where, bench, explained)
+            bench = bench if offer is None else offer.applied(bench)
+    return bench
+
+
+def _whitened(bench: Bench, residual: Array) -> Array:
+    """(n, 6) a residual in whitened coordinates, channel by channel."""
+    white = np.full_like(residual, np.nan)
+    for column in bench.columns:
+        white[:, column] = bench.whiten_channel(column, residual[:, column])
+    return white

@@ -1,0 +1,96 @@
+"""How the Cramer-Rao bound of a maneuver falls minute by minute."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from numpy.typing import NDArray
+
+from estimators.information import Growth
+from scenarios.colours import AXES_ON_PAPER, GREY, PURPLE, SKY_BLUE
+from scenarios.plots.style import new_figure, style
+
+if TYPE_CHECKING:
+    from scenarios.bound import ScenarioBound, SensorBound
+
+Array = NDArray[np.float64]
+
+_FREE_LABELS: Final = ("A11", "A22", "A33", "A12", "A13", "A23")
+
+
+def bound_figure(bound: ScenarioBound) -> Figure:
+    """A column for each sensor: standard deviations against the time from the start, and what each interval pays.
+
+    The dashed lines fall with the square root of time: a maneuver whose minutes are all worth the same follows them.
+    """
+    with style():
+        rows = 5 if bound.attitude else 3
+        figure = new_figure(4.9 * len(bound.sensors), 1.75 * rows + 0.4)
+        panels = figure.subplots(rows, len(bound.sensors), sharex=True, squeeze=False)
+        for column, (name, sensor) in enumerate(bound.sensors.items()):
+            own = panels[:, column]
+            for panel, (label, values, labels) in zip(own, _series(sensor), strict=False):
+                _falling(panel, bound.time_s / 60.0, values, labels)
+                panel.set_ylabel(label)
+            own[0].set_title(f"{name.capitalize()}, {sensor.prediction.samples:,} samples")
+            _paying(own[-1], bound.time_s / 60.0, sensor.growth.share)
+            own[-1].set_xlabel("time from the start [min]")
+            own[-1].set_xlim(left=0.0)
+        figure.suptitle(
+            f"{bound.scenario}: what the maneuver can tell (Cramér-Rao bound)", x=0.01, ha="left", fontsize=10
+        )
+    return figure
+
+
+def _series(sensor: SensorBound) -> list[tuple[str, Array, tuple[str, ...]]]:
+    """Label, values (b, k) and the k names of each panel."""
+    grown = sensor.growth
+    axes = ("axis 1", "axis 2", "axis 3")
+    if not isinstance(grown, Growth):
+        return [
+            ("std of the gain A\n[% of the largest]", 100.0 * grown.gain, _FREE_LABELS[: grown.gain.shape[1]]),
+            ("std of offset\n[mV]", 1e3 * grown.offset, axes),
+        ]
+    fields = ("field",) if grown.field_deg.shape[1] == 1 else tuple(f"field of {axis}" for axis in axes)
+    return [
+        ("std of S [%]", 100.0 * grown.sensitivity, axes),
+        ("std of δ [mV]", 1e3 * grown.offset, axes),
+        ("RMS angle of axes\n[deg]", grown.axis_deg, axes),
+        ("RMS angle of field\n[deg]", grown.field_deg, fields),
+    ]
+
+
+def _falling(panel: Axes, minutes: Array, values: Array, labels: tuple[str, ...]) -> None:
+    for index, (series, label) in enumerate(zip(values.T, labels, strict=True)):
+        colour = PURPLE if len(labels) == 1 else AXES_ON_PAPER[index % 3]
+        panel.plot(minutes, series, ":" if index > 2 else "-", color=colour, marker="o", markersize=2.2, label=label)
+    if np.isfinite(values[-1]).all():
+        panel.plot(minutes, values[-1].max() * np.sqrt(minutes[-1] / minutes), "--", color=GREY, linewidth=0.8)
+    if np.isfinite(values).any():
+        panel.set_yscale("log")
+        panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        panel.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        panel.text(0.5, 0.5, "cannot be told", transform=panel.transAxes, ha="center", va="center", style="italic")
+    panel.legend(loc="upper right", ncols=min(len(labels), 3))
+
+
+def _paying(panel: Axes, minutes: Array, share: Array) -> None:
+    """Bars over the intervals; the dashed line is what each would pay if all paid alike."""
+    starts = np.concatenate([[0.0], minutes[:-1]])
+    if np.isfinite(share).all():
+        panel.bar(
+            starts, 100.0 * share, width=minutes - starts, align="edge", color=SKY_BLUE, edgecolor="white", lw=0.4
+        )
+        panel.stairs(100.0 * (minutes - starts) / minutes[-1], np.append(0.0, minutes), color=GREY, ls="--", lw=0.8)
+    else:
+        panel.text(
+            0.5, 0.5, "something stays open", transform=panel.transAxes, ha="center", va="center", style="italic"
+        )
+    panel.set_ylabel("share of what is\nlearned [%]")
+    panel.yaxis.set_major_locator(MaxNLocator(4))

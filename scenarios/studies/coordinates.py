@@ -1,0 +1,159 @@
+"""What a study measures errors in: coordinates that are regular for every direction.
+
+The errors of a unit vector are its two displacements on the sphere [deg], along growing elevation (beta, phi) and along
+growing azimuth (gamma, psi): at Renk's beta1 = -89 deg an azimuth itself is off by 57 times as much, and with gravity
+along -z it has no meaning at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators.batch import ManyFits, ManyParameters
+from estimators.identifiability import bound
+from estimators.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
+from rig.directions import angles_from_direction, tangent_basis
+
+Array = NDArray[np.float64]
+
+#: A unit vector's natural size: a radian, in degrees.
+RADIAN_DEG: Final = float(np.degrees(1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """The p coordinates of one sensor's errors about a known truth, in the order of ``SensorParameters.jacobian``.
+
+    Attributes:
+        truth: of the sensor. method: whose parameters.
+    """
+
+    truth: SensorParameters
+    method: Method
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """(p,) ``sensitivity1``, ``offset1``, ``axis1_beta_deg``, ``axis1_gamma_deg``, .., ``field_phi_deg``,
+        ``field_psi_deg``; of separate fits ``field1_phi_deg`` and so on."""
+        return coordinate_names(self.method)
+
+    @cached_property
+    def values(self) -> Array:
+        """(p,) the truth: S, delta [recorded unit], and the angles of the unit vectors [deg]."""
+        result = np.empty(len(self.names))
+        axes, fields = (np.stack(angles_from_direction(v), axis=1) for v in (self.truth.axes, self.truth.fields))
+        for k, start, of_field in columns_of_channels(self.method):
+            result[start : start + 2] = self.truth.sensitivity[k], self.truth.offset[k]
+            result[start + 2 : start + 4] = axes[k]
+            result[of_field] = fields[k]
+        return result
+
+    @cached_property
+    def sizes(self) -> Array:
+        """(p,) what an error is small or large against: the value of S and delta, a radian of a unit vector."""
+        return np.where(["_deg" in name for name in self.names], RADIAN_DEG, np.abs(self.values))
+
+    @cached_property
+    def _tangents(self) -> tuple[Array, Array]:
+        """(3, 2, 3) unit vectors along growing elevation and azimuth, of the axes and of the fields."""
+        return elevation_azimuth_basis(self.truth.axes), elevation_azimuth_basis(self.truth.fields)
+
+    @cached_property
+    def from_tangent(self) -> Array:
+        """(p, p) from the coordinates of ``SensorParameters.jacobian`` at the truth to these."""
+        result = np.zeros((len(self.names),) * 2)
+        for k, start, of_field in columns_of_channels(self.method):
+            result[[start, start + 1], [start, start + 1]] = self.truth.scales[k]
+            for columns, own, basis in self._directions(k, start, of_field):
+                result[columns, columns] = RADIAN_DEG * own @ basis.T
+        return result
+
+    def _directions(self, k: int, start: int, of_field: slice) -> tuple[tuple[slice, Array, Array], ...]:
+        axes, fields = self._tangents
+        axis_basis, field_basis = self.truth.bases
+        return (slice(start + 2, start + 4), axes[k], axis_basis[k]), (of_field, fields[k], field_basis[k])
+
+    def bound(self, gram: ArrayLike, noise: ArrayLike) -> Array:
+        """The Cramer-Rao bound (p, p); NaN where the poses tell nothing.
+
+        Args:
+            gram: (10, 10) of [vec R, 1].
+            noise: (3,) standard deviation of a reading [recorded unit].
+        """
+        covariance = bound(np.asarray(gram, dtype=float), self.truth, noise, self.method)
+        lost = np.isnan(covariance.diagonal())
+        covariance[np.isnan(covariance)] = 0.0
+        result = self.from_tangent @ covariance @ self.from_tangent.T
+        touched = (np.abs(self.from_tangent[:, lost]) > 0.0).any(axis=1)
+        result[touched] = np.nan
+        result[:, touched] = np.nan
+        return result
+
+    def errors(self, estimates: ManyParameters) -> Array:
+        """(m, p) estimate minus truth."""
+        result = np.empty((len(estimates), len(self.names)))
+        axes, fields = self._tangents
+        for k, start, of_field in columns_of_channels(self.method):
+            result[:, start] = estimates.sensitivity[:, k] - self.truth.sensitivity[k]
+            result[:, start + 1] = estimates.offset[:, k] - self.truth.offset[k]
+            result[:, start + 2 : start + 4] = RADIAN_DEG * (estimates.axes[:, k] - self.truth.axes[k]) @ axes[k].T
+            result[:, of_field] = RADIAN_DEG * (estimates.fields[:, k] - self.truth.fields[k]) @ fields[k].T
+        return result
+
+    def standard_deviations(self, fits: ManyFits) -> Array:
+        """(m, p) as the fits themselves state them, from their covariance at the estimates."""
+        result = np.empty((len(fits), len(self.names)))
+        estimates = fits.parameters
+        variance = np.einsum("mii->mi", fits.covariance)
+        axis_bases, field_bases = tangent_basis(estimates.axes), tangent_basis(estimates.fields)
+        axes, fields = self._tangents
+        for k, start, of_field in columns_of_channels(self.method):
+            result[:, start] = estimates.sensitivity[:, k] * np.sqrt(variance[:, start])
+            result[:, start + 1] = estimates.length[:, k] * np.sqrt(variance[:, start + 1])
+            of_axis = slice(start + 2, start + 4)
+            for columns, own, basis in ((of_axis, axes[k], axis_bases[:, k]), (of_field, fields[k], field_bases[:, k])):
+                to_own = own @ basis.swapaxes(1, 2)
+                spread = np.einsum("mai,mij,maj->ma", to_own, fits.covariance[:, columns, columns], to_own)
+                result[:, columns] = RADIAN_DEG * np.sqrt(np.maximum(spread, 0.0))
+        return result
+
+
+def calibration_values(estimates: ManyParameters, method: Method) -> Array:
+    """(m, p) the parameters as a calibration has them, in the order of ``estimators.model.parameter_names``: S, delta
+    [recorded unit], beta, gamma, phi, psi [deg]."""
+    result = np.empty((len(estimates), PARAMETERS_OF[method]))
+    axes, fields = (np.stack(angles_from_direction(v), axis=-1) for v in (estimates.axes, estimates.fields))
+    for k, start, of_field in columns_of_channels(method):
+        result[:, start] = estimates.sensitivity[:, k]
+        result[:, start + 1] = estimates.offset[:, k]
+        result[:, start + 2 : start + 4] = axes[:, k]
+        result[:, of_field] = fields[:, k]
+    return result
+
+
+def coordinate_names(method: Method) -> tuple[str, ...]:
+    """The names of the coordinates of a method's parameters."""
+    names = [""] * PARAMETERS_OF[method]
+    for k, start, of_field in columns_of_channels(method):
+        n = k + 1
+        names[start : start + 4] = f"sensitivity{n}", f"offset{n}", f"axis{n}_beta_deg", f"axis{n}_gamma_deg"
+        own = str(n) if method == "separate" else ""
+        names[of_field] = f"field{own}_phi_deg", f"field{own}_psi_deg"
+    return tuple(names)
+
+
+def elevation_azimuth_basis(direction: ArrayLike) -> Array:
+    """Unit vectors (.., 2, 3) along growing elevation and growing azimuth at unit vectors (.., 3).
+
+    At the pole itself the azimuth is the one that ``angles_from_direction`` gives.
+    """
+    elevation, azimuth = (np.radians(angle) for angle in angles_from_direction(direction))
+    zero = np.zeros_like(azimuth)
+    along = [-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth), -np.cos(elevation)]
+    across = [-np.sin(azimuth), np.cos(azimuth), zero]
+    return np.stack([np.stack(along, axis=-1), np.stack(across, axis=-1)], axis=-2)

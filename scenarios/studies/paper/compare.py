@@ -1,0 +1,106 @@
+"""Both papers beside the rig: everything that the page is made of, and what comes out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from rig.channels import SENSORS
+from scenarios.studies.paper import camps, renk, renk_text
+from scenarios.studies.paper.figures_text import OneDraw, one_draws
+from scenarios.studies.paper.renk_text import PublishedMisfit, field_chi_square, misfits
+from scenarios.studies.paper.rows import Row, Statement
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Both papers, row by row.
+
+    Attributes:
+        rows: of the tables. statements: of the texts. misfits: the published fit errors taken apart.
+        one_draws: what the text reads off Figures 3 and 4.
+    """
+
+    rows: tuple[Row, ...]
+    statements: tuple[Statement, ...]
+    misfits: tuple[PublishedMisfit, ...]
+    one_draws: tuple[OneDraw, ...]
+
+    def table(self, paper: str, number: str) -> tuple[Row, ...]:
+        """The rows of one table."""
+        return tuple(row for row in self.rows if row.paper == paper and row.table == number)
+
+    def tables(self, paper: str) -> tuple[str, ...]:
+        """The numbers of a paper's tables, in their order."""
+        return tuple(dict.fromkeys(row.table for row in self.rows if row.paper == paper))
+
+
+def compare() -> Comparison:
+    """Make the comparison: a few seconds, and the same every time."""
+    return Comparison(
+        (*renk.rows(), *camps.rows()),
+        (*renk_text.statements(), *camps.statements()),
+        tuple(row for sensor in SENSORS for row in misfits(sensor)),
+        one_draws(),
+    )
+
+
+def findings(comparison: Comparison) -> tuple[str, ...]:
+    """What comes out, each as a sentence with the numbers that say so."""
+    return tuple(_findings(comparison))
+
+
+def _findings(comparison: Comparison) -> Iterator[str]:
+    judged = [row for row in comparison.rows if row.word in ("agrees", "differs")]
+    agreeing = sum(row.word == "agrees" for row in judged)
+    yield (
+        f"{agreeing} of {len(judged)} published rows that can be judged agree with the rig; the other"
+        f" {len(judged) - agreeing} differ for a reason that is stated."
+    )
+    for sensor in SENSORS:
+        own = [row for row in comparison.misfits if row.sensor == sensor]
+        errors = ", ".join(f"{1e3 * row.fit_error:.0f}" for row in own)
+        noise = ", ".join(f"{1e3 * row.noise:.1f}" for row in own)
+        shares = ", ".join(f"{row.share:.0%}" if row.share >= 0.01 else f"{row.share:.1%}" for row in own)
+        times = sum(row.fit_error for row in own) / sum(row.noise for row in own)
+        systematic = all(row.share < 0.5 for row in own)
+        kind = "systematic" if systematic else "for the most part noise that was not there with the arm locked"
+        yield (
+            f"The {sensor}s' fit errors ({errors} mV) are {times:.1f} times their noise ({noise} mV). From the scatter"
+            f" of the 25 subsets, {shares} of their squares are noise-like: the gap is {kind}."
+        )
+    for sensor in SENSORS:
+        levels = [row.noise_like for row in comparison.misfits if row.sensor == sensor]
+        chi_square = field_chi_square(sensor, levels)
+        yield (
+            f"The three separate {sensor} fits do not agree on one field direction: chi-square {chi_square:.0f} for 4"
+            " degrees of freedom, at the noise that the subsets' scatter shows."
+        )
+    slips = [row for row in comparison.rows if "radians" in row.why]
+    if slips:
+        names = " and ".join(row.quantity for row in slips)
+        yield (
+            f"Table {slips[0].table}'s standard deviations of {names} are given in degrees but lie far below what any"
+            " estimator can reach; read as radians they fit: most likely a slip of the unit."
+        )
+    for statement in comparison.statements:
+        if statement.finds.startswith("the root sum of squares") and not statement.holds:
+            sensor = statement.about.partition(",")[0]
+            yield f"The {sensor}s' simultaneous fit error, which looks smaller, is no gain: {statement.finds}."
+    elsewhere = [row for row in comparison.rows if "does follow from" in row.why]
+    lost = [row for row in comparison.rows if row.quantity == "angle between" and row.word == "differs"]
+    if lost:
+        other = elsewhere[0].why.rpartition("from ")[2] if elsewhere else ""
+        yield (
+            f"Table {lost[0].table}'s angles do not follow from its own fit's beta and gamma"
+            + (f"; {len(elsewhere)} of {len(lost)} are those of {other}." if other else ".")
+        )
+    for statement in comparison.statements:
+        if "one standard deviation" in statement.says and not statement.holds:
+            yield f"Not all within one standard deviation ({statement.about}): {statement.finds}."
+    for row in comparison.rows:
+        if "holds test 1's column" in row.why:
+            yield f"Camps et al., Table {row.table}, {row.item}: {row.why}."
+    for statement in comparison.statements:
+        if statement.paper == "camps" and statement.about in ("(5)", "section 4") and not statement.holds:
+            yield f"Camps et al., {statement.about}: {statement.finds}."

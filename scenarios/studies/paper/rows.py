@@ -1,0 +1,71 @@
+"""One row of a published table beside what the rig gives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+Word = Literal["agrees", "differs", "cannot be told", "is the rig's truth"]
+
+#: A difference of more standard deviations than this is none of chance: among the 150 rows of both papers one in
+#: fourteen such comparisons would find one by accident.
+SIGMAS: Final = 3.5
+
+
+@dataclass(frozen=True)
+class Row:
+    """A published number, or a direction, and the rig's.
+
+    Attributes:
+        paper, table: "renk" or "camps" and the table's number.
+        item: which axis, pair or sensor. quantity, unit: what.
+        published: as printed.
+        rig, rig_std: what the rig gives under the same conditions, and how far one experiment scatters about it; NaN
+            where it has no such number.
+        sigmas: the difference in standard deviations; NaN where rounding or a ratio decides.
+        word, why: the verdict.
+    """
+
+    paper: str
+    table: str
+    item: str
+    quantity: str
+    unit: str
+    published: str
+    rig: float
+    rig_std: float
+    sigmas: float
+    word: Word
+    why: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """The verdict with its reason."""
+        return f"{self.word}: {self.why}" if self.why else self.word
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What a paper says about its numbers, held against them.
+
+    Attributes:
+        paper, about: which, and of what tables or figures.
+        says: what it says, in our words. finds: what its own numbers, or the rig, give. holds: whether it does.
+    """
+
+    paper: str
+    about: str
+    says: str
+    finds: str
+    holds: bool
+
+
+def number(value: float, std: float) -> str:
+    """A number to the second digit of its standard deviation, with it."""
+    if not math.isfinite(value):
+        return "–"
+    if not (math.isfinite(std) and std > 0.0):
+        return f"{value:.6g}"
+    decimals = min(max(1 - math.floor(math.log10(std)), 0), 12)
+    return f"{value:.{decimals}f} ± {std:.{decimals}f}"

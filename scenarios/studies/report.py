@@ -1,0 +1,134 @@
+"""Studies as tables for the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from scenarios.report import table, with_sigma
+from scenarios.studies.paper.compare import Comparison, findings
+from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetStudy
+from scenarios.studies.summary import Cell, Summary
+from scenarios.studies.verdict import verdicts
+
+_SHOWN_COUNTS: Final = 5
+
+
+def consistency_report(summary: Summary, parameters: Sequence[str]) -> RenderableType:
+    """Bias, RMSE and coverage of some parameters at some sample counts, then the verdicts."""
+    columns = ("fit", "noise", "order", "parameter", "samples", "bias/s.e.", "bound", "RMSE/bound", "coverage")
+    rows = table(*columns, numbers=columns[4:])
+    counts = sorted({cell.count for cell in summary.cells})
+    shown = {counts[round(k * (len(counts) - 1) / (_SHOWN_COUNTS - 1))] for k in range(_SHOWN_COUNTS)}
+    sensors = list(dict.fromkeys(cell.sensor for cell in summary.cells))
+    for cell in summary.cells:
+        if cell.count not in shown or cell.parameter not in parameters:
+            continue
+        fit = cell.method if len(sensors) == 1 else f"{cell.sensor}, {cell.method}"
+        numbers = (f"{cell.count:,}", f"{cell.bias / cell.bias_std:+.1f}", f"{cell.bound:.3g}", _ratio(cell))
+        texts = (
+            fit,
+            f"×{cell.noise_factor:g}",
+            cell.order,
+            cell.parameter.removesuffix("_deg"),
+            *numbers,
+            _coverage(cell),
+        )
+        rows.add_row(*map(Text, texts))
+    parts: list[RenderableType] = [rows]
+    for verdict in verdicts(summary):
+        parts.append(Text(f"\n{verdict.title}", style="bold"))
+        parts += [Padding(Text(sentence), (0, 0, 0, 2)) for sentence in verdict.sentences]
+    return Group(*parts)
+
+
+def _ratio(cell: Cell) -> str:
+    if not cell.small:
+        return f"({cell.ratio:.3g})"
+    return f"{cell.ratio:.3f} ({cell.ratio_low:.3f}-{cell.ratio_high:.3f})"
+
+
+def _coverage(cell: Cell) -> str:
+    return f"{cell.coverage:.1%}" if cell.small else f"({cell.coverage:.1%})"
+
+
+def subsets_report(study: SubsetStudy) -> RenderableType:
+    """Every parameter beside the bound, the fit errors taken apart, and whether the separate fits agree."""
+    columns = ("sensor", "parameter", "unit", "all samples", "mean", "std", "bound", "std/bound")
+    rows = table(*columns, numbers=columns[3:])
+    for row in study.parameters:
+        mean, std = with_sigma(row.mean, row.std)
+        whole = with_sigma(row.whole, row.std)[0]
+        told = math.isfinite(row.ratio)
+        ratio = f"{row.ratio:.2f} ({row.ratio_low:.2f}-{row.ratio_high:.2f})" if told else "cannot be told"
+        bound = with_sigma(row.bound, row.std)[0] if told else "–"
+        name = row.parameter.removesuffix("_deg")
+        rows.add_row(*map(Text, (row.sensor, name, row.unit, whole, mean, std, bound, ratio)))
+    headings = ("channel", "fit error", "noise floor", "noise-like", "systematic", "noise-like share")
+    channels = table(*headings, numbers=headings[1:])
+    for channel in study.channels:
+        channels.add_row(*map(Text, _channel(channel)))
+    source = {"locked recording": "of the locked arm", "given": "as given", "residuals": "from the residuals"}
+    title = (
+        f"{study.recording}: {study.samples:,} samples in {study.subsets} interleaved subsets, {study.method} fits,"
+        f" noise of the bound {source[study.noise_source]}\n"
+    )
+    untold = [row for row in study.parameters if row.why]
+    why = [f"  {row.sensor} {row.parameter.removesuffix('_deg')}: {row.why}" for row in untold]
+    return Group(
+        Text(title),
+        rows,
+        *map(Text, why),
+        Text(f"\nThe separate fits' error, taken apart by the subsets' scatter ({LEVEL:.0%} intervals)\n"),
+        channels,
+        Text(""),
+        *(Text(_agreement(agreement, study.subsets)) for agreement in study.agreements),
+    )
+
+
+def _channel(row: SubsetChannel) -> Iterable[str]:
+    factor, unit = (1e3, " mV") if row.unit == "V" else (1.0, f" {row.unit}")
+
+    def text(value: float, low: float | None = None, high: float | None = None) -> str:
+        if not math.isfinite(value):
+            return "–"
+        interval = "" if low is None or high is None else f" ({factor * low:.3g}-{factor * high:.3g})"
+        return f"{factor * value:.3g}{interval}{unit}"
+
+    return (
+        row.channel,
+        text(row.fit_error),
+        text(row.floor),
+        text(row.noise_like, row.noise_low, row.noise_high),
+        text(row.systematic, row.systematic_low, row.systematic_high),
+        f"{row.share:.1%} ({row.share_low:.1%}-{row.share_high:.1%})",
+    )
+
+
+def _agreement(row: FieldAgreement, subsets: int) -> str:
+    verdict = "agree on" if row.p_value > 1e-3 else "do not agree on"
+    p_value = f"p = {row.p_value:.2g}" if row.p_value > 1e-99 else "p < 1e-99"
+    return (
+        f"The separate fits of the {row.sensor} {verdict} one field direction: chi-square {row.chi_square:.1f} for"
+        f" {row.degrees_of_freedom} degrees of freedom, {p_value}; they lie up to {row.apart_deg:.3g}° apart,"
+        f" with standard deviations up to {row.uncertainty_deg:.2g}°. {row.disagreeing} of {subsets} subsets"
+        " disagree at 1 %."
+    )
+
+
+def paper_report(comparison: Comparison) -> RenderableType:
+    """How many rows of each table agree, and the findings."""
+    columns = ("paper", "table", "rows", "agree", "differ", "cannot be told", "the rig's truth")
+    rows = table(*columns, numbers=columns[2:])
+    for paper, name in (("renk", "Renk et al."), ("camps", "Camps et al.")):
+        for number in comparison.tables(paper):
+            own = comparison.table(paper, number)
+            words = ("agrees", "differs", "cannot be told", "is the rig's truth")
+            found = [sum(row.word == word for row in own) for word in words]
+            rows.add_row(name, number, str(len(own)), *(str(count) if count else "" for count in found))
+    return Group(rows, Text(""), *(Text(f"- {finding}") for finding in findings(comparison)))

@@ -1,0 +1,211 @@
+"""The subsets of one sensor: their fits, their scatter beside the bound, and their fields."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+from scipy.stats import chi2
+
+from estimators.agreement import common_field
+from estimators.batch import ManyFits, fit_many
+from estimators.identifiability import Information
+from estimators.kinematic import SensorFit, fit_sensor
+from estimators.model import Method, SensorParameters, columns_of_channels
+from estimators.reported import Reported, report
+from estimators.statistics import Statistics
+from rig.channels import ACCELEROMETER, CHANNELS_OF
+from scenarios.studies.coordinates import Coordinates, calibration_values
+from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetParameter
+
+Array = NDArray[np.float64]
+
+#: A subset's three fields disagree where their chi-square is less probable than this.
+DISAGREEMENT: Final = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class SubsetsOfSensor:
+    """One sensor's subsets, and its separate fits.
+
+    Attributes:
+        name, unit, magnitude: of the sensor. where: the recording, for messages.
+        whole: of all samples. parts: of the subsets. floor: (3,) known noise, or None.
+        fit: separate fit of all samples. fits: separate fits of the subsets.
+    """
+
+    name: str
+    unit: str
+    magnitude: float
+    where: str
+    whole: Statistics
+    parts: Sequence[Statistics]
+    floor: Array | None
+    fit: SensorFit
+    fits: ManyFits
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        unit: str,
+        magnitude: float,
+        whole: Statistics,
+        parts: Sequence[Statistics],
+        floor: Array | None,
+        where: str,
+    ) -> SubsetsOfSensor:
+        fit = fit_sensor(whole, magnitude, method="separate", noise=floor, name=f"{where}: {name}")
+        fits = _fit(parts, fit.parameters, fit.noise, "separate")
+        return cls(name, unit, magnitude, where, whole, parts, floor, fit, fits)
+
+    def parameters(self, method: Method) -> tuple[list[SubsetParameter], Array]:
+        """The parameters of a method, and the subsets' estimates of them (p, subsets)."""
+        noise = self.floor if self.floor is not None else self.fit.rms
+        if method == "separate":
+            whole, fits = self.fit.parameters, self.fits
+        else:
+            place = f"{self.where}: {self.name}"
+            whole = fit_sensor(self.whole, self.magnitude, noise=noise, name=place).parameters
+            fits = _fit(self.parts, whole, noise, method)
+        gram = self.whole.gram / len(self.parts)
+        reported = report(whole, Information.of(gram, whole, noise, method).covariance, method)
+        values = _values(reported, fits)
+        low, high = _spread_interval(len(self.parts) - 1)
+        found = []
+        for row, name in enumerate(reported.names):
+            std = float(values[row].std(ddof=1))
+            bound = float(np.sqrt(reported.covariance[row, row]))
+            ratio = std / bound if bound > 0.0 else np.nan
+            found.append(
+                SubsetParameter(
+                    self.name,
+                    name,
+                    _unit(name, self.unit, self.name),
+                    float(reported.values[row]),
+                    float(values[row].mean()),
+                    std,
+                    bound,
+                    ratio,
+                    low * ratio,
+                    high * ratio,
+                    reported.untold.get(name, ""),
+                )
+            )
+        return found, values
+
+    def noise_like(self) -> Array:
+        """(3,) the noise that the subsets' scatter comes from [recorded unit], from each channel's six parameters."""
+        coordinates = Coordinates(self.fit.parameters, "separate")
+        errors = coordinates.errors(self.fits.parameters)
+        bound = coordinates.bound(self.whole.gram / len(self.parts), np.ones(3))
+        levels = np.empty(3)
+        for k, start, of_field in columns_of_channels("separate"):
+            own = slice(start, of_field.stop)
+            centred = errors[:, own] - errors[:, own].mean(axis=0)
+            distance = (centred * np.linalg.solve(bound[own, own], centred.T).T).sum()
+            levels[k] = np.sqrt(distance / self._freedom)
+        return levels
+
+    @property
+    def _freedom(self) -> int:
+        return 6 * (len(self.parts) - 1)
+
+    def channels(self, levels: Array) -> list[SubsetChannel]:
+        low, high = _spread_interval(self._freedom)
+        found = []
+        for k, channel in enumerate(CHANNELS_OF[self.name]):
+            error, level = float(self.fit.rms[k]), float(levels[k])
+            systematic = [float(np.sqrt(max(error**2 - x**2, 0.0))) for x in (level, high * level, low * level)]
+            share = [min((x / error) ** 2, 1.0) for x in (level, low * level, high * level)]
+            floor = np.nan if self.floor is None else float(self.floor[k])
+            found.append(
+                SubsetChannel(
+                    channel,
+                    self.unit,
+                    error,
+                    floor,
+                    level,
+                    low * level,
+                    high * level,
+                    systematic[0],
+                    systematic[1],
+                    systematic[2],
+                    share[0],
+                    share[1],
+                    share[2],
+                    float(chdtrc(self._freedom, self._freedom * (level / floor) ** 2)) if floor > 0.0 else np.nan,
+                )
+            )
+        return found
+
+    def agreement(self, levels: Array) -> FieldAgreement:
+        scale = levels / self.fit.noise
+        found = common_field(self.fit.parameters, _scaled(self.fit.covariance, scale))
+        fields = self.fit.parameters.fields
+        apart = max(float(np.linalg.norm(fields[i] - fields[j])) for i, j in ((0, 1), (0, 2), (1, 2)))
+        blocks = [
+            s**2 * self.fit.covariance[of_field, of_field]
+            for s, (_, _, of_field) in zip(scale, columns_of_channels("separate"), strict=True)
+        ]
+        uncertainty = max(float(np.linalg.eigvalsh(block)[-1]) for block in blocks)
+        own = [
+            common_field(parameters, _scaled(covariance, scale))
+            for parameters, covariance in zip(self.fits.parameters, self.fits.covariance, strict=True)
+        ]
+        return FieldAgreement(
+            self.name,
+            found.chi_square,
+            found.degrees_of_freedom,
+            float(chdtrc(found.degrees_of_freedom, found.chi_square)),
+            float(np.degrees(2.0 * np.arcsin(min(0.5 * apart, 1.0)))),
+            float(np.degrees(np.sqrt(uncertainty))),
+            sum(bool(chdtrc(one.degrees_of_freedom, one.chi_square) < DISAGREEMENT) for one in own),
+        )
+
+
+def _fit(parts: Sequence[Statistics], near: SensorParameters, noise: Array, method: Method) -> ManyFits:
+    return fit_many(
+        np.stack([part.gram for part in parts]),
+        np.stack([part.cross for part in parts]),
+        np.stack([part.square.diagonal() for part in parts]),
+        np.array([part.count for part in parts]),
+        noise,
+        method,
+        reference_magnitude=near.reference_magnitude,
+        field_points=near.fields[0],
+    )
+
+
+def _values(reported: Reported, fits: ManyFits) -> Array:
+    """(p, m) the parameters of many fits; angles by the shorter way from those of all samples."""
+    values = calibration_values(fits.parameters, fits.method).T
+    for row, name in enumerate(reported.names):
+        if name.endswith("_deg"):
+            whole = reported.values[row]
+            values[row] = whole + (values[row] - whole + 180.0) % 360.0 - 180.0
+    return values
+
+
+def _scaled(covariance: Array, scale: Array) -> Array:
+    """The covariance of separate fits (18, 18) with each channel's noise times ``scale`` (3,)."""
+    factor = np.repeat(scale, 6)
+    return covariance * factor[:, None] * factor
+
+
+def _spread_interval(freedom: int) -> tuple[float, float]:
+    """What a standard deviation of so many degrees of freedom is to be multiplied with, for the interval's ends."""
+    tail = 0.5 * (1.0 - LEVEL)
+    return float(np.sqrt(freedom / chi2.isf(tail, freedom))), float(np.sqrt(freedom / chi2.isf(1.0 - tail, freedom)))
+
+
+def _unit(name: str, unit: str, sensor: str) -> str:
+    if name.endswith("_deg"):
+        return "deg"
+    if name.startswith("offset"):
+        return unit
+    return f"{unit} s²/m" if sensor == ACCELEROMETER else f"{unit}/field"

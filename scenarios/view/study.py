@@ -1,0 +1,222 @@
+"""Studies in the rerun viewer: errors in units of the bound against the number of samples, or subset by subset."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from rig.errors import RigError
+from rig.files import atomic_path
+from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
+from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
+from scenarios.studies.subset_files import read_subsets
+from scenarios.studies.subset_results import SubsetStudy
+from scenarios.studies.summary import RATES, Cell, Summary
+from scenarios.studies.verdict import verdicts
+from scenarios.view.write import APPLICATION
+
+Array = NDArray[np.float64]
+
+_SAMPLES: Final = "samples"
+_SUBSET: Final = "subset"
+#: Parameters that the layout shows; all others can be added in the viewer.
+_SHOWN: Final = ("sensitivity1", "offset1")
+_EXPLAINED: Final = (
+    "Against the number of samples, in units of the Cramer-Rao bound. Error: the mean of all draws (thick), one draw"
+    " (thin), ±1.96 bounds (grey). RMSE (thick) with its 95 % interval (thin), where the bound is small. Orange: the"
+    " first n samples; blue: every k-th; green: random."
+)
+_ORDER_COLOURS: Final = {"first": VERMILLION, "every-kth": BLUE, "random": GREEN}
+
+
+def write_study_view(path: Path, target: str | os.PathLike[str]) -> None:
+    """Write an .rrd file, whole or not at all, of a finished study.
+
+    Args:
+        path: the study's folder.
+        target: the file; ``.rrd`` is what the viewer opens.
+
+    Raises:
+        RigError: no study, an unfinished one, or one of a kind that has no view; or the file cannot be written.
+    """
+    folder = StudyFolder.read(path)
+    with atomic_path(target) as temporary:
+        stream = rr.RecordingStream(APPLICATION)
+        if not rr.is_enabled(stream):
+            raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
+        try:
+            stream.save(temporary)
+            stream.send_recording_name(path.name)
+            if folder.kind == "subsets":
+                stream.send_blueprint(_subsets(stream, read_subsets(folder)))
+            else:
+                stream.send_blueprint(_consistency(stream, folder.path))
+        finally:
+            stream.disconnect()
+
+
+def _consistency(stream: rr.RecordingStream, path: Path) -> rrb.Blueprint:
+    for name in (SUMMARY, RATES):
+        if not (path / name).is_file():
+            raise RigError(f"{path / name}: is missing, expected a finished study: run it again")
+    summary = Summary.from_tables(pq.read_table(path / SUMMARY), pq.read_table(path / RATES))
+    errors = pq.read_table(path / TABLE) if (path / TABLE).is_file() else None
+    places: dict[str, str] = {}
+    for cells in _series(summary):
+        first = cells[0]
+        level = f"noise_{first.noise_factor:g}"  # a path's parts have no special characters
+        place = f"{first.sensor}/{first.method}/{level}/{first.parameter}"
+        n = np.array([cell.count for cell in cells])
+        bound = np.array([cell.bound for cell in cells])
+        colour = _ORDER_COLOURS[first.order]
+        bias = np.array([cell.bias for cell in cells]) / bound
+        _line(stream, f"{place}/errors/{first.order}/mean", n, bias, f"mean, {first.order}", colour, 2.0)
+        one = _one(errors, cells)
+        if one is not None:
+            _line(
+                stream,
+                f"{place}/errors/{first.order}/one_draw",
+                n,
+                one / bound,
+                f"one draw, {first.order}",
+                colour,
+                1.0,
+            )
+        if place not in places:
+            places[place] = f"{first.method} ×{first.noise_factor:g}, {_short(first.parameter)}"
+            for sign, name in ((1.96, "upper"), (-1.96, "lower")):
+                _line(stream, f"{place}/errors/{name}", n, np.full(len(n), sign), f"{sign:+g}", GREY, 1.0)
+        small = [cell for cell in cells if cell.small]
+        if small:
+            ratio = np.array([[cell.ratio_low, cell.ratio, cell.ratio_high] for cell in small]).T
+            counts = np.array([cell.count for cell in small])
+            for values, name, width in zip(ratio, ("low", "RMSE", "high"), (0.7, 2.0, 0.7), strict=True):
+                _line(
+                    stream,
+                    f"{place}/ratio/{first.order}/{name}",
+                    counts,
+                    values,
+                    f"{name}, {first.order}",
+                    colour,
+                    width,
+                )
+    shown = [place for place in places if place.rpartition("/")[2] in _SHOWN] or list(places)[:4]
+    views: list[rrb.View] = []
+    for place in shown:
+        for part, what, reach in (("errors", "error", (-4.0, 4.0)), ("ratio", "RMSE", (0.8, 1.2))):
+            views.append(_view(f"{place}/{part}", f"{places[place]}: {what}", reach, _counts(summary)))
+    lines = [_EXPLAINED]
+    for verdict in verdicts(summary):
+        lines += [f"**{verdict.title}**", *verdict.sentences]
+    return _blueprint(stream, "\n\n".join(lines), views, 4, _SAMPLES)
+
+
+def _short(parameter: str) -> str:
+    return parameter.removesuffix("_deg").replace("sensitivity", "S").replace("offset", "δ").replace("_", " ")
+
+
+def _counts(summary: Summary) -> tuple[int, int]:
+    counts = [cell.count for cell in summary.cells]
+    return min(counts), max(counts)
+
+
+def _series(summary: Summary) -> Iterator[Sequence[Cell]]:
+    """The cells of one curve after the other, by growing count."""
+    groups: dict[tuple[object, ...], list[Cell]] = {}
+    for cell in summary.cells:
+        key = (cell.sensor, cell.method, cell.noise_factor, cell.parameter, cell.order)
+        groups.setdefault(key, []).append(cell)
+    for cells in groups.values():
+        yield sorted(cells, key=lambda cell: cell.count)
+
+
+def _one(errors: pa.Table | None, cells: Sequence[Cell]) -> Array | None:
+    if errors is None:
+        return None
+    first = cells[0]
+    chosen = pc.equal(errors["draw"], 0)
+    for column in ("sensor", "method", "order", "noise_factor"):
+        chosen = pc.and_(chosen, pc.equal(errors[column], getattr(first, column)))
+    part = errors.select(["count", f"error_{first.parameter}"]).filter(chosen).sort_by("count")
+    return np.asarray(part[f"error_{first.parameter}"].to_numpy(), dtype=float) if part.num_rows == len(cells) else None
+
+
+def _subsets(stream: rr.RecordingStream, study: SubsetStudy) -> rrb.Blueprint:
+    number = np.arange(study.subsets)
+    views: list[rrb.View] = []
+    for row, values in zip(study.parameters, study.estimates, strict=True):
+        if not np.isfinite(row.bound):
+            continue
+        name = row.parameter.removesuffix("_deg")
+        place = f"{row.sensor}/{name}"
+        _line(stream, place, number, (values - row.mean) / row.bound, name, BLUE, 1.2)
+        views.append(_view(place, f"{row.sensor[:5]}. {_short(row.parameter)}", (-5.0, 5.0), (0, study.subsets - 1)))
+    channels = ", ".join(channel.channel for channel in study.channels)
+    for name, attribute, colour in (("noise-like", "noise_like", BLUE), ("systematic", "systematic", ORANGE)):
+        levels = [getattr(channel, attribute) for channel in study.channels]
+        stream.log(f"fit_error/{attribute}", rr.BarChart(levels, color=rgb(colour)), static=True)
+        views.append(rrb.BarChartView(origin=f"fit_error/{attribute}", name=f"{name} [{study.channels[0].unit}]"))
+    lines = [
+        f"**{study.recording}**, {study.samples:,} samples in {study.subsets} interleaved subsets",
+        "Curves: each subset's estimate less the mean, in units of the Cramer-Rao bound. What scatters is noise; what"
+        " all subsets share is systematic, and only in the fit error.",
+        f"Bars: the fit error of {channels} taken apart.",
+    ]
+    for channel in study.channels:
+        lines.append(
+            f"{channel.channel}: {channel.share:.0%} ({channel.share_low:.0%} to {channel.share_high:.0%}) noise-like"
+        )
+    for agreement in study.agreements:
+        lines.append(
+            f"{agreement.sensor}: separate fits' field directions, chi-square {agreement.chi_square:.1f} for"
+            f" {agreement.degrees_of_freedom}, p = {agreement.p_value:.2g}"
+        )
+    return _blueprint(stream, "\n\n".join(lines), views, 5, _SUBSET)
+
+
+def _line(
+    stream: rr.RecordingStream, path: str, index: NDArray[np.int_], values: Array, name: str, colour: str, width: float
+) -> None:
+    timeline = _SUBSET if path.count("/") < 2 else _SAMPLES
+    stream.log(path, rr.SeriesLines(colors=[rgb(colour)], names=[name], widths=[width]), static=True)
+    told = np.isfinite(values)
+    columns = rr.Scalars.columns(scalars=np.asarray(values, dtype=float)[told])
+    stream.send_columns(path, indexes=[rr.TimeColumn(timeline, sequence=index[told])], columns=columns)
+
+
+def _view(origin: str, name: str, reach: tuple[float, float], indices: tuple[int, int]) -> rrb.TimeSeriesView:
+    start, end = (rrb.TimeRangeBoundary.absolute(seq=index) for index in indices)
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=name,
+        axis_x=rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
+        axis_y=rrb.ScalarAxis(range=reach),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def _blueprint(
+    stream: rr.RecordingStream, text: str, views: Sequence[rrb.View], columns: int, timeline: str
+) -> rrb.Blueprint:
+    stream.log("explained", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin="explained", name="What it shows"),
+            rrb.Grid(contents=list(views), grid_columns=columns),
+            column_shares=[1, 4],
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused"),
+        auto_views=False,
+    )

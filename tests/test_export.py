@@ -1,0 +1,213 @@
+"""Exports apply a calibration elsewhere and give the same numbers, to the last bit of every constant."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import SMALL, Rig
+
+import scenarios
+from estimators import Calibration, calibrate
+from estimators.calibration_parts import Quality
+from estimators.export import FORMULA, contents, export, number
+from estimators.fields import field_of
+from rig.errors import RigError
+
+#: A float as YAML 1.1 and 1.2 resolve it (yaml.org/type/float.html; YAML 1.2.2, section 10.3.2): with a point, and a
+#: sign in the exponent.
+YAML_FLOAT = re.compile(r"[-+]?[0-9]+\.[0-9]*(e[-+][0-9]+)?")
+
+
+@pytest.fixture
+def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
+    return Rig(capfd)
+
+
+@pytest.fixture(scope="module")
+def calibration(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+    path = tmp_path_factory.mktemp("export") / "small.toml"
+    path.write_text(SMALL)
+    return calibrate(scenarios.load(path).simulate(seed=0))
+
+
+def nasty(calibration: Calibration) -> Calibration:
+    """With a name, a warning and numbers that ask for quoting."""
+    sensor = calibration["accelerometer"]
+    bias = np.array([1e-7, -1e22, 3.0])
+    quality = replace(sensor.quality, warnings=('a "quote", */ and ??/ end\nµ',))
+    changed = replace(sensor, bias=bias, quality=quality)
+    return replace(calibration, recording='run "1": #2 */', sensors={"accelerometer": changed})
+
+
+def expected(calibration: Calibration, sensor: str) -> tuple[np.ndarray, np.ndarray]:
+    return calibration[sensor].matrix, calibration[sensor].bias
+
+
+def test_json_holds_the_same_bits(calibration: Calibration) -> None:
+    found = json.loads(export(calibration, "json"))
+    assert found == contents(calibration)
+    assert found["format"] == "rig-export/1"
+    assert found["formula"] == FORMULA
+    for sensor in calibration.sensors:
+        matrix, bias = expected(calibration, sensor)
+        assert np.array(found["sensors"][sensor]["matrix"]).tobytes() == matrix.tobytes()
+        assert np.array(found["sensors"][sensor]["bias"]).tobytes() == bias.tobytes()
+        assert found["sensors"][sensor]["bias_std"][0] == calibration[sensor].std("offset1")
+
+
+def test_the_formula_is_that_of_apply(calibration: Calibration) -> None:
+    readings = np.random.default_rng(0).normal(2.5, 1.0, (20, 3))
+    sensor = json.loads(export(calibration, "json"))["sensors"]["magnetometer"]
+    field = (readings - np.array(sensor["bias"])) @ np.array(sensor["matrix"]).T
+    assert np.array_equal(field, field_of(calibration["magnetometer"], readings))
+
+
+@pytest.mark.parametrize("nastily", [False, True])
+def test_yaml_holds_the_same_bits(calibration: Calibration, nastily: bool) -> None:
+    used = nasty(calibration) if nastily else calibration
+    text = export(used, "yaml", "uT")
+    assert text.startswith(f"# {FORMULA}\n")
+    assert read_yaml(text) == contents(used, "uT")
+
+
+def test_yaml_is_what_a_library_reads(calibration: Calibration) -> None:
+    yaml = pytest.importorskip("yaml", reason="PyYAML is not installed; the reader above is narrower than YAML")
+    for used in (calibration, nasty(calibration)):
+        assert yaml.safe_load(export(used, "yaml")) == contents(used)
+
+
+def read_yaml(text: str) -> object:
+    """The little of YAML that exports are written in; anything else fails.
+
+    Block mappings of plain keys, a block sequence of flow sequences, and scalars on one line that are JSON and, if
+    floats, also of the form that YAML takes for a float.
+    """
+    top: dict[str, object] = {}
+    stack: list[tuple[int, dict[str, object]]] = [(0, top)]
+    rows: list[object] = []
+    for line in text.splitlines():
+        if line.startswith("#"):
+            continue
+        indent = len(line) - len(line.lstrip(" "))
+        body = line.strip()
+        if body.startswith("- "):
+            rows.append(read_flow(body[2:]))
+            continue
+        key, rest = re.fullmatch(r"([a-z_0-9]+):(.*)", body).groups()  # type: ignore[union-attr]
+        while stack[-1][0] > indent:
+            stack.pop()
+        assert stack[-1][0] == indent
+        if rest:
+            assert rest[0] == " "
+            stack[-1][1][key] = read_flow(rest[1:])
+        elif key == "matrix":
+            rows = []
+            stack[-1][1][key] = rows
+        else:
+            inner: dict[str, object] = {}
+            stack[-1][1][key] = inner
+            stack.append((indent + 2, inner))
+    return top
+
+
+def read_flow(text: str) -> object:
+    for token in re.findall(r"(?<![\w\"])[-+]?[0-9][^,\] ]*", re.sub(r'"(\\.|[^"\\])*"', '""', text)):
+        assert re.fullmatch(r"[0-9]+", token) or YAML_FLOAT.fullmatch(token), token
+    return json.loads(text)
+
+
+def test_floats_have_all_their_digits_and_a_point() -> None:
+    for value in (0.1, 1e-5, -1e16, 1e22, 5.0, 0.0, 5e-324, 1.7976931348623157e308, 2.0 / 3.0):
+        text = number(value)
+        assert YAML_FLOAT.fullmatch(text), text
+        assert float(text) == value
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
+@pytest.mark.parametrize(
+    "options", [["-std=c99"], ["-std=c11", "-O2"], ["-x", "c++", "-std=c++11"]], ids=["c99", "c11", "c++"]
+)
+def test_the_header_compiles_without_a_warning_and_computes_the_same(
+    calibration: Calibration, tmp_path: Path, options: list[str]
+) -> None:
+    """Sums of three products in another order, or fused, differ by some units in the last place of their largest."""
+    readings = np.random.default_rng(1).normal(2.5, 1.0, (50, 3))
+    (tmp_path / "calibration.h").write_text(export(calibration, "c"))
+    (tmp_path / "main.c").write_text(
+        """
+        #include <stdio.h>
+        #include "calibration.h"
+        #include "calibration.h"
+        int main(void)
+        {
+            double reading[3], field[3];
+            while (scanf("%lf %lf %lf", &reading[0], &reading[1], &reading[2]) == 3) {
+                rig_accelerometer_field(reading, field);
+                printf("%.17g %.17g %.17g ", field[0], field[1], field[2]);
+                rig_magnetometer_field(reading, field);
+                printf("%.17g %.17g %.17g\\n", field[0], field[1], field[2]);
+            }
+            return 0;
+        }
+        """
+    )
+    strict = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    subprocess.run(["gcc", *strict, *options, "main.c", "-o", "apply"], cwd=tmp_path, check=True, capture_output=True)
+    typed = "\n".join(" ".join(repr(float(value)) for value in row) for row in readings)
+    done = subprocess.run([str(tmp_path / "apply")], input=typed, capture_output=True, text=True, check=True)
+    found = np.array([[float(word) for word in line.split()] for line in done.stdout.splitlines()])
+    for columns, sensor in ((slice(0, 3), "accelerometer"), (slice(3, 6), "magnetometer")):
+        matrix, bias = expected(calibration, sensor)
+        largest = np.abs(readings - bias) @ np.abs(matrix).T
+        difference = np.abs(found[:, columns] - field_of(calibration[sensor], readings))
+        assert (difference <= 4.0 * np.finfo(float).eps * largest).all()
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
+def test_no_name_or_warning_breaks_the_header(calibration: Calibration, tmp_path: Path) -> None:
+    (tmp_path / "nasty.h").write_text(export(nasty(calibration), "c"))
+    (tmp_path / "main.c").write_text('#include "nasty.h"\nint main(void) { return 0; }\n')
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wtrigraphs", "-Werror"]
+    subprocess.run(["gcc", *strict, "main.c", "-o", "nasty"], cwd=tmp_path, check=True, capture_output=True)
+    assert "-1.0e+22" in (tmp_path / "nasty.h").read_text()
+
+
+def test_what_cannot_be_applied_is_refused(calibration: Calibration) -> None:
+    with pytest.raises(RigError, match="nearest: 'yaml'"):
+        export(calibration, "yml")
+    flat = replace(calibration["accelerometer"], matrix=np.full((3, 3), np.nan))
+    with pytest.raises(RigError, match="accelerometer: its axes do not span space"):
+        export(replace(calibration, sensors={"accelerometer": flat}), "c")
+
+
+def test_without_attitude_the_frame_is_the_sensors_own(calibration: Calibration) -> None:
+    sensor = replace(
+        calibration["magnetometer"], axes=(), parameters=(), vector_parameters=(), noise=None, quality=Quality()
+    )
+    found = contents(replace(calibration, sensors={"magnetometer": sensor}), "uT")["sensors"]["magnetometer"]
+    assert "sensor's own frame" in found["field"]
+    assert found["field_unit"] == "uT"
+    assert found["bias_std"] == [None, None, None]
+    assert found["noise"] is None
+
+
+def test_rig_export_writes_and_prints(rig: Rig, calibration: Calibration, tmp_path: Path) -> None:
+    calibration.write(tmp_path / "cal.json")
+    read = Calibration.read(tmp_path / "cal.json")
+    for target, ending in (("yaml", "yml"), ("json", "json"), ("c", "h")):
+        text = rig.done("export", tmp_path / "cal.json", "--to", target)
+        assert text == export(read, target)
+        output = tmp_path / f"out.{ending}"
+        assert "written" in rig.done("export", tmp_path / "cal.json", "--to", target, "-o", output)
+        assert output.read_text() == text
+    said = json.loads(rig.done("export", tmp_path / "cal.json", "--to", "yaml", "--field-unit", "G", "--json"))
+    assert said == {"to": "yaml", "file": None, "text": export(read, "yaml", "G")}
+    assert "expected .h" in rig.refused("export", tmp_path / "cal.json", "--to", "c", "-o", tmp_path / "x.c")
+    assert "nearest: 'yaml'" in rig.refused("export", tmp_path / "cal.json", "--to", "yml")

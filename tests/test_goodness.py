@@ -1,0 +1,200 @@
+"""Is it good? Good calibrations are called good as often as is stated, and each fault is found and named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from goodness_examples import calibrated, good, known, unknown
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.stats import binom
+
+import estimators
+import scenarios
+from estimators.calibration import Calibration
+from estimators.goodness import (
+    Goodness,
+    is_it_good,
+    residuals_of,
+)
+from rig.errors import RigError
+from rig.recording import Metadata, Recording
+from scenarios.plots import residual_map_figure
+
+Array = NDArray[np.float64]
+
+
+def spoilt(change: Callable[[Array, np.random.Generator], Array], n: int = 6000, seed: int = 0) -> Goodness:
+    rng = np.random.default_rng(seed)
+    run = known(n, rng)
+    return good(replace(run, accelerometer=change(np.array(run.accelerometer), rng)))
+
+
+@pytest.fixture(scope="module")
+def ann_arbor() -> Recording:
+    return scenarios.load("ann-arbor").simulate(seed=0)
+
+
+# Good calibrations
+
+
+@cache
+def probabilities(attitude: str, n: int) -> tuple[Array, int]:
+    """(draws, 4) p-values of good calibrations: by direction, of a held-out block, of whiteness, against the floor."""
+    rng = np.random.default_rng(20)
+    rows, called_good = [], 0
+    for _ in range(200):
+        run, calibration = unknown(n, rng) if attitude == "unknown" else (known(n, rng), None)
+        found = good(run, calibration)
+        assert found.by_direction is not None
+        assert found.hold_out is not None
+        assert found.chi_square is not None
+        first_block = float(found.hold_out.block_p_values[0])
+        rows.append(
+            [found.by_direction.p_value, first_block, found.whiteness.p_value, float(found.chi_square["p_value"])]
+        )
+        called_good += found.good
+    return np.array(rows), called_good
+
+
+@pytest.mark.parametrize(("attitude", "n"), [("known", 300), ("known", 2000), ("unknown", 300)])
+def test_p_values_are_what_they_are_called(attitude: str, n: int) -> None:
+    """Of 200 good calibrations about a twentieth has p < 0.05, and half has p < 0.5, test by test.
+
+    Each count is binomial; both its tails are cut at 1e-5, so of these 24 counts one is outside in 2,000 runs.
+    """
+    found, called_good = probabilities(attitude, n)
+    for level in (0.05, 0.5):
+        low, high = binom.ppf([1e-5, 1.0 - 1e-5], 200, level)
+        counts = (found < level).sum(axis=0)
+        assert ((counts >= low) & (counts <= high)).all(), counts
+    # Less than one in a thousand is called not good: more than four of 200 once in 100,000 runs.
+    assert called_good >= 196
+
+
+def test_a_good_calibration_is_called_good(ann_arbor: Recording) -> None:
+    """With either sensor, from joint angles; the seeds are the first ones, and the stated rate of failure is 1e-3."""
+    noise = scenarios.load("ann-arbor").rig.acquisition.noise_V
+    calibration = estimators.calibrate(ann_arbor, noise=noise)
+    found = is_it_good(ann_arbor, calibration)
+    assert set(found) == {"accelerometer", "magnetometer"}
+    for sensor, goodness in found.items():
+        assert goodness.good, str(goodness)
+        assert str(goodness).startswith(f"{sensor}: good: residuals over noise floor ")
+        assert goodness.coverage.share > 0.95
+        assert goodness.hold_out is not None
+        # Ten blocks of the sweep: 14 parameters more than twice over in 19,968 readings.
+        assert goodness.hold_out.ratio == pytest.approx(1.0 + 14 / 19_968, abs=14 / 19_968)
+
+
+def test_separate_fits_and_other_recordings_are_judged_too(ann_arbor: Recording) -> None:
+    separate = estimators.calibrate(ann_arbor, method="separate")
+    found = is_it_good(ann_arbor, separate)["magnetometer"]
+    assert found.good
+    assert "no noise floor was recorded" in found.verdict
+    other = scenarios.load("ann-arbor").simulate(seed=5)
+    assert is_it_good(other, separate)["magnetometer"].good
+    off = estimators.calibrate(scenarios.load("renk2005-table2").simulate(seed=0), sensors=["accelerometer"])
+    assert not is_it_good(other, off)["accelerometer"].good
+
+
+# Faults
+
+
+def test_repeated_readings_are_named() -> None:
+    found = spoilt(lambda volts, _: volts[np.arange(len(volts)) // 3 * 3])
+    assert not found.good
+    assert found.repeats.held == pytest.approx(3.0, rel=0.01)
+    assert found.repeats.longest == 3
+    assert "too small by a factor of 1.73" in found.verdict
+
+
+def test_clipped_readings_are_named() -> None:
+    found = spoilt(lambda volts, _: np.clip(volts, None, 3.6))
+    assert found.clipped.high[0] > 100
+    assert found.clipped.low == (0, 0, 0)
+    assert f"readings are clipped (accel1 at 3.6 {found.clipped.high[0]}" in found.verdict
+
+
+def test_outliers_are_named() -> None:
+    def add(volts: Array, rng: np.random.Generator) -> Array:
+        volts[rng.choice(len(volts), 12, replace=False), 1] += 0.3
+        return volts
+
+    found = spoilt(add)
+    assert found.outliers.count == len(found.outliers.rows) == 12
+    # 0.3 V of 13.6 mV, less what the fit and the robust scale make of it.
+    assert found.outliers.largest == pytest.approx(22.0, rel=0.3)
+    assert "12 readings are outliers" in found.verdict
+
+
+def test_what_depends_on_the_direction_is_named() -> None:
+    """A cubic term in channel 3: a fit leaves a third harmonic, 2/5 x 1/sqrt(7) of it, which is 0.4 times the noise."""
+    found = spoilt(lambda volts, _: volts + np.array([0.0, 0.0, 0.04]) * ((volts - 2.1) / 1.4) ** 3)
+    assert found.by_direction is not None
+    assert found.by_direction.p_value < 1e-6
+    assert "residuals depend on the direction" in found.verdict
+    score = np.nanmean(np.square(found.by_direction.score), axis=0)
+    # In the channels that are as they should be a cell's mean has a standard error of one, 162 times: 11 %.
+    assert score[:2] == pytest.approx([1.0, 1.0], abs=0.6)
+    assert score[2] > 2.0
+
+
+def test_drift_is_found_by_holding_out() -> None:
+    """10 mV in all, less than the noise of a reading: it moves the offset by tens of its standard deviations."""
+    found = spoilt(lambda volts, _: volts + np.linspace(0.0, 0.01, len(volts))[:, None])
+    assert found.hold_out is not None
+    assert found.hold_out.p_value < 1e-10
+    assert found.hold_out.worst_s[0] == 0.0 or found.hold_out.worst_s[1] > 0.99 * 6000 / 4.0
+    assert "readings that were held out" in found.verdict
+
+
+def test_noise_with_a_memory_is_named() -> None:
+    def add(volts: Array, rng: np.random.Generator) -> Array:
+        return np.asarray(volts + lfilter([0.012], [1.0, -0.9], rng.normal(size=volts.shape), axis=0))
+
+    found = spoilt(add)
+    assert found.whiteness.inflation > 1.5
+    assert "successive residuals are correlated" in found.verdict
+    assert "times the noise floor" in found.verdict
+
+
+def test_parameters_that_cannot_be_told_are_no_good() -> None:
+    """However small the residuals are."""
+    run = known(500, np.random.default_rng(1))
+    own = calibrated(run)["accelerometer"]
+    untold = replace(own, identifiable={**own.identifiable, "offset2": "the poses leave it open"})
+    found = good(run, Calibration({"accelerometer": untold}))
+    assert found.verdict.startswith("not good: because offset2 cannot be told")
+
+
+# The picture
+
+
+def test_the_map_shows_residuals_by_direction() -> None:
+    run = known(4000, np.random.default_rng(19))
+    volts = np.array(run.accelerometer)
+    volts[:, 2] += 0.02 * ((volts[:, 2] - 2.1) / 1.4) ** 3
+    found = is_it_good(replace(run, accelerometer=volts), calibrated(replace(run, accelerometer=volts)))
+    figure = residual_map_figure(found)
+    figure.canvas.draw()
+    maps = [axis for axis in figure.axes if axis.name == "mollweide"]
+    assert [axis.get_title(loc="left").split(",")[0] for axis in maps] == ["accelerometer: accel1", "accel2", "accel3"]
+    result = found["accelerometer"].by_direction
+    assert result is not None
+    shown = np.asarray(maps[2].collections[0].get_array())
+    assert set(np.round(shown, 9)) == set(np.round(result.score[result.counts > 0, 2], 9))
+    with pytest.raises(RigError, match="24 readings or more"):
+        residual_map_figure({})
+
+
+def test_metadata_that_are_no_counts_are_ignored() -> None:
+    run = known(50, np.random.default_rng(21))
+    calibration = calibrated(run)["accelerometer"]
+    plain = residuals_of(run, "accelerometer", calibration)
+    odd = replace(run, metadata=Metadata(extra={"pose_samples": [1, 2, 3]}))
+    assert residuals_of(odd, "accelerometer", calibration).sigma == pytest.approx(plain.sigma)
