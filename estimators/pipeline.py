@@ -22,6 +22,7 @@ from rig.errors import RigError, unknown_name
 from rig.recording import Metadata, Recording, RecordingScan, locked_beside, read_recording, scan_recording
 
 if TYPE_CHECKING:
+    from estimators.ellipsoid import Options
     from rig.arm import Arm
 
 Array = NDArray[np.float64]
@@ -34,19 +35,21 @@ _POINTS: Final = {"down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
 
 def calibrate(
     run: Recording | PathLike,
-    method: Method = "simultaneous",
+    method: Method | Literal["ellipsoid"] = "simultaneous",
     noise: Noise | None = None,
     arm: Arm | None = None,
     field_points: FieldPoints = "down",
     weighting: Weighting = "likelihood",
     sensors: Sequence[str] | None = None,
     progress: Callable[[int], None] | None = None,
+    attitude_free: Options | None = None,
 ) -> Calibration:
-    """Calibrate the sensors of a recording that knows its attitude.
+    """Calibrate the sensors of a recording.
 
     Args:
         run: a recording; a path is read in batches, so that its length does not matter.
-        method: "simultaneous": one field direction a sensor, Renk (15), (21); "separate": one a channel, (14), (20).
+        method: "simultaneous": one field direction a sensor, Renk (15), (21); "separate": one a channel, (14), (20);
+            "ellipsoid": without the attitude, from the constant magnitude of the fields, Camps et al.
         noise: the standard deviation of a reading, as a ``NoiseFloor``, as sensor -> (3,) or as (6,) [recorded unit];
             None: the locked recording beside a path, else the residuals; "residuals": these in any case.
         arm: gives the orientations from the joint angles. None: those of the tool if they were recorded, else the A465
@@ -57,6 +60,7 @@ def calibrate(
         weighting: "likelihood" or, as in the paper, "equal" for all channels of a simultaneous fit.
         sensors: which of the recorded ones; None: all.
         progress: called with the number of samples of every batch that is done.
+        attitude_free: options of "ellipsoid".
 
     Raises:
         RigError: the recording has no attitude, its arm is not known, a joint is beyond its limit, an option is
@@ -69,6 +73,14 @@ def calibrate(
     chosen = _chosen(source.sensors, sensors)
     points = {sensor: _points(field_points, sensor) for sensor in chosen}
     floors = _floors(run if from_file else None, noise)
+    if method == "ellipsoid":
+        from estimators.ellipsoid import Options, calibrate_attitude_free
+
+        units = source.units if isinstance(source, Recording) else source.columns.units
+        known = {sensor: floors.of(sensor, units[sensor]) for sensor in chosen}
+        options = Options() if attitude_free is None else attitude_free
+        found = calibrate_attitude_free(source, chosen, known, floors.source, options, progress)
+        return Calibration(found.sensors, source.name, None, found.extra)
     summed = summarise(source, chosen, arm, progress)
     results: dict[str, SensorCalibration] = {}
     for position, sensor in enumerate(chosen):

@@ -25,8 +25,9 @@ from scenarios.cli import _app, _options
 from scenarios.cli._app import cli
 from scenarios.scenario import Scenario
 
-COMMANDS = tuple(
-    ["demo", "sweep", "calibrate", "apply", "diagnose", "export", "bound", "noise", "view", "scenarios", "effects"]
+COMMANDS = (
+    *("demo", "sweep", "calibrate", "apply", "diagnose", "export", "bound", "study", "noise"),
+    *("view", "scenarios", "effects"),
 )
 ROOT = Path(__file__).parents[1]
 

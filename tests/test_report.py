@@ -16,7 +16,7 @@ from scenarios.comparison import compare, units
 from scenarios.report import effect_record, plus_minus, shortened, with_sigma
 
 
-@pytest.mark.parametrize("name", scenarios.names())
+@pytest.mark.parametrize("name", [name for name in scenarios.names() if not name.startswith("camps")])  # no attitude
 def test_three_lines_of_python_recover_the_truth(name: str) -> None:
     scenario = scenarios.load(name)
     calibration = estimators.calibrate(scenario.simulate(seed=0))

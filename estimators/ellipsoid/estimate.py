@@ -25,8 +25,8 @@ _STEPS: Final = 20
 #: Rows by which the noise of the channels is told apart: an eighth, within these bounds.
 _FEWEST: Final = 800
 _MOST: Final = 32768
-#: Rows of the first fit, or somewhat more.
-_FIRST: Final = 256
+#: Of these every third serves the first fit, if there are so many.
+_THIRD: Final = 768
 #: The noise of the channels is told apart from so many readings on; before, all are taken to be equally noisy.
 _FEWEST_FOR_CHANNELS: Final = 1000
 
@@ -146,8 +146,8 @@ def plain(readings: Readings, variances: Array | None = None) -> Estimate | None
 
 
 def _first(readings: Readings, variances: Array) -> Ellipsoid | None:
-    """An ellipsoid near the best one of readings, of every so many if there are many: weights do not need the best."""
-    step = max(len(readings) // _FIRST, 1)
+    """An ellipsoid near the best one of readings; of every third if there are many, as weights do not need the best."""
+    step = 3 if len(readings) >= _THIRD else 1
     counts = None if readings.counts is None else readings.counts[::step]
     found = first_ellipsoid(readings.values[::step], variances, readings.parameters, counts)
     if found is None and step > 1:

@@ -28,6 +28,7 @@ _COMMANDS: Final = {
     "export": "export",
     "bound": "bound",
     "study": "study",
+    "blind": "blind",
     "noise": "noise",
     "view": "show",
     "scenarios": "show",

@@ -30,9 +30,12 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", type=PATH, metavar="CAL", help="Write the calibration: .json.")
 @click.option(
     "--method",
-    type=Choice(("simultaneous", "separate")),
+    type=Choice(("simultaneous", "separate", "ellipsoid")),
     default="simultaneous",
-    help="One field for all axes, or one each.",
+    help="One field for all axes, or one each; or without the attitude.",
+)
+@click.option(
+    "--parameters", type=Choice(("6", "9")), default="9", help="Of the ellipsoid: without or with cross terms."
 )
 @arm_options
 @click.option("--locked", type=PATH, metavar="F", help="Locked-arm recording, for the noise floor.")
@@ -44,6 +47,7 @@ def calibrate(
     run: Path,
     output: Path | None,
     method: Any,
+    parameters: str,
     urdf: Path | None,
     tip: str | None,
     locked: Path | None,
@@ -69,6 +73,7 @@ def calibrate(
     if locked is not None and noise is not None:
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
+    from estimators.ellipsoid import Options
     from rig.recording import scan_recording
 
     arm = chosen_arm(urdf, tip)
@@ -81,6 +86,7 @@ def calibrate(
             arm=arm,
             field_points=field_points,
             weighting="equal" if equal_weights else "likelihood",
+            attitude_free=Options(parameters=6 if parameters == "6" else 9) if method == "ellipsoid" else None,
             progress=_counted(progress, scan.rows),
         )
     if output is not None:
