@@ -94,6 +94,11 @@ def test_causes_become_effects_with_vectors_and_names() -> None:
     assert crosstalk == make_effect("channel_crosstalk", {"where": "mag1", "source": "accel3", "coefficient": 0.01})
 
 
+def test_values_that_no_effect_can_have_are_moved_to_their_bounds() -> None:
+    (clipped,) = diagnosed_effects(by_hand(causes=(cause("saturation", "accel1", level=(1e6, 1.0, "V")),)))
+    assert clipped == make_effect("saturation", {"where": "accel1", "level": 10.0})
+
+
 def test_density_of_white_noise_is_flat_and_that_of_the_floor() -> None:
     rng, interval, sigma = np.random.default_rng(1), 0.25, 0.0134
     frequency, found = density(sigma * rng.standard_normal(4096), interval)
@@ -312,7 +317,7 @@ def test_titles_and_headlines() -> None:
     assert cause_title("field_gradient", "base") == "field gradient"  # it has no other place
     assert closed_words(by_hand()) == "97 % (95–99)"
     assert headline(SHOWN["named"]) == "Backlash of joint 5, 2.865 ± 0.023 deg"
-    assert headline(SHOWN["ambiguous"]).endswith(", or joint offset of joint 2")
+    assert headline(SHOWN["ambiguous"]).endswith(" (or joint offset of joint 2)")
     assert headline(SHOWN["unknown"]).startswith("Something that the catalogue does not have, beside backlash")
     assert "imitate" in headline(SHOWN["imitated"])
 

@@ -47,6 +47,9 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         channels[int(column)] = held(phases, stride / locked.rate_Hz)
     if not numbers or not all(channel.segments for channel in channels.values()):
         raise RigError(f"{locked.origin or locked.name}: the arm is never at rest, expected a locked recording")
+    silent = [CHANNELS[column] for column, channel in channels.items() if channel.variance == 0.0]
+    if silent:
+        raise RigError(f"{locked.origin or locked.name}: {silent[0]} is constant, expected its noise at rest")
     fitted = dict(zip(channels, fit_floor(list(channels.values())), strict=True))
     return tuple(fitted.get(column, ChannelNoise(np.nan)) for column in range(len(CHANNELS)))
 

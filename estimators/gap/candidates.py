@@ -109,4 +109,7 @@ def present(candidate: Candidate, bench: Bench) -> bool:
     here = range(6)[candidate.make(np.zeros(candidate.size), {}).columns]
     joints = 0 if bench.base.q_encoder is None else bench.base.q_encoder.shape[1]
     numbered = candidate.where.startswith(("joint", "link"))
-    return bool(set(here) & set(bench.columns)) and (not numbered or int(candidate.where[-1]) <= joints)
+    if not set(here) & set(bench.columns) or (numbered and int(candidate.where[-1]) > joints):
+        return False
+    # what a name asks for is not in the effect's requirements: a frame fixed in a link, a source that is not recorded
+    return joints > 0 or not any(name.startswith("link") for name in candidate.names.values())

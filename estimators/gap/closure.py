@@ -106,9 +106,9 @@ def close(bench: Bench, fits: Sequence[Fitted], remainder: float, rng: np.random
         before[column] = np.sqrt(own + part * (remainder > 0))
         after[column] = np.sqrt(part)
         by_channel[column] = own / max(own + part, 1e-300)
-        rows = slice(index * count, (index + 1) * count)
-        rms_before[column] = sigma * np.sqrt(np.mean(left[rows][kept[index]] ** 2))
-        rms_after[column] = sigma * np.sqrt(np.mean((residual - predicted)[rows][kept[index]] ** 2))
+        seen = kept[index]
+        rms_before[column] = np.sqrt(np.mean(bench.residual[seen, column] ** 2))
+        rms_after[column] = np.sqrt(np.mean((bench.residual - gap)[seen, column] ** 2))
     whole = np.arange(_BLOCKS)
     low, high = np.percentile(samples, [2.5, 97.5])
     return Closure(before, after, share(whole), float(low), float(high), by_channel, rms_before, rms_after)

@@ -20,6 +20,7 @@ from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.select import select
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, locked_beside, read_recording
+from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -55,6 +56,18 @@ def diagnose(
         RigError: the recording is too short, has no pose, a channel that does not respond, or an effect is unknown.
         RefusedFit: the base model cannot be fitted.
     """
+    with one_blas_thread():
+        return _diagnosed(run, locked, maneuver2, without, arm, progress)
+
+
+def _diagnosed(
+    run: Recording | PathLike,
+    locked: Recording | PathLike | None,
+    maneuver2: Recording | PathLike | None,
+    without: Sequence[str],
+    arm: Arm | None,
+    progress: Callable[[float], None] | None,
+) -> Diagnosis:
     begun = time.perf_counter()
     recording = run if isinstance(run, Recording) else read_recording(run, joints=None if arm is None else arm.dof)
     check(recording)

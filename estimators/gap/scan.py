@@ -125,6 +125,8 @@ class Scanner:
         power = 2.0 * np.real(np.einsum("jf,jk,kf->f", spectra.conj(), np.linalg.pinv(gram), spectra))
         frequency: Array = np.arange(count + 1) / (2.0 * count * bench.interval_s)
         allowed = self._allowed(candidate, frequency)
+        if not allowed.any():
+            return Offer(candidate, {"freq_Hz": 0.0}, Score(0.0, 0, np.zeros(0), 0.0))
         peaks = sorted(np.flatnonzero(allowed), key=lambda index: -power[index])[:_PEAKS]
         best = max(
             (self._refined(raw, explained, frequency[peak]) for peak in peaks), key=lambda pair: pair[0].statistic

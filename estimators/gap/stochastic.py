@@ -124,6 +124,7 @@ def fit_effect(effect: type[Effect], where: str, bench: Bench, explained: Explai
             full[: len(full) - len(unit)] = full[len(full) - len(unit)]
         roots = np.sqrt([max(fits[column][0], 0.0) for column in columns])[: len(gains)]
         std = 0.5 * np.asarray(spreads) / np.maximum(roots, 1e-9)
+        roots = np.clip(roots, strength.lower, strength.upper)
         value: object = float(roots[0]) if strength.size == 1 else tuple(float(root) for root in roots)
         made = effect.from_mapping({"where": where, **shape, strength.name: value})
         best = NoiseOffer(made, gain, len(gains), len(shapes), std, added, probe.adds_in_time, gap)

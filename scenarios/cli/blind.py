@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from scenarios.cli._options import PATH, json_option, print_json, progress_bar
+from scenarios.cli._options import PATH, check_output, json_option, print_json, progress_bar
 
 _JOBS = click.option("--jobs", type=click.IntRange(min=0), metavar="N", help="Processes; one for each processor.")
 _SEALED = click.option(
@@ -57,15 +57,7 @@ def make(
       rig blind make set1 --cases 100 --mechanics 12
       rig blind make small --cases 20 --samples 1664 --seed 5 --truth elsewhere
     """
-    from scenarios.blind.make import Order, make_set
-    from scenarios.blind.seal import sealed_folder
-    from scenarios.studies.executor import Workers
-
-    hidden = sealed or sealed_folder(folder)
-    number = secrets.randbits(63) if seed is None else seed
-    order = Order(str(folder), str(hidden), number, cases, mechanics, samples, scenario)
-    with progress_bar(f"making {folder}") as progress:
-        count = make_set(order, Workers(jobs), progress)
+    hidden, count = _make(folder, sealed, cases, mechanics, samples, scenario, seed, jobs)
     if as_json:
         print_json({"folder": folder, "truth": hidden, "cases": count})
     else:
@@ -117,10 +109,78 @@ def score(
       rig blind score set1
       rig blind score set1 -o docs/blind.md --power 20
     """
-    from scenarios.cli._options import check_output
-
     if output is not None:
         check_output(output, (".md",))
+    _score(folder, sealed, output, withheld, draws, jobs, as_json)
+
+
+@blind.command(short_help="Make, solve and score in one go.")
+@click.argument("folder", type=PATH)
+@click.option("--cases", type=click.IntRange(min=10), default=100, help="Beside those of mechanics.")
+@click.option("--mechanics", type=click.IntRange(min=0), default=0, help="Cases stepped by MuJoCo; a minute each.")
+@click.option("--samples", type=click.IntRange(min=400), default=6656, help="Of each recording, at 4 Hz.")
+@click.option("--scenario", default="ann-arbor", help="What the rigs are drawn around: a name or a TOML file.")
+@click.option("--seed", type=click.IntRange(min=0), help="Of everything random; drawn and sealed by default.")
+@click.option(
+    "--power", "draws", type=click.IntRange(min=0), default=0, help="Recordings a strength for detection power."
+)
+@click.option(
+    "-o", "--output", type=PATH, required=True, metavar="PAGE", help="The page: .md, with a picture beside it."
+)
+@_JOBS
+def run(
+    folder: Path,
+    cases: int,
+    mechanics: int,
+    samples: int,
+    scenario: str,
+    seed: int | None,
+    draws: int,
+    output: Path,
+    jobs: int | None,
+) -> None:
+    """Make a set in FOLDER unless there is one, solve it, score it, and write the page; ended early, it goes on.
+
+    \b
+    Example:
+      rig blind run set1 --cases 400 --mechanics 24 --seed 1 --power 20 -o docs/blind.md
+    """
+    check_output(output, (".md",))
+    from scenarios.blind.seal import MANIFEST
+    from scenarios.blind.solve import solve_set
+    from scenarios.studies.executor import Workers
+
+    if not (folder / MANIFEST).exists():
+        _make(folder, None, cases, mechanics, samples, scenario, seed, jobs)
+    with progress_bar(f"diagnosing {folder}") as progress:
+        solve_set(folder, Workers(jobs), progress)
+    _score(folder, None, output, True, draws, jobs, False)
+
+
+def _make(
+    folder: Path,
+    sealed: Path | None,
+    cases: int,
+    mechanics: int,
+    samples: int,
+    scenario: str,
+    seed: int | None,
+    jobs: int | None,
+) -> tuple[Path, int]:
+    from scenarios.blind.make import Order, make_set
+    from scenarios.blind.seal import sealed_folder
+    from scenarios.studies.executor import Workers
+
+    hidden = sealed or sealed_folder(folder)
+    number = secrets.randbits(63) if seed is None else seed
+    order = Order(str(folder), str(hidden), number, cases, mechanics, samples, scenario)
+    with progress_bar(f"making {folder}") as progress:
+        return hidden, make_set(order, Workers(jobs), progress)
+
+
+def _score(
+    folder: Path, sealed: Path | None, output: Path | None, withheld: bool, draws: int, jobs: int | None, as_json: bool
+) -> None:
     from scenarios.blind.power import PowerStudy, power
     from scenarios.blind.report import page, write_report
     from scenarios.blind.score import read_order, score_set, summary

@@ -18,8 +18,8 @@ from estimators.gap.stochastic import fit_effect
 from estimators.pipeline import calibrate
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
-from rig.effects import Effect, Kind, make_effect
-from rig.errors import RefusedFit
+from rig.effects import EFFECTS, Effect, Kind, make_effect
+from rig.errors import RigError
 from rig.pipeline import Pipeline
 from rig.recording import Recording
 
@@ -79,8 +79,8 @@ def gap_residuals(
     bench = set_up(recording, floor, arm)
     causes = diagnosed_effects(diagnosis)
     clean, left_out = _without_defects(bench, causes, locked)
-    known = _recalibrated(recording, clean, causes, floor) if mean_effects(causes) else clean
-    after = known.left_over(known.residual - known.change(mean_effects(causes))) if causes else None
+    known = _recalibrated(recording, clean, causes, floor, left_out) if causes else clean
+    after = known.residual - known.change(mean_effects(causes)) if causes else None
     return GapResiduals(
         recording=recording,
         floor=floor,
@@ -103,13 +103,16 @@ def channel_floor(recording: Recording, locked: Recording | None, arm: Arm | Non
 
 
 def diagnosed_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
-    """The causes of a diagnosis as effects that the simulator can apply."""
-    return tuple(
-        make_effect(
-            cause.effect, {"where": cause.where, **{name: value.value for name, value in cause.parameters.items()}}
-        )
-        for cause in diagnosis.causes
-    )
+    """The causes of a diagnosis as effects that the simulator can apply, values beyond their bounds moved to these."""
+    found = []
+    for cause in diagnosis.causes:
+        bounds = {item.name: (item.lower, item.upper) for item in EFFECTS[cause.effect].parameters()}
+        values: dict[str, object] = {"where": cause.where}
+        for name, estimate in cause.parameters.items():
+            value = estimate.value
+            values[name] = value if isinstance(value, str) else np.clip(value, *bounds[name]).tolist()
+        found.append(make_effect(cause.effect, values))
+    return tuple(found)
 
 
 def mean_effects(effects: Sequence[Effect]) -> list[Effect]:
@@ -128,8 +131,10 @@ def _without_defects(bench: Bench, causes: Sequence[Effect], locked: Recording |
     return masked(bench, defects), np.logical_or.reduce([nothing, *(defect.affected for defect in defects)])
 
 
-def _recalibrated(recording: Recording, bench: Bench, causes: Sequence[Effect], floor: Sequence[ChannelNoise]) -> Bench:
-    """The bench with the calibration that the recording gives once the causes' change is taken out of it."""
+def _recalibrated(
+    recording: Recording, bench: Bench, causes: Sequence[Effect], floor: Sequence[ChannelNoise], left_out: Mask
+) -> Bench:
+    """The bench with the recording's calibration once the causes' change and the readings they spoil are left out."""
     change = bench.change(mean_effects(causes))
     corrected = recording
     for sensor in recording.sensors:
@@ -138,9 +143,10 @@ def _recalibrated(recording: Recording, bench: Bench, causes: Sequence[Effect], 
         corrected = replace(corrected, accelerometer=both[ACCELEROMETER], magnetometer=both[MAGNETOMETER])
     sigma = np.sqrt([channel.variance for channel in floor])
     noise = {sensor: sigma[COLUMNS_OF[sensor]] for sensor in recording.sensors}
+    whole = np.flatnonzero(~left_out.any(axis=1))
     try:
-        pipeline = fitted_pipeline(calibrate(corrected, noise=noise, arm=bench.base.arm), recording)
-    except RefusedFit:  # the causes take so much that too little is left: the first calibration, then
+        pipeline = fitted_pipeline(calibrate(corrected.select(whole), noise=noise, arm=bench.base.arm), recording)
+    except RigError:  # too little is left: the first calibration, then
         return bench
     return replace(bench, pipeline=pipeline, base=pipeline.expected(bench.base, np.random.default_rng(0)))
 
@@ -149,7 +155,7 @@ def _with_noise(bench: Bench, causes: Sequence[Effect], after: Array) -> Bench:
     """The bench with the named noise whitened as well."""
     for effect in causes:
         if effect.kind is Kind.NOISE:
-            explained = Explained(bench.absorbed, bench.whiten(after))
+            explained = Explained(np.empty((bench.size, 0)), bench.whiten(after))  # the calibration is refitted already
             offer = fit_effect(type(effect), effect.where, bench, explained)
             bench = bench if offer is None else offer.applied(bench)
     return bench

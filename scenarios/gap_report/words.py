@@ -127,17 +127,21 @@ def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a few words."""
     if diagnosis.verdict == "no-gap":
         return sentence(diagnosis)
-    causes = " and ".join(cause_words(cause) for cause in diagnosis.causes)
+    causes = " and ".join(cause_words(cause) + _rivals(cause) for cause in diagnosis.causes)
     if diagnosis.verdict == "unknown":
         if diagnosis.remainder == "noise":  # several causes where one would do
             return "Something that the catalogue does not have; only several effects together would imitate it"
         return "Something that the catalogue does not have" + (f", beside {causes}" if causes else "")
-    alike = sum(len(cause.equivalent) for cause in diagnosis.causes)
-    others = f", or another of {alike} that the data cannot split from it" if alike > 1 else ""
-    if alike == 1:
-        other = next(each for cause in diagnosis.causes for each in cause.equivalent)
-        others = f", or {cause_title(other['effect'], other['where'])}"
-    return causes[:1].upper() + causes[1:] + others
+    return causes[:1].upper() + causes[1:]
+
+
+def _rivals(cause: Cause) -> str:
+    """What the data cannot split from a cause: by name where it is one, by number where they are several."""
+    if not cause.equivalent:
+        return ""
+    if len(cause.equivalent) > 1:
+        return f" (or one of {len(cause.equivalent)} that the data cannot split from it)"
+    return f" (or {cause_title(cause.equivalent[0]['effect'], cause.equivalent[0]['where'])})"
 
 
 def consequences(diagnosis: Diagnosis) -> str:

@@ -117,9 +117,10 @@ def _interleaved(
     row = 0
     for batch in batches:
         for number in range(subsets):
-            own = batch.select(slice((number - row) % subsets, None, subsets))
-            if len(own) == 0:
+            first = (number - row) % subsets
+            if first >= len(batch):
                 continue
+            own = batch.select(slice(first, None, subsets))
             summed = summarise(own, source.sensors, arm)
             found = found or summed
             before = parts[number]

@@ -1,0 +1,166 @@
+"""Scoring a solved set: the seal is opened, every answer is judged, and the withheld pass and the baselines are run.
+
+The withheld pass belongs to the scorer. Which effect is to be left out of a recording's diagnosis is the answer itself,
+so the solver cannot be told: once its answers are there, the scorer runs the same diagnosis again on every recording
+with a single cause of the catalogue, that cause's name taken out, and keeps these answers beside the truth.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from rig.errors import RigError
+from rig.files import write_text
+from rig.recording import read_recording
+from rig.threads import one_blas_thread
+from scenarios.blind.baselines import BASELINES, baseline_answers
+from scenarios.blind.closure import Closure, closure
+from scenarios.blind.outcome import CONFIDENT, Outcome, judge
+from scenarios.blind.seal import TRUTH, check_recording, file_hash, read_manifest, read_truth
+from scenarios.blind.solve import ANSWERS, answer_path, read_answer, solve_cases
+from scenarios.blind.strata import MECHANICS
+from scenarios.blind.truth import Truth
+from scenarios.studies.executor import Workers
+
+WITHHELD_FOLDER: Final = "withheld"
+_BASELINE_FOLDER: Final = "baselines"
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class CaseScore:
+    """One case: truth, answer, and what was right about it.
+
+    Attributes:
+        withheld: the answer without the true effect's name, and how it was judged; None where that was not asked.
+        baselines: how the simple judges' answers were judged.
+    """
+
+    truth: Truth
+    answer: dict[str, Any]
+    outcome: Outcome
+    closure: Closure
+    withheld: tuple[dict[str, Any], Outcome] | None = None
+    baselines: dict[str, Outcome] = field(default_factory=dict)
+
+
+def score_set(
+    folder: Path, sealed: Path, workers: Workers, progress: Progress | None = None, withheld: bool = True
+) -> list[CaseScore]:
+    """Open the seal and judge all answers; those that are missing for the withheld pass and the baselines are made.
+
+    Args:
+        withheld: whether to run the withheld pass.
+
+    Raises:
+        RigError: recordings, truth or answers are missing or have changed.
+    """
+    cases = read_manifest(folder)
+    for case in cases:
+        check_recording(folder, case)
+        if not answer_path(folder / ANSWERS, case["name"]).exists():
+            raise RigError(f"{folder / ANSWERS}: has no diagnosis of {case['name']}: run rig blind solve first")
+    truths = {name: Truth.from_json(each) for name, each in read_truth(sealed, cases).items()}
+    report = progress or (lambda share: None)
+    half = 0.5 if withheld else 0.0
+    if withheld:
+        asked = [(case, (withheld_effect(truths[case["name"]]),)) for case in cases]
+        asked = [(case, left_out) for case, left_out in asked if left_out[0]]
+        solve_cases(folder, sealed / WITHHELD_FOLDER, asked, workers, lambda share: report(half * share))
+    _run_baselines(folder, sealed, cases, workers, lambda share: report(half + (1.0 - half) * share))
+    return [_score_one(folder, sealed, case["name"], truths[case["name"]]) for case in cases]
+
+
+def withheld_effect(truth: Truth) -> str:
+    """The effect to leave out in the withheld pass: that of a single visible cause; empty where there is none."""
+    single = truth.stratum in ("one", MECHANICS) and len(truth.visible) == 1
+    return truth.visible[0].effect if single else ""
+
+
+def _score_one(folder: Path, sealed: Path, name: str, truth: Truth) -> CaseScore:
+    answers = folder / ANSWERS
+    answer = read_answer(answers, name)
+    recording = read_recording(folder / f"{name}.parquet")
+    compared = closure(truth, _change(sealed, truth), recording, answer, answer_path(answers, name))
+    second = None
+    left_out = withheld_effect(truth)
+    if left_out and answer_path(sealed / WITHHELD_FOLDER, name).exists():
+        again = read_answer(sealed / WITHHELD_FOLDER, name)
+        second = (again, judge(truth, again, left_out))
+    simple = json.loads((sealed / _BASELINE_FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    judged = {judge_name: judge(truth, simple[judge_name]) for judge_name in BASELINES}
+    return CaseScore(truth, answer, judge(truth, answer), compared, second, judged)
+
+
+def _change(sealed: Path, truth: Truth) -> np.ndarray[Any, np.dtype[np.float64]]:
+    path = sealed / "changes" / f"{truth.case}.npz"
+    if not path.is_file() or file_hash(path) != truth.change_sha256:
+        raise RigError(f"{path}: missing or changed since it was sealed")
+    with np.load(path) as arrays:
+        return np.asarray(arrays["change"], dtype=float)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    folder: str
+    output: str
+    cases: tuple[dict[str, str], ...]
+
+
+def _run_baselines(
+    folder: Path, sealed: Path, cases: list[dict[str, str]], workers: Workers, progress: Progress
+) -> None:
+    output = sealed / _BASELINE_FOLDER
+    output.mkdir(exist_ok=True)
+    left = tuple(case for case in cases if not (output / f"{case['name']}.json").exists())
+    asked = _Asked(str(folder), str(output), left)
+    for done, _ in enumerate(workers.completed(_baseline_one, asked, range(len(left))), start=1):
+        progress(done / len(left))
+
+
+def _baseline_one(asked: _Asked, number: int) -> None:
+    case, folder = asked.cases[number], Path(asked.folder)
+    with one_blas_thread():
+        answers = baseline_answers(folder / case["recording"], folder / case["locked"])
+    write_text(Path(asked.output) / f"{case['name']}.json", json.dumps(answers, indent=1) + "\n")
+
+
+def is_right(score: CaseScore) -> bool:
+    """Whether a case's answer is what its stratum asks for."""
+    truth, outcome = score.truth, score.outcome
+    if not truth.visible:
+        return outcome.verdict == "no-gap" or (bool(truth.causes) and bool(outcome.first))
+    if truth.stratum == "outside":
+        return outcome.verdict == "unknown"
+    if truth.stratum in ("form", MECHANICS):
+        return not outcome.confidently_wrong and (bool(outcome.in_set) or outcome.verdict == "unknown")
+    return outcome.verdict in CONFIDENT and not outcome.confidently_wrong and bool(outcome.in_set)
+
+
+def read_order(sealed: Path) -> dict[str, Any]:
+    """What the set was made by: seed, numbers, scenario."""
+    document = json.loads((sealed / TRUTH).read_text(encoding="utf-8"))
+    return dict(document["order"])
+
+
+def summary(scores: list[CaseScore]) -> list[dict[str, Any]]:
+    """Every case in plain values, for machines."""
+    return [
+        {
+            "case": score.truth.case,
+            "stratum": score.truth.stratum,
+            "right": is_right(score),
+            **asdict(score.outcome),
+            "closure": asdict(score.closure),
+            "withheld": None if score.withheld is None else asdict(score.withheld[1]),
+            "baselines": {name: asdict(outcome) for name, outcome in score.baselines.items()},
+        }
+        for score in scores
+    ]

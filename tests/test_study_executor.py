@@ -1,0 +1,300 @@
+"""Trials in this process, in local processes and on a Dask cluster; killed, resumed, and always the same table."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from study_trials import always_dying, dying, failing, squares
+
+import scenarios
+from rig.errors import RigError
+from scenarios.studies import consistency, executor
+from scenarios.studies.executor import Workers
+from scenarios.studies.settings import Settings
+from scenarios.studies.store import TABLE, StudyFolder
+
+ROOT = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Plain:
+    seed: int = 5
+
+
+def small() -> Settings:
+    """Twelve trials of some tens of milliseconds each."""
+    return Settings.of(scenarios.load("renk2005-table2"), (200, 600), draws=60, orders=("every-kth",))
+
+
+def table_of(path: Path) -> bytes:
+    return (path / TABLE).read_bytes()
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The table made in this process."""
+    path = tmp_path_factory.mktemp("reference") / "study"
+    consistency.run(small(), StudyFolder.begin(path, "consistency", small()), Workers(0))
+    return table_of(path)
+
+
+@pytest.mark.parametrize("processes", [0, 1, 2])
+def test_every_trial_is_made_once(processes: int) -> None:
+    found = dict(Workers(processes).completed(squares, 7, range(9)))
+    assert sorted(found) == list(range(9))
+    for number, table in found.items():
+        assert table.equals(squares(7, number))
+
+
+def test_in_this_process_they_come_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is made that was not asked for yet: a study that ends has lost no more than the trial at hand."""
+    made: list[int] = []
+    results = Workers(0).completed(lambda _, number: made.append(number), 0, range(5))
+    next(results)
+    assert made == [0]
+    next(results)
+    assert made == [0, 1]
+
+
+def test_one_process_and_two_give_the_same_table(reference: bytes, tmp_path: Path) -> None:
+    for processes in (1, 2):
+        path = tmp_path / f"study{processes}"
+        consistency.run(small(), StudyFolder.begin(path, "consistency", small()), Workers(processes))
+        assert table_of(path) == reference
+
+
+def test_a_killed_process_is_replaced(tmp_path: Path) -> None:
+    found = dict(Workers(2).completed(dying, str(tmp_path), range(8)))
+    assert (tmp_path / "died").exists()
+    assert sorted(found) == list(range(8))
+    assert all(table.equals(squares(0, number)) for number, table in found.items())
+
+
+def test_processes_that_keep_dying_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executor, "_RESTARTS", 1)
+    with pytest.raises(RigError, match=r"a process died 2 times .* run the same command again"):
+        list(Workers(1).completed(always_dying, 0, range(2)))
+
+
+@pytest.mark.parametrize("processes", [0, 1])
+def test_what_a_trial_raises_comes_through(processes: int) -> None:
+    with pytest.raises(RigError, match="trial 0: found nothing"):
+        list(Workers(processes).completed(failing, 0, range(3)))
+
+
+def test_a_study_goes_on_where_it_was(reference: bytes, tmp_path: Path) -> None:
+    """Ended by an error in the middle: what is there is kept, and only the rest is made."""
+    path = tmp_path / "study"
+    settings, made = small(), []
+
+    def breaking(chosen: Settings, number: int) -> pa.Table:
+        if number == 7:
+            raise RigError("the power went")
+        made.append(number)
+        return consistency.trial(chosen, number)
+
+    study = StudyFolder.begin(path, "consistency", settings)
+    with pytest.raises(RigError, match="the power went"):
+        study.fill(breaking, settings, settings.trials, Workers(0))
+    assert study.finished() == set(range(7)) == set(made)
+    assert not study.done
+
+    def counting(chosen: Settings, number: int) -> pa.Table:
+        made.append(number)
+        return consistency.trial(chosen, number)
+
+    shares: list[float] = []
+    StudyFolder.begin(path, "consistency", settings).fill(
+        counting, settings, settings.trials, Workers(0), shares.append
+    )
+    assert sorted(made) == list(range(settings.trials)), "a trial was made twice, or not at all"
+    assert shares[0] == 7 / settings.trials
+    assert shares[-1] == 1.0
+    assert table_of(path) == reference
+    assert not (path / "trials").exists()
+    StudyFolder.begin(path, "consistency", settings).fill(failing, settings, settings.trials, Workers(0))  # all there
+
+
+def test_a_study_killed_in_the_middle_goes_on(
+    reference: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SIGKILL at about half: identical table, and of all trials at most one is made twice."""
+    path, log = tmp_path / "study", tmp_path / "log"
+    program = (
+        "import sys, time; sys.path.insert(0, 'tests'); from pathlib import Path\n"
+        "from test_study_executor import small; from scenarios.studies import consistency\n"
+        "from scenarios.studies.executor import Workers; from scenarios.studies.store import StudyFolder\n"
+        "def trial(settings, number):\n"
+        f"    found = consistency.trial(settings, number); open({str(log)!r}, 'a').write(f'{{number}}\\n')\n"
+        "    time.sleep(0.05); return found\n"
+        f"study = StudyFolder.begin(Path({str(path)!r}), 'consistency', small())\n"
+        "study.fill(trial, small(), small().trials, Workers(0))\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", program], cwd=ROOT)
+    wait_until(lambda: len(list((path / "trials").glob("[0-9]*.parquet"))) >= small().trials // 2, process)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    done = StudyFolder.read(path).finished()
+    assert 0 < len(done) < small().trials
+    made = [int(line) for line in log.read_text().split()]
+
+    def counting(chosen: Settings, number: int) -> pa.Table:
+        made.append(number)
+        return consistency.trial(chosen, number)
+
+    StudyFolder.begin(path, "consistency", small()).fill(counting, small(), small().trials, Workers(0))
+    assert set(made) == set(range(small().trials))
+    assert len(made) <= small().trials + 1
+    assert table_of(path) == reference
+
+
+def test_orphaned_processes_end(tmp_path: Path) -> None:
+    """The processes of a study that was killed do not wait for work for ever."""
+    program = (
+        "import os, sys, time; sys.path.insert(0, 'tests'); from pathlib import Path\n"
+        "from study_trials import squares; from scenarios.studies.executor import Workers\n"
+        "import multiprocessing\n"
+        "if __name__ == '__main__':\n"
+        "    results = Workers(1).completed(squares, 0, range(50)); next(results)\n"
+        "    child = multiprocessing.active_children()[0].pid\n"
+        "    Path(sys.argv[1]).write_text(str(child)); time.sleep(60)\n"
+    )
+    file, script = tmp_path / "child", tmp_path / "orphan.py"
+    script.write_text(program)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
+    process = subprocess.Popen([sys.executable, str(script), str(file)], cwd=ROOT, env=environment)
+    wait_until(lambda: file.exists() and file.read_text() != "", process)
+    child = int(file.read_text())
+    process.kill()
+    process.wait()
+    wait_until(lambda: not alive(child), None)
+
+
+def alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"  # dead, and not yet collected
+
+
+def wait_until(happened: object, process: subprocess.Popen[bytes] | None, seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not happened():  # type: ignore[operator]
+        assert process is None or process.poll() is None, "the process ended early"
+        assert time.monotonic() < end, "it did not happen in time"
+        time.sleep(0.02)
+
+
+@contextmanager
+def cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A Dask scheduler and workers, each a process of its own, on this machine only."""
+    file = folder / "scheduler.json"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_TEMPORARY_DIRECTORY": str(folder)}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
+    common = ["--host", "127.0.0.1", "--no-dashboard"]
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--scheduler-file", str(file)]
+    started = [subprocess.Popen([*command, *common], **quiet)]  # type: ignore[call-overload]
+    try:
+        wait_until(lambda: file.exists() and file.read_text().endswith("}"), started[0])
+        address = json.loads(file.read_text())["address"]
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
+        for _ in range(workers):
+            started.append(subprocess.Popen([*command, *common], **quiet))  # type: ignore[call-overload]
+        from distributed import Client
+
+        with Client(address, timeout=60, set_as_default=False) as client:
+            client.wait_for_workers(workers, timeout=60)
+        yield address, started[1:]
+    finally:
+        for process in reversed(started):
+            process.kill()
+            process.wait()
+
+
+def test_a_dask_cluster_with_a_worker_killed_gives_the_same_table(reference: bytes, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed (the extra torusrig[cluster])")
+    path = tmp_path / "study"
+    with cluster(tmp_path, 2) as (address, workers):
+
+        def progress(share: float) -> None:
+            if share >= 0.25 and workers[0].poll() is None:
+                workers[0].kill()
+                workers[0].wait()
+
+        study = StudyFolder.begin(path, "consistency", small())
+        consistency.run(small(), study, Workers(cluster=address), progress)
+        assert workers[0].poll() is not None
+    assert table_of(path) == reference
+
+
+def test_a_cluster_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed (the extra torusrig[cluster])")
+    monkeypatch.setattr(executor, "_CLUSTER_TIMEOUT_S", 0.5)
+    for address in ("tcp://127.0.0.1:9", "nonsense://x"):
+        with pytest.raises(RigError, match=f"cluster {address}: no Dask scheduler answers"):
+            list(Workers(cluster=address).completed(squares, 0, range(2)))
+
+
+def test_without_dask_the_way_to_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(RigError, match=r"pip install 'torusrig\[cluster\]'"):
+        list(Workers(cluster="tcp://127.0.0.1:9").completed(squares, 0, range(2)))
+
+
+def test_a_folder_holds_one_study(tmp_path: Path) -> None:
+    path = tmp_path / "study"
+    StudyFolder.begin(path, "consistency", Plain())
+    assert StudyFolder.begin(path, "consistency", Plain()).settings == {"seed": 5}
+    with pytest.raises(RigError, match="found a study with seed 5, expected 6"):
+        StudyFolder.begin(path, "consistency", Plain(6))
+    with pytest.raises(RigError, match="found a consistency study, expected subsets"):
+        StudyFolder.begin(path, "subsets", Plain())
+    with pytest.raises(RigError, match=r"holds no study\.json"):
+        StudyFolder.read(tmp_path)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").touch()
+    with pytest.raises(RigError, match="something that is no study"):
+        StudyFolder.begin(tmp_path / "other", "consistency", Plain())
+    with pytest.raises(RigError, match="cannot be made"):
+        StudyFolder.begin(tmp_path / "no" / "where", "consistency", Plain())
+    (path / "study.json").write_text('{"format": "rig-study/9"}')
+    with pytest.raises(RigError, match="format: found 'rig-study/9', expected 'rig-study/1'"):
+        StudyFolder.read(path)
+
+
+def test_a_spoilt_trial_is_made_again(reference: bytes, tmp_path: Path) -> None:
+    study = StudyFolder.begin(tmp_path / "study", "consistency", small())
+    (study.path / "trials").mkdir()
+    for number in (0, 1):
+        pq.write_table(consistency.trial(small(), number), study.path / "trials" / f"{number:05d}.parquet")
+    (study.path / "trials" / "00001.parquet").write_bytes(b"")
+    assert study.finished() == {0}
+    consistency.run(small(), study, Workers(0))
+    assert table_of(study.path) == reference
+
+
+def test_nobody_else_fills_the_same_study(tmp_path: Path) -> None:
+    fcntl = pytest.importorskip("fcntl", reason="no file locks on this system")
+    study = StudyFolder.begin(tmp_path / "study", "consistency", Plain())
+    with open(study.path / "study.json", "rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(RigError, match="another process is running this study"):
+            study.fill(squares, 0, 2, Workers(0))
+
+
+def test_a_negative_number_of_workers_is_refused() -> None:
+    with pytest.raises(RigError, match="workers: found -1, expected zero"):
+        Workers(-1)
