@@ -207,6 +207,6 @@ def _check_scenario(scenario: Scenario) -> None:
     for effect in scenario.rig.effects:
         if effect.kind is not Kind.MEAN:
             raise RigError(
-                f"scenario {scenario.name}: effect {effect.name} changes the {effect.kind.value}, expected white noise
-                and" " effects that change the mean: a consistency study draws no samples"
+                f"scenario {scenario.name}: effect {effect.name} changes the {effect.kind.value}, expected white noise"
+                " and effects that change the mean: a consistency study draws no samples"
             )
