@@ -21,8 +21,9 @@ Drawer = Callable[[np.random.Generator, Setting], dict[str, Any]]
 ABSORBED: Final = (
     ("joint_offset", "joint1", {"offset_rad": 0.01}),
     ("joint_offset", "joint6", {"offset_rad": 0.02}),
-    ("axis_misalignment", "joint2", {"twist_rad": 2e-3}),
-    ("axis_misalignment", "joint3", {"twist_rad": 2e-3}),
+    ("backlash", "joint6", {"width_rad": 5e-3}),  # it rolls one way
+    ("axis_misalignment", "joint2", {"twist_rad": 5e-3}),
+    ("axis_misalignment", "joint3", {"twist_rad": 5e-3}),
 )
 
 #: Their strength cannot be chosen: they act by being there.

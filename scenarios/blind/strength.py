@@ -19,7 +19,7 @@ from scenarios.blind.settings import RATE_HZ, Setting
 Array = NDArray[np.float64]
 Make = Callable[[float], Effect]
 
-_TRIES: Final = 60
+_TRIES: Final = 12
 _STEP: Final = 2.0
 _CLOSE: Final = 2e-3  # of the wanted signal-to-noise
 
@@ -80,7 +80,7 @@ def strength_for(make: Make, wanted: float, setting: Setting) -> tuple[Effect, f
 
     low = high = 0.0
     value = excess(0.0)
-    for _ in range(_TRIES):
+    for _ in range(_TRIES):  # it may stay the same for a while: single readings come whole
         if abs(value) < _CLOSE:
             break
         step = float(np.clip(-1.2 * value, -_STEP, _STEP))
@@ -89,8 +89,8 @@ def strength_for(make: Make, wanted: float, setting: Setting) -> tuple[Effect, f
         if before * value < 0.0:
             high = float(brentq(excess, min(low, high), max(low, high), xtol=_CLOSE))
             break
-        if abs(value - before) < 1e-6:
-            raise RigError("the effect's signal-to-noise does not grow with its strength")
+    else:
+        raise RigError("the effect's signal-to-noise does not grow with its strength")
     effect = make(float(np.exp(high)))
     return effect, signal_to_noise((effect,), setting)
 
