@@ -27,7 +27,7 @@ from scenarios.scenario import Scenario
 
 COMMANDS = (
     *("demo", "sweep", "calibrate", "apply", "diagnose", "export", "bound", "study", "noise"),
-    *("view", "scenarios", "effects"),
+    *("blind", "view", "scenarios", "effects"),
 )
 ROOT = Path(__file__).parents[1]
 

@@ -7,6 +7,7 @@ number, so it does not matter which worker makes it, in which order, or how ofte
 from __future__ import annotations
 
 import os
+import signal
 import threading
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
@@ -15,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import get_context, parent_process
+from multiprocessing.synchronize import Event
 from typing import Any, Final, TypeVar
 
 from rig.errors import RigError
@@ -25,6 +27,8 @@ Trial = Callable[[Settings, int], Result]
 
 #: So many times a pool of processes is made anew after one of them has died; more is a fault, not an accident.
 _RESTARTS: Final = 3
+#: So often a process looks whether its work is still wanted.
+_WATCH_S: Final = 0.2
 _CLUSTER_TIMEOUT_S: Final = 20.0
 #: So long a cluster may be without any worker.
 _DESERTED_S: Final = 60.0
@@ -124,9 +128,10 @@ def _in_processes(
 ) -> Iterator[tuple[int, Result]]:
     """A pool that is made anew, for what is left, when one of its processes has been killed."""
     left = set(numbers)
+    context = get_context("spawn")  # not forked: the same on every system, and safe beside a progress bar's thread
     for restart in range(_RESTARTS + 1):
-        # Spawned, not forked: the same on every system, and safe beside the threads of a progress bar.
-        pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_die_with_parent)
+        given_up = context.Event()
+        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_watch, initargs=(given_up,))
         try:
             for number, result in _windowed(pool, 2 * count, trial, settings, sorted(left)):
                 left.discard(number)
@@ -138,18 +143,22 @@ def _in_processes(
                     f"workers: a process died {restart + 1} times (killed, or out of memory?); finished trials are"
                     " kept: run the same command again, with fewer --workers"
                 ) from error
+        except BaseException:
+            given_up.set()
+            raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _die_with_parent() -> None:
-    """A pool's process would wait for work for ever after its parent was killed."""
+def _watch(given_up: Event) -> None:
+    """Let a process of the pool end as soon as nobody wants its work: it would finish it first, or, with its parent
+    killed, wait for more of it for ever. Ctrl-C is for the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
-    if parent is None:
-        return
 
     def watch() -> None:
-        parent.join()
+        while (parent is None or parent.is_alive()) and not given_up.wait(_WATCH_S):
+            pass
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
