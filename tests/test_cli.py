@@ -26,8 +26,8 @@ from scenarios.cli._app import cli
 from scenarios.scenario import Scenario
 
 COMMANDS = (
-    *("demo", "sweep", "calibrate", "apply", "diagnose", "export", "bound", "study", "noise"),
-    *("blind", "view", "scenarios", "effects"),
+    *("demo", "sweep", "calibrate", "apply", "diagnose", "export", "bound", "study", "blind", "noise"),
+    *("view", "scenarios", "effects"),
 )
 ROOT = Path(__file__).parents[1]
 
