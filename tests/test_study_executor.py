@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -180,6 +181,17 @@ def test_orphaned_processes_end(tmp_path: Path) -> None:
     process.kill()
     process.wait()
     wait_until(lambda: not alive(child), None)
+
+
+def test_a_study_that_is_given_up_leaves_no_process() -> None:
+    """Nor an exception in the pool's own thread, which pytest would report."""
+    results = Workers(1).completed(squares, 0, range(200))
+    next(results)
+    children = multiprocessing.active_children()
+    assert len(children) == 1
+    results.close()  # type: ignore[attr-defined]
+    wait_until(lambda: not multiprocessing.active_children(), None)
+    assert not alive(children[0].pid or 0)
 
 
 def alive(pid: int) -> bool:

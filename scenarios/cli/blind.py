@@ -19,6 +19,8 @@ _SEALED = click.option(
 def blind() -> None:
     """Make recordings with a sealed truth, diagnose them, then open the seal and score the answers.
 
+    With --json each step prints one JSON document.
+
     \b
     Example:
       rig blind make set1 --cases 100 --mechanics 12

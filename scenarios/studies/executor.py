@@ -97,8 +97,15 @@ def _windowed(
     settings: Settings,
     numbers: list[int],
     waiting: Callable[[], None] = lambda: None,
+    cancel: bool = True,
 ) -> Iterator[tuple[int, Result]]:
-    """Submit no more than ``window`` at a time, so that little is lost or held when the study is ended."""
+    """Submit no more than ``window`` at a time, so that little is lost or held when the study is ended.
+
+    Args:
+        executor, window, trial, settings, numbers: what, where, and how many at a time.
+        waiting: called about once a second while nothing is done.
+        cancel: what is still to be done when the study is ended.
+    """
     left = iter(numbers)
     pending: dict[Future[Result], int] = {}
 
@@ -119,8 +126,9 @@ def _windowed(
                 yield number, future.result()
             submit()
     finally:
-        for future in pending:
-            future.cancel()
+        if cancel:
+            for future in pending:
+                future.cancel()
 
 
 def _in_processes(
@@ -133,7 +141,8 @@ def _in_processes(
         given_up = context.Event()
         pool = ProcessPoolExecutor(count, mp_context=context, initializer=_watch, initargs=(given_up,))
         try:
-            for number, result in _windowed(pool, 2 * count, trial, settings, sorted(left)):
+            # Its processes are told to end, which breaks the pool; Python's pool stumbles over work cancelled before.
+            for number, result in _windowed(pool, 2 * count, trial, settings, sorted(left), cancel=False):
                 left.discard(number)
                 yield number, result
             return
@@ -147,7 +156,7 @@ def _in_processes(
             given_up.set()
             raise
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(wait=False)
 
 
 def _watch(given_up: Event) -> None:

@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 _STEP_S: Final = 1e-3
 _BLOCK_STEPS: Final = 10_000
 _SETTLE_S: Final = 5.0
+#: The accelerometer sees second differences over so many steps either way: a board of about 50 Hz bandwidth, which
+#: feels the millisecond of an impact no more than a real one.
+_SMOOTHED: Final = 10
 _JOINTS: Final = tuple(f"joint{number}" for number in range(1, 7))
 
 
@@ -65,8 +68,8 @@ def drive(mechanism: Mechanism, maneuver: TorusSweep, gravity: Array) -> Driven:
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)
     width = 1 + model.nq  # time comes first
-    path = np.empty((samples, 3, model.nq))  # one step before, at, and one step after each sample
-    total = before + (samples - 1) * kept + 2
+    path = np.empty((samples, 3, model.nq))  # a little before, at, and a little after each sample
+    total = before + (samples - 1) * kept + 1 + _SMOOTHED
     with Rollout(nthread=0) as rollout:
         for first in range(0, total, _BLOCK_STEPS):
             steps = np.arange(first, min(first + _BLOCK_STEPS, total))
@@ -117,11 +120,11 @@ def _commanded(maneuver: TorusSweep, t: Array) -> JointTrajectory:
 def _keep(path: Array, qpos: Array, steps: NDArray[np.int64], before: int, kept: int) -> None:
     """Store the positions after these steps that are next to a sample; after step k the time is k + 1 steps."""
     reached = steps + 1 - before
-    for offset in (-1, 0, 1):
+    for moment, offset in enumerate((-_SMOOTHED, 0, _SMOOTHED)):
         rows = np.flatnonzero((reached - offset) % kept == 0)
         numbers = (reached[rows] - offset) // kept
         inside = (numbers >= 0) & (numbers < len(path))
-        path[numbers[inside], offset + 1] = qpos[rows[inside]]
+        path[numbers[inside], moment] = qpos[rows[inside]]
 
 
 def _seen(mechanism: Mechanism, model: mujoco.MjModel, data: mujoco.MjData, path: Array, positions: Array) -> Driven:
@@ -134,7 +137,6 @@ def _seen(mechanism: Mechanism, model: mujoco.MjModel, data: mujoco.MjData, path
             place[row, moment] = data.site_xpos[site]
         rotation[row] = data.site_xmat[site].reshape(3, 3)
         field[row] = mechanism.stray_field(model, data)
-    # Second differences over steps of a millisecond: the integrator's own acceleration of the path, whatever forces,
-    # stops and friction made it.
-    acceleration = (place[:, 0] - 2.0 * place[:, 1] + place[:, 2]) / _STEP_S**2
+    # Of the path itself: whatever forces, stops and friction made it, the integrator's acceleration, averaged.
+    acceleration = (place[:, 0] - 2.0 * place[:, 1] + place[:, 2]) / (_SMOOTHED * _STEP_S) ** 2
     return Driven(np.arange(count) / RATE_HZ, path[:, 1][:, positions], rotation, acceleration, field)
