@@ -154,7 +154,7 @@ def test_an_arm_that_is_not_known(bench: Bench) -> None:
         (["--noise", "1,2,3,4,5,6", "--locked", "run.csv"], "--locked and --noise: found both"),
         (["--locked", "none.parquet"], "none.parquet: "),
         (["--locked", "run.parquet"], "run.parquet: no pose is held"),
-        (["--method", "simultanous"], "expected one of simultaneous, separate (nearest: 'simultaneous')"),
+        (["--method", "simultanous"], "expected one of simultaneous, separate, ellipsoid (nearest: 'simultaneous')"),
         (["--field-points", "sideways"], "found 'sideways', expected one of up, down"),
         (["--lockd", "run.csv"], "--locked"),
         (["--noise"], "requires an argument"),
