@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators._json import Reader, nullable
+from rig.errors import RigError
 
 Array = NDArray[np.float64]
 
@@ -105,6 +106,8 @@ class Quality:
         condition: of the Fisher information scaled to a unit diagonal; infinite where something is not told.
         field_agreement: of separate fits: ``chi_square``, ``degrees_of_freedom``, ``p_value`` of one common field.
         coverage, repeats, clipped, outliers: what the readings themselves show, where that was looked for.
+        verdict: of ``estimators.judged``: whether it is ``good``, in words (``text``), with ``reasons``, ``remarks``
+            and each test's figures; None where it was not asked.
         warnings: in words.
     """
 
@@ -115,6 +118,7 @@ class Quality:
     repeats: Any = None
     clipped: Any = None
     outliers: Any = None
+    verdict: Mapping[str, Any] | None = None
     warnings: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
@@ -127,6 +131,7 @@ class Quality:
             "repeats": self.repeats,
             "clipped": self.clipped,
             "outliers": self.outliers,
+            "verdict": None if self.verdict is None else dict(self.verdict),
             "warnings": list(self.warnings),
         }
 
@@ -141,5 +146,14 @@ class Quality:
             reader.plain("repeats"),
             reader.plain("clipped"),
             reader.plain("outliers"),
+            None if (verdict := reader.optional("verdict")) is None else _verdict(verdict),
             reader.strings("warnings", missing=()),
         )
+
+
+def _verdict(reader: Reader) -> Mapping[str, Any]:
+    if not isinstance(reader.plain("good"), bool):
+        raise RigError(f"{reader.where}.good: found {reader.plain('good')!r}, expected true or false")
+    reader.text("text")
+    reader.strings("reasons")
+    return reader.content

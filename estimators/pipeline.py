@@ -18,7 +18,7 @@ from estimators.model import Method
 from estimators.noise import NoiseFloor, given_floor, noise_floor
 from estimators.statistics import Statistics
 from rig.channels import ACCELEROMETER, SENSORS
-from rig.errors import RigError, unknown_name
+from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Metadata, Recording, RecordingScan, locked_beside, read_recording, scan_recording
 
 if TYPE_CHECKING:
@@ -30,12 +30,14 @@ PathLike = str | os.PathLike[str]
 FieldPoints = str | Sequence[float] | Mapping[str, str | Sequence[float]]
 Noise = NoiseFloor | Mapping[str, ArrayLike] | ArrayLike | Literal["residuals"]
 
+#: In which the directions are looked for that a refused fit has missed.
+_SAMPLES_OF_A_REFUSAL: Final = 20_000
 _POINTS: Final = {"down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
 
 
 def calibrate(
     run: Recording | PathLike,
-    method: Method | Literal["ellipsoid"] = "simultaneous",
+    method: Method | Literal["ellipsoid"] | None = None,
     noise: Noise | None = None,
     arm: Arm | None = None,
     field_points: FieldPoints = "down",
@@ -49,7 +51,8 @@ def calibrate(
     Args:
         run: a recording; a path is read in batches, so that its length does not matter.
         method: "simultaneous": one field direction a sensor, Renk (15), (21); "separate": one a channel, (14), (20);
-            "ellipsoid": without the attitude, from the constant magnitude of the fields, Camps et al.
+            "ellipsoid": without the attitude, from the constant magnitude of the fields, Camps et al. None:
+            simultaneous, or ellipsoid where the recording has no pose.
         noise: the standard deviation of a reading, as a ``NoiseFloor``, as sensor -> (3,) or as (6,) [recorded unit];
             None: the locked recording beside a path, else the residuals; "residuals": these in any case.
         arm: gives the orientations from the joint angles. None: those of the tool if they were recorded, else the A465
@@ -71,6 +74,8 @@ def calibrate(
     from_file = not isinstance(run, Recording)
     source: Recording | RecordingScan = run if isinstance(run, Recording) else _scan(run, arm)
     chosen = _chosen(source.sensors, sensors)
+    if method is None:
+        method = "simultaneous" if has_pose(source) else "ellipsoid"
     points = {sensor: _points(field_points, sensor) for sensor in chosen}
     floors = _floors(run if from_file else None, noise)
     if method == "ellipsoid":
@@ -85,15 +90,18 @@ def calibrate(
     results: dict[str, SensorCalibration] = {}
     for position, sensor in enumerate(chosen):
         floor = floors.of(sensor, summed.units[sensor])
-        fit = fit_sensor(
-            summed.statistics.select(slice(3 * position, 3 * position + 3)),
-            magnitude_of(summed.metadata, sensor),
-            method=method,
-            noise=None if floor is None else floor[0],
-            weighting=weighting,
-            field_points=points[sensor],
-            name=f"{summed.where}: {sensor}",
-        )
+        try:
+            fit = fit_sensor(
+                summed.statistics.select(slice(3 * position, 3 * position + 3)),
+                magnitude_of(summed.metadata, sensor),
+                method=method,
+                noise=None if floor is None else floor[0],
+                weighting=weighting,
+                field_points=points[sensor],
+                name=f"{summed.where}: {sensor}",
+            )
+        except RefusedFit as refusal:
+            raise _explained(refusal, source, points[sensor], arm) from refusal
         results[sensor] = assemble(
             fit,
             unit=summed.units[sensor],
@@ -166,6 +174,24 @@ def _part(batch: Recording, arm: Arm | None, readings: Sequence[Array], where: s
     return Statistics.from_quaternions(batch.tool_quaternion, *readings)
 
 
+def _explained(
+    refusal: RefusedFit, source: Recording | RecordingScan, field: Sequence[float], arm: Arm | None
+) -> RefusedFit:
+    """The refusal with the directions that are missing, the field (3,) being where it is said to point."""
+    from estimators.coverage import with_missing_directions
+    from estimators.goodness import thinned
+
+    some = thinned(source, _SAMPLES_OF_A_REFUSAL)
+    return with_missing_directions(refusal, some, field, _arm_of(some, arm, some.name))
+
+
+def has_pose(source: Recording | RecordingScan) -> bool:
+    """Whether joint angles or tool poses were recorded."""
+    if isinstance(source, Recording):
+        return source.q is not None or source.tool_quaternion is not None
+    return bool(source.columns.joints or source.columns.tool)
+
+
 def magnitude_of(metadata: Metadata, sensor: str) -> float:
     """The stated magnitude of the field that a sensor sees [m/s^2, field unit]."""
     return metadata.gravity_m_s2 if sensor == ACCELEROMETER else metadata.magnetic_field
@@ -231,8 +257,8 @@ def _arm_of(batch: Recording, arm: Arm | None, where: str) -> Arm | None:
     """The arm whose kinematics give the orientations; None where the tool's are recorded and no arm was asked for."""
     if batch.q is None and batch.tool_quaternion is None:
         raise RigError(
-            f"{where}: has no pose, expected q1_rad..qN_rad or tool_qw..tool_qz; without a pose only an attitude-free"
-            " method can be used"
+            f"{where}: has no pose, expected q1_rad..qN_rad or tool_qw..tool_qz; without a pose only the attitude-free"
+            " method 'ellipsoid' can be used"
         )
     if batch.q is None or (arm is None and batch.tool_quaternion is not None):
         return None

@@ -66,5 +66,9 @@ def _sensor(name: str, sensor: SensorCalibration) -> str:
             f" p = {chi_square['p_value']:.2g}"
         )
     lines += [f"  not told: {parameter}: {reason}" for parameter, reason in reasons]
-    lines += [f"  warning: {warning}" for warning in sensor.quality.warnings]
+    verdict = sensor.quality.verdict
+    told_before = () if verdict is None else verdict["reasons"]
+    lines += [f"  warning: {warning}" for warning in sensor.quality.warnings if warning not in told_before]
+    if verdict is not None:
+        lines.append(f"  {verdict['text']}")
     return "\n".join(lines)

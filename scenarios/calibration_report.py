@@ -35,8 +35,12 @@ def _sensor(name: str, sensor: SensorCalibration, field_unit: str | None) -> Ite
     untold = [(parameter, told) for parameter, told in sensor.identifiable.items() if told is not True]
     for parameter, why in untold:
         yield Text(f"cannot be told: {symbol(parameter)}: {why}", style="yellow")
+    verdict = sensor.quality.verdict
     for warning in sensor.quality.warnings:
-        yield Text(f"warning: {warning}", style="bold yellow")
+        if verdict is None or warning not in verdict["reasons"]:
+            yield Text(f"warning: {warning}", style="bold yellow")
+    if verdict is not None:
+        yield Text(f"verdict         {verdict['text']}", style="green" if verdict["good"] else "bold red")
 
 
 def _axes(name: str, sensor: SensorCalibration, field_unit: str | None) -> Table:

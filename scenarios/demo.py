@@ -96,7 +96,7 @@ def run_demo(
 
     tell(_heading(3, "Both sensors are calibrated from joint angles and volts alone\n"))
     with working("calibrating"):
-        calibration = estimators.calibrate(recording, noise=floor)
+        calibration = estimators.judged(recording, estimators.calibrate(recording, noise=floor))
     tell(calibration_report(calibration, recording.metadata.magnetic_field_unit))
 
     compared = compare(scenario.truth, calibration)

@@ -119,6 +119,7 @@ def test_poses_that_cannot_determine_the_parameters(bench: Bench, moving: int | 
     held(read_recording("run.parquet"), moving).write("held.parquet")
     line = bench.refused(*(part.format(run="held.parquet") for part in CALIBRATE), status=1)
     assert line.startswith("rig: held.parquet: accelerometer: ")
+    assert "equal cells of frame 6: bring it along " in line  # how to do better
     bench.refused("calibrate", "held.parquet", "--json", status=1)
 
 
@@ -130,8 +131,13 @@ def test_fewer_samples_than_parameters(bench: Bench) -> None:
 
 def test_no_pose_at_all(bench: Bench) -> None:
     replace(read_recording("run.parquet"), q=None).write("tumble.parquet")
-    line = bench.refused(*(part.format(run="tumble.parquet") for part in CALIBRATE))
-    assert "has no pose" in line
+    for method in ("simultaneous", "separate"):
+        line = bench.refused(*(part.format(run="tumble.parquet") for part in CALIBRATE), "--method", method)
+        assert "has no pose, expected q1_rad..qN_rad or tool_qw..tool_qz" in line
+        assert "'ellipsoid'" in line
+    assert "--equal-weights: tumble.parquet is calibrated without the attitude" in bench.refused(
+        "calibrate", "tumble.parquet", "--equal-weights"
+    )
 
 
 def test_an_arm_that_is_not_known(bench: Bench) -> None:
@@ -155,6 +161,8 @@ def test_an_arm_that_is_not_known(bench: Bench) -> None:
         (["--locked", "none.parquet"], "none.parquet: "),
         (["--locked", "run.parquet"], "run.parquet: no pose is held"),
         (["--method", "simultanous"], "expected one of simultaneous, separate, ellipsoid (nearest: 'simultaneous')"),
+        (["--parameters", "6"], "--parameters: run.parquet is calibrated by the attitude, expected with --method"),
+        (["--parameters", "7"], "found '7', expected one of 6, 9"),
         (["--field-points", "sideways"], "found 'sideways', expected one of up, down"),
         (["--lockd", "run.csv"], "--locked"),
         (["--noise"], "requires an argument"),

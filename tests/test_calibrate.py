@@ -240,7 +240,7 @@ def test_a_horizontal_field_is_warned_about() -> None:
 def test_what_cannot_be_calibrated_is_refused_by_name() -> None:
     run = run_of(BOTH_SENSORS, BOTH_NOISES, 12)
     with pytest.raises(RigError, match=r"has no pose.*attitude-free"):
-        estimators.calibrate(replace(run, q=None))
+        estimators.calibrate(replace(run, q=None), method="simultaneous")
     with pytest.raises(RigError, match="arm 'ur5' is not built in"):
         estimators.calibrate(replace(run, metadata=Metadata(arm="ur5")))
     with pytest.raises(RigError, match="unknown recorded sensor 'gyro'"):

@@ -17,7 +17,6 @@ import pytest
 from cli_support import SMALL, Rig
 
 import scenarios
-from estimators import Calibration, noise_floor
 from rig.effects import EFFECTS, make_effect
 from rig.recording import read_recording
 from rig.simulate import ENGINES, MOTIONS
@@ -150,69 +149,6 @@ def test_a_diagnosis_without_causes_adds_nothing(rig: Rig, here: Path) -> None:
 
 def test_sweep_says_which_older_noise_floor_lies_beside(rig: Rig, swept: Path) -> None:
     assert "run.locked.parquet: was there before" in rig.done("sweep", "small.toml", "-o", "run.parquet")
-
-
-def test_calibrate_prints_a_table_and_writes_the_contract(rig: Rig, swept: Path) -> None:
-    text = rig.done("calibrate", "run.parquet", "-o", "cal.json")
-    for words in (
-        "accelerometer",
-        "magnetometer",
-        "V/(m/s²)",
-        "V/G",
-        "±",
-        "root sum of squares",
-        "chi-square",
-        "angles of axes",
-    ):
-        assert words in text
-    calibration = Calibration.read("cal.json")
-    assert json.loads(rig.done("calibrate", "run.parquet", "--json")) == json.loads((swept / "cal.json").read_text())
-    truth = scenarios.load("small.toml").truth
-    for sensor in truth.sensors:
-        assert calibration[sensor].noise_source == "locked recording"
-        # A normal error passes 6 standard deviations once in 5e8; the seed is the scenario's own.
-        assert abs(calibration[sensor].value("offset1") - truth.values(sensor)["offset1"]) < 6 * calibration[
-            sensor
-        ].std("offset1")
-
-
-def test_calibrate_says_what_cannot_be_told_and_why(rig: Rig, here: Path) -> None:
-    rig.done("sweep", "renk2005-table2", "-o", "run.parquet")
-    text = rig.done("calibrate", "run.parquet")
-    assert "cannot be told: ψ: the field lies" in text
-    assert "noise from the residuals" in text
-
-
-def test_calibrate_takes_the_noise_floor_from_where_it_is_told(rig: Rig, swept: Path) -> None:
-    def noise(*options: str) -> list[float]:
-        found = json.loads(rig.done("calibrate", "run.parquet", "--json", *options))["sensors"]
-        return [value for sensor in ("accelerometer", "magnetometer") for value in found[sensor]["noise"]]
-
-    assert noise("--noise", "1,2,3,4,5,6") == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3], rel=1e-14)
-    beside = noise()
-    (swept / "run.locked.parquet").rename(swept / "elsewhere.parquet")
-    assert noise("--locked", "elsewhere.parquet") == beside
-    assert beside == pytest.approx(noise_floor(read_recording("elsewhere.parquet")).rms, rel=1e-14)
-    assert noise() != beside  # from the residuals
-
-
-def test_calibrate_options_reach_the_estimator(rig: Rig, swept: Path) -> None:
-    separate = json.loads(rig.done("calibrate", "run.parquet", "--method", "separate", "--json"))
-    assert separate["sensors"]["magnetometer"]["method"] == "separate"
-    assert "one field?" in rig.done("calibrate", "run.parquet", "--method", "separate")
-    up = json.loads(rig.done("calibrate", "run.parquet", "--field-points", "up", "--json"))
-    assert up["sensors"]["accelerometer"]["field"]["vector"][2] > 0.9
-    equal = json.loads(rig.done("calibrate", "run.parquet", "--equal-weights", "--json"))
-    assert equal["sensors"]["accelerometer"]["weighting"] == "equal"
-
-
-def test_calibrate_takes_the_users_own_arm(rig: Rig, swept: Path) -> None:
-    urdf = ROOT / "models" / "a465" / "a465.urdf"
-    one = json.loads(rig.done("calibrate", "run.parquet", "--json"))["sensors"]["accelerometer"]
-    two = json.loads(rig.done("calibrate", "run.parquet", "--arm", urdf, "--tip", "imu", "--json"))["sensors"][
-        "accelerometer"
-    ]
-    assert two["values"] == pytest.approx(one["values"], abs=1e-9)  # the same arm to 1e-12, through a fit
 
 
 def test_apply_gives_fields_of_the_right_length(rig: Rig, swept: Path) -> None:

@@ -207,10 +207,9 @@ def test_a_refused_fit_names_what_is_missing() -> None:
     run = Recording(t=np.arange(300.0), tool_quaternion=each.as_quat(scalar_first=True), accelerometer=volts)
     with pytest.raises(RefusedFit) as caught:
         estimators.calibrate(run)
-    refusal = with_missing_directions(caught.value, run, (0.0, 0.0, -1.0))
-    assert str(refusal).startswith(str(caught.value).split(";")[0])
+    refusal = caught.value
     assert "the field was seen in 25 % of 12 equal cells of frame 6: bring it along" in str(refusal)
     assert "+z" in str(refusal)
     assert "\n" not in str(refusal)
     everywhere = replace(run, tool_quaternion=Rotation.random(300, rng=np.random.default_rng(16)).as_quat())
-    assert with_missing_directions(caught.value, everywhere, (0.0, 0.0, -1.0)).exit_status == 1
+    assert with_missing_directions(refusal, everywhere, (0.0, 0.0, -1.0)).exit_status == 1

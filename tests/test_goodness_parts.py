@@ -298,8 +298,10 @@ def test_the_verdict_goes_with_the_calibration(ann_arbor: Recording, tmp_path: P
     back = Calibration.read(tmp_path / "cal.json")
     assert back.to_json() == calibration.to_json()
     own = back["accelerometer"]
-    assert own.extra["goodness"]["good"] is True
-    assert own.extra["goodness"]["verdict"].startswith("good: ")
+    assert own.quality.verdict is not None
+    assert own.quality.verdict["good"] is True
+    assert own.quality.verdict["text"].startswith("good: ")
+    assert own.quality.verdict["text"] in str(back)
     assert own.quality.coverage["share"] > 0.95
     assert own.quality.clipped["count"] == own.quality.repeats["count"] == own.quality.outliers["count"] == 0
     assert own.quality.warnings == ()
@@ -310,7 +312,11 @@ def test_reasons_are_warnings(ann_arbor: Recording) -> None:
     run = replace(ann_arbor, accelerometer=held)
     calibration = judged(run, estimators.calibrate(run))
     assert any("repeat the one before" in warning for warning in calibration["accelerometer"].quality.warnings)
-    assert calibration["accelerometer"].extra["goodness"]["good"] is False
+    verdict = calibration["accelerometer"].quality.verdict
+    assert verdict is not None
+    assert verdict["good"] is False
+    assert verdict["text"] == f"not good: because {'; '.join(verdict['reasons'])}"
+    assert str(calibration).count("repeat the one before") == 1
     assert calibration["magnetometer"].quality.warnings == ()
 
 

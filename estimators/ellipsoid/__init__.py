@@ -4,7 +4,7 @@ from estimators.ellipsoid.alignment import Alignment, align
 from estimators.ellipsoid.assembly import assemble
 from estimators.ellipsoid.fit import EllipsoidFit, fit_ellipsoid
 from estimators.ellipsoid.levenberg import Start
-from estimators.ellipsoid.pipeline import AttitudeFree, Options, calibrate_attitude_free
+from estimators.ellipsoid.pipeline import AttitudeFree, Options, calibrate_attitude_free, read_thinned
 
 __all__ = [
     "Alignment",
@@ -16,4 +16,5 @@ __all__ = [
     "assemble",
     "calibrate_attitude_free",
     "fit_ellipsoid",
+    "read_thinned",
 ]

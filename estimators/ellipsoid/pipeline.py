@@ -103,7 +103,7 @@ def calibrate_attitude_free(
         RefusedFit: the readings cannot determine the parameters, or the sensor is never at rest.
     """
     chosen = Options() if options is None else options
-    recording = source if isinstance(source, Recording) else _read(source, progress)
+    recording = source if isinstance(source, Recording) else read_thinned(source, progress)
     where = recording.origin or recording.name
     counts = _counts(recording)
     notes: dict[str, tuple[str, ...]] = {}
@@ -205,8 +205,8 @@ def _noted(calibration: SensorCalibration, notes: tuple[str, ...]) -> SensorCali
     return replace(calibration, quality=replace(quality, warnings=(*quality.warnings, *notes)))
 
 
-def _read(scan: RecordingScan, progress: Callable[[int], None] | None) -> Recording:
-    """A file in memory: all of it, or every so many samples if there are more than ``MOST_SAMPLES``."""
+def read_thinned(scan: RecordingScan, progress: Callable[[int], None] | None = None) -> Recording:
+    """Time and readings of a file in memory: all of it, or every so many samples of more than ``MOST_SAMPLES``."""
     kept: list[Recording] = []
     step = 1
     total = row = 0

@@ -13,6 +13,7 @@ from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage.seen import Coverage, coverage
+from estimators.ellipsoid import read_thinned
 from estimators.goodness.by_direction import ByDirection, by_direction
 from estimators.goodness.hold_out import HoldOut, hold_out
 from estimators.goodness.optimum import Transfer, at_optimum
@@ -25,7 +26,7 @@ from estimators.goodness.words import reasons, remarks
 from estimators.stillness import still_poses
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
-from rig.recording import Recording, read_recording
+from rig.recording import Recording, scan_recording
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 #: Samples that are looked at: more of them make no test that matters sharper.
-MOST_SAMPLES: Final = 1 << 20
+MOST_SAMPLES: Final = 1 << 18
 #: Two ways to the same sum of squares agree to this.
 _SAME: Final = 1e-3
 
@@ -88,10 +89,11 @@ class Goodness:
         return f"{self.sensor}: {self.verdict}"
 
     def to_json(self) -> dict[str, Any]:
-        """What the calibration's JSON holds besides its quality."""
+        """The ``verdict`` of the calibration's quality."""
         return {
             "good": self.good,
-            "verdict": self.verdict,
+            "text": self.verdict,
+            "reasons": list(self.reasons),
             "remarks": list(self.remarks),
             "samples": self.samples,
             "transfer": None if self.transfer is None else self.transfer.to_json(),
@@ -144,7 +146,7 @@ def judged(
     limits: Mapping[str, tuple[float, float]] | None = None,
     at_most: int = MOST_SAMPLES,
 ) -> Calibration:
-    """The calibration with ``is_it_good`` written into it: ``quality``, and the rest under the key ``goodness``.
+    """The calibration with ``is_it_good`` written into its quality, as ``verdict`` and beside it.
 
     The reasons are added to the quality's warnings. Arguments as of ``is_it_good``.
     """
@@ -160,9 +162,10 @@ def judged(
             repeats=_merged(own.quality.repeats, goodness.repeats.to_json()),
             clipped=goodness.clipped.to_json(),
             outliers={**goodness.outliers.to_json(), "left_out": goodness.left_out},
+            verdict=goodness.to_json(),
             warnings=(*known, *(reason for reason in goodness.reasons if reason not in known)),
         )
-        sensors[sensor] = replace(own, quality=quality, extra={**own.extra, "goodness": goodness.to_json()})
+        sensors[sensor] = replace(own, quality=quality)
     return replace(calibration, sensors=sensors)
 
 
@@ -228,7 +231,7 @@ def at_rest(run: Recording | str | os.PathLike[str], calibration: SensorCalibrat
 
     None where it comes from all samples, or no poses are found.
     """
-    recording = run if isinstance(run, Recording) else read_recording(run)
+    recording = run if isinstance(run, Recording) else read_thinned(scan_recording(run))
     if calibration.samples >= len(recording) or "pose_samples" in recording.metadata.extra:
         return None
     try:

@@ -31,38 +31,39 @@ if TYPE_CHECKING:
 @click.option(
     "--method",
     type=Choice(("simultaneous", "separate", "ellipsoid")),
-    default="simultaneous",
-    help="One field for all axes, or one each; or without the attitude.",
+    help="One field for all axes (by default), or one each; or without the attitude (by default where none is there).",
 )
 @click.option(
-    "--parameters", type=Choice(("6", "9")), default="9", help="Of the ellipsoid: without or with cross terms."
+    "--parameters", type=Choice(("6", "9")), help="Of the ellipsoid: without or, by default, with cross terms."
 )
 @arm_options
 @click.option("--locked", type=PATH, metavar="F", help="Locked-arm recording, for the noise floor.")
 @click.option("--noise", metavar="mV,mV,mV", help="Noise floor of each channel in mV: three numbers a sensor.")
-@click.option("--field-points", type=Choice(("up", "down")), default="down", help="Which of two equal solutions.")
+@click.option("--field-points", type=Choice(("up", "down")), help="Which of two equal solutions; down by default.")
 @click.option("--equal-weights", is_flag=True, help="All channels alike, as in the paper, not by their noise.")
 @json_option
 def calibrate(
     run: Path,
     output: Path | None,
     method: Any,
-    parameters: str,
+    parameters: str | None,
     urdf: Path | None,
     tip: str | None,
     locked: Path | None,
     noise: str | None,
-    field_points: str,
+    field_points: Any,
     equal_weights: bool,
     as_json: bool,
 ) -> None:
-    """Calibrate the sensors of RUN, a recording with joint angles or tool poses.
+    """Calibrate the sensors of RUN, a recording with joint angles, tool poses or, turned by hand, neither.
 
     A RUN.locked.parquet beside RUN.parquet is taken as the noise floor; without one the noise comes from the residuals.
+    The verdict says whether the calibration is good and, if it is not, why.
 
     \b
     Example:
       rig calibrate run.parquet -o cal.json
+      rig calibrate tumble.csv --method ellipsoid --parameters 6
       rig calibrate run.csv --noise 13.4,13.6,14.6 --method separate
       rig calibrate mine.parquet --arm mine.urdf --tip sensor_link -o cal.json
     """
@@ -74,21 +75,29 @@ def calibrate(
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
     from estimators.ellipsoid import Options
+    from estimators.pipeline import has_pose
     from rig.recording import scan_recording
 
     arm = chosen_arm(urdf, tip)
     scan = scan_recording(run, joints=None if arm is None else arm.dof)
+    attitude_free = method == "ellipsoid" or (method is None and not has_pose(scan))
+    if attitude_free and (arm is not None or equal_weights):
+        option = "--equal-weights" if arm is None else "--arm"
+        raise RigError(f"{option}: {run} is calibrated without the attitude, expected simultaneous or separate")
+    if parameters is not None and not attitude_free:
+        raise RigError(f"--parameters: {run} is calibrated by the attitude, expected with --method ellipsoid")
     with progress_bar(f"calibrating {run}") as progress:
         calibration = estimators.calibrate(
             run,
             method=method,
             noise=_floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None,
             arm=arm,
-            field_points=field_points,
+            field_points=field_points or "down",
             weighting="equal" if equal_weights else "likelihood",
-            attitude_free=Options(parameters=6 if parameters == "6" else 9) if method == "ellipsoid" else None,
+            attitude_free=Options(parameters=6 if parameters == "6" else 9, field_points=field_points),
             progress=_counted(progress, scan.rows),
         )
+        calibration = estimators.judged(run, calibration, arm)
     if output is not None:
         calibration.write(output)
     if as_json:
@@ -97,6 +106,8 @@ def calibrate(
     from scenarios.calibration_report import calibration_report
     from scenarios.report import show
 
+    if method is None and attitude_free:
+        click.echo(f"{run}: has no pose: calibrated by the magnitude of the fields, as by --method ellipsoid\n")
     show(calibration_report(calibration, scan.metadata.magnetic_field_unit))
     if output is not None:
         click.echo(f"\n{output}: written")

@@ -1,0 +1,125 @@
+"""``rig calibrate``: what it prints and writes, its options, and its verdict."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import SMALL, Rig
+
+import scenarios
+from estimators import Calibration, noise_floor
+from rig.recording import read_recording
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
+    return Rig(capfd)
+
+
+@pytest.fixture
+def swept(tmp_path: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A foreign folder with a scenario of the user's and its recording, run.parquet and run.locked.parquet."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    monkeypatch.chdir(tmp_path)
+    rig.done("sweep", "small.toml", "-o", "run.parquet", "--locked")
+    return tmp_path
+
+
+def test_calibrate_prints_a_table_and_writes_the_contract(rig: Rig, swept: Path) -> None:
+    text = rig.done("calibrate", "run.parquet", "-o", "cal.json")
+    for words in (
+        "accelerometer",
+        "magnetometer",
+        "V/(m/s²)",
+        "V/G",
+        "±",
+        "root sum of squares",
+        "chi-square",
+        "angles of axes",
+    ):
+        assert words in text
+    calibration = Calibration.read("cal.json")
+    assert json.loads(rig.done("calibrate", "run.parquet", "--json")) == json.loads((swept / "cal.json").read_text())
+    truth = scenarios.load("small.toml").truth
+    for sensor in truth.sensors:
+        assert calibration[sensor].noise_source == "locked recording"
+        # A normal error passes 6 standard deviations once in 5e8; the seed is the scenario's own.
+        assert abs(calibration[sensor].value("offset1") - truth.values(sensor)["offset1"]) < 6 * calibration[
+            sensor
+        ].std("offset1")
+
+
+def test_calibrate_says_whether_it_is_good(rig: Rig, swept: Path) -> None:
+    """One in a thousand good calibrations is called not good; the seed is the scenario's own."""
+    text = rig.done("calibrate", "run.parquet", "-o", "cal.json")
+    assert text.count("verdict         good: residuals over noise floor") == 2
+    verdict = Calibration.read("cal.json")["magnetometer"].quality.verdict
+    assert verdict is not None
+    assert verdict["good"] is True
+    run = read_recording("run.parquet")
+    assert run.accelerometer is not None
+    replace(run, accelerometer=np.minimum(run.accelerometer, 3.0)).write("clipped.parquet")
+    text = rig.done("calibrate", "clipped.parquet", "-o", "cal.json")
+    assert "verdict         not good: because " in text
+    assert text.count("readings are clipped") == 1
+    verdict = Calibration.read("cal.json")["accelerometer"].quality.verdict
+    assert verdict is not None
+    assert verdict["good"] is False
+    assert any(reason.startswith("readings are clipped") for reason in verdict["reasons"])
+
+
+def test_calibrate_does_without_the_attitude_where_there_is_none(rig: Rig, swept: Path) -> None:
+    replace(read_recording("run.parquet"), q=None).write("tumble.parquet")
+    text = rig.done("calibrate", "tumble.parquet", "-o", "cal.json")
+    assert text.startswith("tumble.parquet: has no pose: calibrated by the magnitude of the fields")
+    assert "verdict" in text
+    assert Calibration.read("cal.json")["magnetometer"].method.startswith("ellipsoid")
+    insisted = rig.done("calibrate", "tumble.parquet", "--method", "ellipsoid", "--json")
+    assert json.loads(insisted) == json.loads((swept / "cal.json").read_text())
+    six = json.loads(rig.done("calibrate", "run.parquet", "--method", "ellipsoid", "--parameters", "6", "--json"))
+    assert len(six["sensors"]["magnetometer"]["parameters"]) == 6
+
+
+def test_calibrate_says_what_cannot_be_told_and_why(rig: Rig, swept: Path) -> None:
+    rig.done("sweep", "renk2005-table2", "-o", "table2.parquet")
+    text = rig.done("calibrate", "table2.parquet")
+    assert "cannot be told: ψ: the field lies" in text
+    assert "noise from the residuals" in text
+
+
+def test_calibrate_takes_the_noise_floor_from_where_it_is_told(rig: Rig, swept: Path) -> None:
+    def noise(*options: str) -> list[float]:
+        found = json.loads(rig.done("calibrate", "run.parquet", "--json", *options))["sensors"]
+        return [value for sensor in ("accelerometer", "magnetometer") for value in found[sensor]["noise"]]
+
+    assert noise("--noise", "1,2,3,4,5,6") == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3], rel=1e-14)
+    beside = noise()
+    (swept / "run.locked.parquet").rename(swept / "elsewhere.parquet")
+    assert noise("--locked", "elsewhere.parquet") == beside
+    assert beside == pytest.approx(noise_floor(read_recording("elsewhere.parquet")).rms, rel=1e-14)
+    assert noise() != beside  # from the residuals
+
+
+def test_calibrate_options_reach_the_estimator(rig: Rig, swept: Path) -> None:
+    separate = json.loads(rig.done("calibrate", "run.parquet", "--method", "separate", "--json"))
+    assert separate["sensors"]["magnetometer"]["method"] == "separate"
+    assert "one field?" in rig.done("calibrate", "run.parquet", "--method", "separate")
+    up = json.loads(rig.done("calibrate", "run.parquet", "--field-points", "up", "--json"))
+    assert up["sensors"]["accelerometer"]["field"]["vector"][2] > 0.9
+    equal = json.loads(rig.done("calibrate", "run.parquet", "--equal-weights", "--json"))
+    assert equal["sensors"]["accelerometer"]["weighting"] == "equal"
+
+
+def test_calibrate_takes_the_users_own_arm(rig: Rig, swept: Path) -> None:
+    urdf = ROOT / "models" / "a465" / "a465.urdf"
+    one = json.loads(rig.done("calibrate", "run.parquet", "--json"))["sensors"]["accelerometer"]
+    two = json.loads(rig.done("calibrate", "run.parquet", "--arm", urdf, "--tip", "imu", "--json"))["sensors"][
+        "accelerometer"
+    ]
+    assert two["values"] == pytest.approx(one["values"], abs=1e-9)  # the same arm to 1e-12, through a fit
