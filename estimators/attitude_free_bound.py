@@ -2,7 +2,8 @@
 
 V = A h + b + noise with |h| known and its direction not, A symmetric. A reading then tells one number, its distance
 from the ellipsoid, and the information is that of the model with every direction unknown: sum of g g^T / v, with g the
-derivative of |A^-1 (V - b)| and v the variance that the noise gives it.
+derivative of |A^-1 (V - b)| and v the variance that the noise gives it: that of ``estimators.coverage.information`` in
+the sensor's own parameters.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators._json import nullable
-from estimators.identifiability import NULL_EIGENVALUE, NULL_SHARE
+from estimators.coverage.information import design_rows
+from estimators.identifiability import Told, is_open
 from estimators.refusal import UNCERTAINTY_LIMIT
 
 Array = NDArray[np.float64]
@@ -93,26 +95,37 @@ class FreeSensor:
         u = np.asarray(directions, dtype=float) @ self.R_own_tool.T
         pull = u @ np.linalg.inv(self.gain)  # the derivative by V
         variance = np.square(pull * np.asarray(noise, dtype=float)).sum(axis=1)
+        rows = design_rows(u, 9) * (self.magnitude / np.sqrt(variance))[:, None]
+        change = self._change()
+        kept = np.r_[: parameters - 3, 6:9]
+        return np.asarray((change.T @ (rows.T @ rows) @ change)[np.ix_(kept, kept)])
+
+    def _change(self) -> Array:
+        """(9, 9) what a step of each parameter is in those of ``design_rows``: dA makes E = -A^-1 dA, db the shift
+        c = A^-1 db / |h|."""
+        inverse = np.linalg.inv(self.gain)
         size = float(self.gain.diagonal().max())
-        columns = [
-            self.magnitude * size * (pull[:, i] * u[:, j] + (pull[:, j] * u[:, i] if i != j else 0.0))
-            for i, j in _PAIRS[: parameters - 3]
-        ]
-        columns += [self.magnitude * size * pull[:, k] for k in range(3)]
-        table = np.stack(columns, axis=1) / np.sqrt(variance)[:, None]
-        return np.asarray(table.T @ table)
+        change = np.zeros((9, 9))
+        for column, (i, j) in enumerate(_PAIRS):
+            step = np.zeros((3, 3))
+            step[i, j] = step[j, i] = size
+            E = -inverse @ step
+            change[:6, column] = [E[a, b] + E[b, a] if a != b else E[a, a] for a, b in _PAIRS]
+        change[6:, 6:] = size * inverse
+        return change
 
     def predict(
         self, information: ArrayLike, count: int, noise: ArrayLike, parameters: Literal[6, 9] = 9
     ) -> FreePrediction:
         """The bound that an ``information`` of ``count`` samples leaves."""
         matrix = np.asarray(information, dtype=float)
-        covariance, open_, condition = invert(matrix)
+        told = Told.of(matrix)
+        open_ = is_open(told.null)
         names = (
             *(f"gain{i + 1}{j + 1}" for i, j in _PAIRS[: parameters - 3]),
             *(f"offset{k}" for k in (1, 2, 3)),
         )
-        std = np.sqrt(covariance.diagonal())
+        std = np.sqrt(told.covariance.diagonal())
         untold = {name: "left open by these directions" for name, is_open in zip(names, open_, strict=True) if is_open}
         problem = None
         if untold:
@@ -135,20 +148,6 @@ class FreeSensor:
             np.array([*entries, *self.offset]),
             std * sizes,
             untold,
-            condition,
+            told.condition,
             problem,
         )
-
-
-def invert(information: Array) -> tuple[Array, NDArray[np.bool_], float]:
-    """The bound (p, p) of an information matrix without its null directions, what these leave open (p,), and the
-    condition; scaled as in ``estimators.identifiability``."""
-    diagonal = information.diagonal()
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
-    told = values > NULL_EIGENVALUE
-    spread = scale[:, None] * vectors[:, told]
-    null = vectors[:, ~told]
-    open_ = np.sqrt((null * null).sum(axis=1)) > NULL_SHARE
-    condition = float(values[-1] / values[0]) if told.all() else np.inf
-    return (spread / values[told]) @ spread.T, open_, condition

@@ -24,6 +24,39 @@ NULL_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
+class Told:
+    """What a Fisher information tells, scaled to a unit diagonal.
+
+    Attributes:
+        eigenvalues: (p,) of the scaled matrix, ascending.
+        null: (p, d) its orthonormal null directions.
+        covariance: (p, p) the Cramer-Rao bound: inverse information, without the null directions.
+        condition: largest over smallest eigenvalue; infinite where d > 0.
+    """
+
+    eigenvalues: Array
+    null: Array
+    covariance: Array
+    condition: float
+
+    @classmethod
+    def of(cls, information: Array) -> Told:
+        """Of a matrix (p, p)."""
+        diagonal = information.diagonal()
+        scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        eigenvalues, vectors = np.linalg.eigh(scale[:, None] * information * scale)
+        told = eigenvalues > NULL_EIGENVALUE
+        spread = scale[:, None] * vectors[:, told]
+        condition = float(eigenvalues[-1] / eigenvalues[0]) if told.all() else np.inf
+        return cls(eigenvalues, vectors[:, ~told], (spread / eigenvalues[told]) @ spread.T, condition)
+
+
+def is_open(null: Array) -> NDArray[np.bool_]:
+    """(p,) which parameters take part in null directions (p, d)."""
+    return np.asarray(np.sqrt((null * null).sum(axis=1)) > NULL_SHARE)
+
+
+@dataclass(frozen=True)
 class Information:
     """The Fisher information of one sensor's parameters, in the coordinates of ``SensorParameters.jacobian``.
 
@@ -65,14 +98,8 @@ class Information:
         weights = 1.0 / np.square(np.broadcast_to(np.asarray(noise, dtype=float), 3))
         per_channel = weights[:, None, None] * unweighted
         matrix = per_channel.sum(axis=0)
-        diagonal = matrix.diagonal()
-        scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        eigenvalues, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
-        told = eigenvalues > NULL_EIGENVALUE
-        spread = scale[:, None] * vectors[:, told]
-        covariance = (spread / eigenvalues[told]) @ spread.T
-        condition = float(eigenvalues[-1] / eigenvalues[0]) if told.all() else np.inf
-        return cls(method, matrix, per_channel, eigenvalues, vectors[:, ~told], covariance, condition)
+        told = Told.of(matrix)
+        return cls(method, matrix, per_channel, told.eigenvalues, told.null, told.covariance, told.condition)
 
     def with_noise(self, noise: ArrayLike, assumed: ArrayLike) -> Information:
         """The same with other noise (3,) than the ``assumed`` (3,) that it was made with."""
@@ -126,7 +153,7 @@ def bound(gram: Array, parameters: SensorParameters, noise: ArrayLike, method: M
     """The Cramer-Rao bound (p, p) in the coordinates of ``SensorParameters.jacobian``; NaN where nothing is told."""
     information = Information.of(gram, parameters, noise, method)
     covariance = information.covariance.copy()
-    lost = np.sqrt((information.null * information.null).sum(axis=1)) > NULL_SHARE
+    lost = is_open(information.null)
     covariance[lost] = np.nan
     covariance[:, lost] = np.nan
     assert covariance.shape == (PARAMETERS_OF[method],) * 2

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators._json import nullable
-from estimators.attitude_free_bound import FreePrediction, FreeSensor, invert
+from estimators.attitude_free_bound import FreePrediction, FreeSensor
+from estimators.identifiability import Told, is_open
 from estimators.information import Growth, Prediction, growth, predict
 from estimators.model import Method, SensorParameters
 from estimators.statistics import Statistics
@@ -181,13 +182,13 @@ def _free(
     parts = np.array([sensor.information(directions[a:b], noise) for a, b in pairwise(cuts)])
     total = np.cumsum(parts, axis=0)
     std = np.full(total.shape[:2], np.nan)
-    final, open_, _ = invert(total[-1])
     for row, matrix in enumerate(total):
-        covariance, unknown, _ = invert(matrix)
-        std[row] = np.where(unknown, np.nan, np.sqrt(covariance.diagonal()))
-    share = np.einsum("ij,bji->b", final, parts) / len(final)
+        told = Told.of(matrix)
+        std[row] = np.where(is_open(told.null), np.nan, np.sqrt(told.covariance.diagonal()))
+    final = Told.of(total[-1])
+    share = np.einsum("ij,bji->b", final.covariance, parts) / len(final.covariance)
     size = float(sensor.gain.diagonal().max()) * sensor.magnitude
-    grown = FreeGrowth(std[:, :-3], std[:, -3:] * size, np.full_like(share, np.nan) if open_.any() else share)
+    grown = FreeGrowth(std[:, :-3], std[:, -3:] * size, np.full_like(share, np.nan) if final.null.size else share)
     return sensor.predict(total[-1], len(directions), noise), grown
 
 

@@ -19,6 +19,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimators.identifiability import Told, is_open
 from rig.errors import RigError
 
 Array = NDArray[np.float64]
@@ -34,9 +35,6 @@ NAMES: Final[dict[int, tuple[str, ...]]] = {
         *("offset1", "offset2", "offset3"),
     ),
 }
-#: Eigenvalues below this share of the largest one are null.
-_NULL: Final = 1e-11
-_NULL_SHARE: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,25 +83,13 @@ class AttitudeFreeInformation:
             weights = weights * np.asarray(counts, dtype=float)
             number = float(np.sum(counts))
         matrix = rows.T @ (weights[:, None] * rows)
-        diagonal = matrix.diagonal()
-        scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        values, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
-        told = values > _NULL * max(float(values[-1]), np.finfo(float).tiny)
-        spread = scale[:, None] * vectors[:, told]
-        return cls(
-            NAMES[parameters],
-            matrix,
-            number,
-            (spread / values[told]) @ spread.T,
-            vectors[:, ~told],
-            float(values[-1] / values[0]) if told.all() else np.inf,
-        )
+        told = Told.of(matrix)
+        return cls(NAMES[parameters], matrix, number, told.covariance, told.null, told.condition)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
         """The parameters that these directions leave open."""
-        share = np.sqrt(np.square(self.null).sum(axis=1))
-        return tuple(name for name, part in zip(self.names, share, strict=True) if part > _NULL_SHARE)
+        return tuple(name for name, lost in zip(self.names, is_open(self.null), strict=True) if lost)
 
     @property
     def std(self) -> dict[str, float]:
