@@ -13,11 +13,16 @@ from threadpoolctl import ThreadpoolController
 def _controller() -> ThreadpoolController:
     import scipy.linalg  # noqa: F401  (SciPy brings a BLAS of its own, which must be loaded to be found)
 
-    return ThreadpoolController()  # finding the libraries takes milliseconds: once a process
+    # Finding the libraries takes milliseconds: once a process.
+    return ThreadpoolController().select(user_api="blas")
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Limit every BLAS of this process to one thread inside the block."""
-    with _controller().limit(limits=1, user_api="blas"):
+    controller = _controller()
+    if all(library.num_threads == 1 for library in controller.lib_controllers):
+        yield  # setting and restoring what is so already would take as long as a small fit's algebra
+        return
+    with controller.limit(limits=1):
         yield

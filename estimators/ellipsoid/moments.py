@@ -70,6 +70,7 @@ class Moments:
         values = eigh(noise)[0]
         wobbly = bool(values[2] - values[0] > _ISOTROPIC * values[2])
         form = quadratic_form(4.0 * noise)
+        both = np.array([_TRACE, form])
         bent = quadratic_form(16.0 * noise @ noise) if wobbly else form
         origin = (frame.whitening @ frame.center)[:, None]
         size = -(-n // max(-(-n // BLOCK), 1))
@@ -79,8 +80,7 @@ class Moments:
             stop = min(start + size, n)
             rows, weighted = work_tables(stop - start)
             fill(readings[start:stop], frame.whitening, origin, rows)
-            square = _TRACE @ rows[3:]
-            spread = form @ rows[3:]
+            square, spread = both @ rows[3:]
             weight = square / spread
             if wobbly:
                 drift += _with_constant(rows, 1.0 - weight * (bent @ rows[3:]) / spread)
