@@ -88,6 +88,17 @@ def test_consistency_tells_what_it_found(studied: Path, rig: Rig) -> None:
     assert all(Path(plot).is_file() for plot in document["plots"])
 
 
+def test_a_parameter_that_one_method_has_is_shown_for_it(here: Path, rig: Rig) -> None:
+    """Separate fits have a field direction each, simultaneous ones a common one."""
+    few = ("--draws", "5", "--counts", "2", "--order", "random", "--noise", "1", "--workers", "0")
+    text = rig.done("study", "consistency", "small.toml", "-o", "both", *few, "--parameter", "field_phi_deg")
+    rows = [line.split() for line in text.splitlines() if "field_phi" in line]
+    assert rows
+    assert all("simultaneous" in row for row in rows)
+    plots = {path.name for path in (here / "both").glob("*.png")}
+    assert plots == {"accelerometer-simultaneous.png", "magnetometer-simultaneous.png"}
+
+
 def test_another_study_does_not_overwrite_it(studied: Path, rig: Rig) -> None:
     line = rig.refused(*CONSISTENCY, "--method", "separate", "--order", "random")
     assert "found a study with orders" in line
@@ -98,7 +109,10 @@ def test_another_study_does_not_overwrite_it(studied: Path, rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--parameter", "sensitivity4"), "unknown parameter of separate fits 'sensitivity4'"),
+        (("--parameter", "sensitivity4"), "unknown parameter of separate and simultaneous fits 'sensitivity4'"),
+        (("--method", "separate", "--parameter", "field_phi_deg"), "unknown parameter of separate fits"),
+        (("--noise", "1", "--noise", "1"), "noise factors: found 1.0, 1.0, expected each once"),
+        (("--order", "first", "--order", "first"), "orders: found first, first, expected each once"),
         (("--order", "every-kht"), "(nearest: 'every-kth')"),
         (("--noise", "-1"), "expected positive numbers"),
         (("--first", "700"), "expected two or more, from fewer than the 600 that"),

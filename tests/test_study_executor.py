@@ -128,6 +128,22 @@ def test_a_study_goes_on_where_it_was(reference: bytes, tmp_path: Path) -> None:
     StudyFolder.begin(path, "consistency", settings).fill(failing, settings, settings.trials, Workers(0))  # all there
 
 
+def test_a_study_that_ends_before_its_first_trial_leaves_nothing(tmp_path: Path) -> None:
+    """Nor bars its folder to another; but what is there beside it stays."""
+    path = tmp_path / "study"
+    for seed in (5, 6):
+        study = StudyFolder.begin(path, "consistency", Plain(seed))
+        with pytest.raises(RigError, match="trial 0: found nothing"):
+            study.fill(failing, seed, 2, Workers(0))
+        assert not path.exists()
+    study = StudyFolder.begin(path, "consistency", Plain())
+    (path / "notes.txt").touch()
+    with pytest.raises(RigError, match="trial 0: found nothing"):
+        study.fill(failing, 5, 2, Workers(0))
+    assert (path / "notes.txt").exists()
+    assert StudyFolder.read(path).settings == {"seed": 5}
+
+
 def test_a_study_killed_in_the_middle_goes_on(
     reference: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -255,7 +271,7 @@ def test_a_dask_cluster_with_a_worker_killed_gives_the_same_table(reference: byt
 def test_a_cluster_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="Dask is not installed (the extra torusrig[cluster])")
     monkeypatch.setattr(executor, "_CLUSTER_TIMEOUT_S", 0.5)
-    for address in ("tcp://127.0.0.1:9", "nonsense://x"):
+    for address in ("tcp://127.0.0.1:9", "nonsense://x", "nonsense", "tcp://127.0.0.1"):
         with pytest.raises(RigError, match=f"cluster {address}: no Dask scheduler answers"):
             list(Workers(cluster=address).completed(squares, 0, range(2)))
 

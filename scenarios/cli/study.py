@@ -138,23 +138,28 @@ def consistency(
 
 
 def _known(parameters: tuple[str, ...], methods: tuple[Any, ...]) -> tuple[str, ...]:
+    """Parameters that one method at least has: the field's directions are named apart."""
     from rig.errors import unknown_name
     from scenarios.studies.coordinates import coordinate_names
 
+    names = list(dict.fromkeys(name for method in methods for name in coordinate_names(method)))
     for name in parameters:
-        for method in methods:
-            if name not in coordinate_names(method):
-                raise unknown_name(f"parameter of {method} fits", name, coordinate_names(method))
-    return parameters
+        if name not in names:
+            raise unknown_name(f"parameter of {' and '.join(methods)} fits", name, names)
+    return tuple(dict.fromkeys(parameters))
 
 
 def _consistency_plots(summary: Summary, folder: Path, errors: Any, parameters: tuple[str, ...]) -> list[Path]:
     from scenarios.plots.study_consistency import consistency_figure
     from scenarios.plots.style import save
+    from scenarios.studies.coordinates import coordinate_names
 
     files = []
     for sensor, method in dict.fromkeys((cell.sensor, cell.method) for cell in summary.cells):
-        figure = consistency_figure(summary, sensor, method, parameters, errors)
+        own = [name for name in parameters if name in coordinate_names(method)]
+        if not own:
+            continue
+        figure = consistency_figure(summary, sensor, method, own, errors)
         for suffix in (".png", ".svg"):
             files.append(folder / f"{sensor}-{method}{suffix}")
             save(figure, files[-1])

@@ -210,9 +210,11 @@ _KEPT: Final = "finished trials are kept: run the same command again"
 def _client(address: str) -> Iterator[Any]:
     try:
         from distributed import Client
+        from distributed.comm import get_address_host_port
     except ImportError as error:
         raise RigError("--cluster needs Dask: install it with pip install 'torusrig[cluster]'") from error
     try:
+        get_address_host_port(address, strict=True)  # a client made with no proper address hangs when it goes
         client = Client(address, timeout=_CLUSTER_TIMEOUT_S, set_as_default=False, name="torusrig")
     except (OSError, ValueError) as error:
         raise RigError(f"cluster {address}: no Dask scheduler answers, expected one at tcp://host:port") from error

@@ -71,6 +71,10 @@ class Settings:
             for item in given:
                 if item not in choices:
                     raise unknown_name(what, item, choices)
+        for name in ("noise_factors", "methods", "orders"):
+            values = getattr(self, name)
+            if len(set(values)) < len(values):
+                raise RigError(f"{name.replace('_', ' ')}: found {', '.join(map(str, values))}, expected each once")
 
     @classmethod
     def of(

@@ -118,9 +118,10 @@ class StudyFolder:
             progress: called with the share done, 0 to 1.
 
         Raises:
-            RigError: another process fills it, or as of ``Workers.completed``.
+            RigError: another process fills it, or as of ``Workers.completed``; where no trial was made before, the
+                study is taken back.
         """
-        with self._alone():
+        with self._alone(), self._withdrawn_if_empty():
             if not self.done:
                 finished = self.finished()
                 done = len(finished)
@@ -170,6 +171,16 @@ class StudyFolder:
                 f"{self.path}: found a study by version {document['version']}, expected {package_version()} to go on"
                 " with it, or a new folder"
             )
+
+    @contextmanager
+    def _withdrawn_if_empty(self) -> Iterator[None]:
+        """A study that ends before its first trial leaves nothing: no other would be let into the folder."""
+        try:
+            yield
+        except BaseException:
+            if {file.name for file in self.path.iterdir()} <= {DOCUMENT, _TRIALS} and not self.finished():
+                shutil.rmtree(self.path)
+            raise
 
     @contextmanager
     def _alone(self) -> Iterator[None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -75,7 +76,12 @@ def make_paper(
     there = all((beside / STUDY / name).is_file() for name in (SUMMARY, RATES, BLOCKS))
     study = StudyFolder.begin(beside / STUDY, "consistency", wanted, any_version=there)
     if not there:
-        table = run(wanted, study, workers, progress)
+        try:
+            table = run(wanted, study, workers, progress)
+        except BaseException:
+            with suppress(OSError):  # where there are trials to go on with
+                beside.rmdir()
+            raise
         cells, rates = Summary.of(wanted, table).tables()
         study.write(BLOCKS, blocks(wanted, table))
         study.write(RATES, rates)
