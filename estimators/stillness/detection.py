@@ -231,18 +231,19 @@ def _held(recording: Recording, half: int, speed_limit: float) -> Mask | None:
     count = len(recording)
     allowed = speed_limit * (recording.t[2 * half :] - recording.t[: count - 2 * half])
     if recording.q is not None:
-        way = np.zeros(count - 2 * half)
+        way, turned = np.zeros(count - 2 * half), np.empty(count - 2 * half)
         for column in recording.q.T:
-            np.maximum(way, np.abs(column[2 * half :] - column[: count - 2 * half]), out=way)
+            np.subtract(column[2 * half :], column[: count - 2 * half], out=turned)
+            np.maximum(way, np.abs(turned, out=turned), out=way)
     else:
         assert recording.tool_quaternion is not None
         after, before = recording.tool_quaternion[2 * half :], recording.tool_quaternion[: count - 2 * half]
         apart, opposite = np.square(after - before).sum(axis=1), np.square(after + before).sum(axis=1)
         way = 2.0 * np.sqrt(np.minimum(apart, opposite))  # q and -q are the same rotation
-    quiet = np.cumsum(np.concatenate([[False], way <= allowed]), dtype=np.int64)  # windows, by their first sample
-    last = np.minimum(np.arange(1, count + 1), count - 2 * half)
-    first = np.maximum(np.arange(count) - 2 * half, 0)
-    return np.asarray(quiet[last] > quiet[first])
+    quiet = np.zeros(count + 2 * half + 1, dtype=np.int64)  # windows that begin 2 * half samples before, or earlier
+    np.cumsum(way <= allowed, out=quiet[2 * half + 1 : count + 1])
+    quiet[count + 1 :] = quiet[count]
+    return np.asarray(quiet[2 * half + 1 :] > quiet[:count])
 
 
 def continuous(quaternion: Array) -> Array:
