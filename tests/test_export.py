@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from cli_support import SMALL, Rig
 
 import scenarios
@@ -78,7 +79,6 @@ def test_yaml_holds_the_same_bits(calibration: Calibration, nastily: bool) -> No
 
 
 def test_yaml_is_what_a_library_reads(calibration: Calibration) -> None:
-    yaml = pytest.importorskip("yaml", reason="PyYAML is not installed; the reader above is narrower than YAML")
     for used in (calibration, nasty(calibration)):
         assert yaml.safe_load(export(used, "yaml")) == contents(used)
 
