@@ -255,14 +255,19 @@ def test_the_page_says_what_the_diagnosis_says(small: tuple[Recording, Recording
     assert "frequency, mag1" in unknown
 
 
-def test_the_next_maneuver_is_shown_whatever_it_holds(residuals: GapResiduals) -> None:
+def test_the_next_maneuver_is_shown_with_what_it_promises(residuals: GapResiduals) -> None:
     from dataclasses import replace
 
-    step = {"why": "q3 <tells> them apart", "maneuver": "a=1\nb=2", "separation": 12.5}
+    one, other = ({"effect": "joint_offset", "where": where} for where in ("joint4", "joint5"))
+    known = {"truth": one, "rival": other, "chi_square": 930.2, "low": 749.0, "high": 1111.0, "recorded_maneuver": 0.0}
+    step = {"why": "q3 <tells> them apart", "maneuver": "joint 2 over 60 deg", "scenario": "small.next.toml"}
+    step["separates"] = [known, {**known, "truth": other, "rival": one, "high": None}]  # type: ignore[assignment]
     text = page(replace(by_hand(), next=step), residuals)
     assert "q3 &lt;tells&gt; them apart" in text
-    assert "<pre><code>a=1\nb=2</code></pre>" in text
-    assert "12.5" in text
+    assert "Joint 2 over 60 deg" in text
+    assert "rig sweep small.next.toml" in text
+    assert "930 (749-1111)" in text
+    assert "at least 749" in text
 
 
 def test_a_hostile_name_stays_text(residuals: GapResiduals) -> None:

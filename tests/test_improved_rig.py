@@ -98,7 +98,7 @@ def test_without_joints_a_tumble_stands_in() -> None:
 
 def improved(run: Recording, locked: Recording | None, *causes: object) -> str:
     diagnosis = by_hand(causes=causes)  # type: ignore[arg-type]
-    return improved_rig(diagnosis, gap_residuals(run, diagnosis, locked), locked)
+    return improved_rig(diagnosis, gap_residuals(run, diagnosis, locked), locked).to_toml()
 
 
 def test_the_improved_rig_has_the_recordings_calibration_floor_and_causes() -> None:
@@ -149,7 +149,7 @@ def test_comments_say_what_the_scenario_is_not() -> None:
     run, locked = recorded(backlash())
     twin = cause("backlash", "joint5", ({"effect": "latency", "where": "acquisition"},), width_rad=(0.05, 1e-3, "rad"))
     diagnosis = by_hand("unknown", (twin,), "structured")
-    text = improved_rig(diagnosis, gap_residuals(run, diagnosis, locked), locked)
+    text = improved_rig(diagnosis, gap_residuals(run, diagnosis, locked), locked).to_toml()
     comments = " ".join(line.removeprefix("# ") for line in text.splitlines() if line.startswith("#"))
     assert "cannot split backlash of joint 5 from: latency of acquisition" in comments
     assert "has no name" in comments
@@ -174,7 +174,7 @@ def test_an_arm_of_ones_own_is_named_by_its_file(tmp_path: Path) -> None:
     run, locked = recorded()
     diagnosis = by_hand(causes=())
     arm = Arm.from_urdf(urdf, tip)
-    text = improved_rig(diagnosis, gap_residuals(run, diagnosis, locked, arm), locked, urdf, tip)
+    text = improved_rig(diagnosis, gap_residuals(run, diagnosis, locked, arm), locked, urdf, tip).to_toml()
     made = from_toml(text, str(tmp_path / "mine.toml"))
     assert made.arm_table.urdf == str(urdf)
     assert made.rig.arm is not None

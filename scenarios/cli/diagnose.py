@@ -32,6 +32,12 @@ if TYPE_CHECKING:
 @arm_options
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; one for each processor by default.")
 @click.option("--save-scenario", "saved", type=PATH, metavar="F.toml", help="Write the improved rig, for rig sweep.")
+@click.option(
+    "--minutes",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="M",
+    help="For the next maneuver; as long as RUN by default.",
+)
 @click.option("--out", type=PATH, default="diagnosis", metavar="DIR", help="For the results; ./diagnosis by default.")
 @json_option
 def diagnose(
@@ -43,13 +49,15 @@ def diagnose(
     tip: str | None,
     jobs: int | None,
     saved: Path | None,
+    minutes: float | None,
     out: Path,
     as_json: bool,
 ) -> int:
     """Say where each RUN disagrees with the rig, which effects cause it, and how far the gap closes with them.
 
     Each gets DIR/NAME.diagnosis.json and DIR/NAME.html, a page to look at. A RUN.locked.parquet beside RUN.parquet is
-    taken as its noise floor. Several RUNs are done in parallel; a bad one does not stop the others.
+    taken as its noise floor. Where the data cannot split the causes, DIR/NAME.next.toml is the maneuver that would,
+    within the joints' limits and M minutes. Several RUNs are done in parallel; a bad one does not stop the others.
 
     \b
     Example:
@@ -66,7 +74,7 @@ def diagnose(
     for path in (locked, maneuver2):  # a file for all recordings is not to be refused once for each
         if path is not None:
             scan_recording(path, joints=None if arm is None else arm.dof)
-    tasks = [Task(run, locked, maneuver2, without, urdf, tip, saved is not None) for run in chosen]
+    tasks = [Task(run, locked, maneuver2, without, urdf, tip, saved is not None, minutes) for run in chosen]
     found: dict[int, Outcome | Exception] = {}
     words = str(chosen[0]) if len(chosen) == 1 else f"{len(chosen)} recordings"
     with progress_bar(f"diagnosing {words}") as progress:
@@ -120,7 +128,7 @@ def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out
 
 def _write(outcome: Outcome, out: Path, saved: Path | None) -> None:
     """All files of a recording or none."""
-    from rig.files import atomic_path
+    from rig.files import atomic_path, write_text
 
     out.mkdir(parents=True, exist_ok=True)
     name = outcome.diagnosis.recording
@@ -130,6 +138,11 @@ def _write(outcome: Outcome, out: Path, saved: Path | None) -> None:
         if saved is not None and outcome.scenario is not None:
             with atomic_path(saved) as scenario:
                 scenario.write_text(outcome.scenario, encoding="utf-8")
+    proposal = out / f"{name}.next.toml"
+    if outcome.next is None:
+        proposal.unlink(missing_ok=True)  # of an earlier diagnosis
+    else:
+        write_text(proposal, outcome.next)
 
 
 def _tell(outcomes: Sequence[Outcome], out: Path, saved: Path | None) -> None:
@@ -142,6 +155,9 @@ def _tell(outcomes: Sequence[Outcome], out: Path, saved: Path | None) -> None:
         name = outcomes[0].diagnosis.recording
         show(diagnosis_tables(outcomes[0].diagnosis, outcomes[0].units))
         click.echo(f"\n{out / name}.html, {out / name}.diagnosis.json: written")
+        if outcomes[0].next is not None:
+            proposal = out / f"{name}.next.toml"
+            click.echo(f"{proposal}: written; rig sweep {proposal} -o RUN.parquet simulates it")
     else:
         show(summary_table([outcome.diagnosis for outcome in outcomes]))
         click.echo(f"\n{out}: {len(outcomes)} recordings, for each NAME.html and NAME.diagnosis.json")

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from rig.errors import RigError
 from rig.recording import locked_beside, read_recording
 from rig.threads import one_blas_thread
 from scenarios.gap_report.improved_rig import check_units, improved_rig
+from scenarios.gap_report.next_maneuver import next_step
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import gap_residuals
 
@@ -36,6 +37,7 @@ class Task:
         without: effects to leave out of the catalogue.
         urdf, tip: the arm; None: the A465.
         improved: whether the improved rig is wanted.
+        minutes: how long the next maneuver may take; None: as long as the recording.
     """
 
     run: Path
@@ -45,16 +47,25 @@ class Task:
     urdf: Path | None = None
     tip: str | None = None
     improved: bool = False
+    minutes: float | None = None
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task: the diagnosis, its page, the recorded units, and the improved rig where it was wanted."""
+    """What became of a task.
+
+    Attributes:
+        diagnosis, page: the diagnosis and its page.
+        units: sensor -> recorded unit.
+        scenario: the improved rig, where it was wanted.
+        next: the scenario that would split the causes, where the data cannot.
+    """
 
     diagnosis: Diagnosis
     page: str
     units: Mapping[str, str]
     scenario: str | None
+    next: str | None = None
 
 
 def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
@@ -74,8 +85,20 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     with one_blas_thread():
         diagnosis = diagnose(recording, locked, second, task.without, arm, progress)
         residuals = gap_residuals(recording, diagnosis, locked, arm)
-        scenario = improved_rig(diagnosis, residuals, locked, task.urdf, task.tip) if task.improved else None
-        return Outcome(diagnosis, page(diagnosis, residuals, task.without), dict(recording.units), scenario)
+        ambiguous = diagnosis.verdict == "ambiguous"
+        rig, step = None, None
+        if task.improved or (ambiguous and set(recording.units.values()) == {"V"}):
+            rig = improved_rig(diagnosis, residuals, locked, task.urdf, task.tip)
+        if ambiguous:
+            step = next_step(diagnosis, residuals, None if rig is None else rig.scenario, task.minutes)
+            diagnosis = replace(diagnosis, next=None if step is None else step.words)
+        return Outcome(
+            diagnosis,
+            page(diagnosis, residuals, task.without),
+            dict(recording.units),
+            rig.to_toml() if rig is not None and task.improved else None,
+            None if step is None else step.scenario,
+        )
 
 
 def outcomes(

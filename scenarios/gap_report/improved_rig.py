@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -34,14 +33,27 @@ Array = NDArray[np.float64]
 _RATE_HZ: Final = 100.0
 
 
+@dataclass(frozen=True)
+class ImprovedRig:
+    """A scenario, and in words where it differs from what was recorded."""
+
+    scenario: Scenario
+    remarks: tuple[str, ...]
+
+    def to_toml(self) -> str:
+        """The scenario with the remarks as comments above it."""
+        lines = [line for remark in self.remarks for line in textwrap.wrap(remark, 116)]
+        return "".join(f"# {line}\n" for line in lines) + "\n" + self.scenario.to_toml()
+
+
 def improved_rig(
     diagnosis: Diagnosis,
     residuals: GapResiduals,
     locked: Recording | None = None,
     urdf: Path | None = None,
     tip: str | None = None,
-) -> str:
-    """The scenario as TOML, with comments that say where it differs from what was recorded.
+) -> ImprovedRig:
+    """The rig of a recording.
 
     Args:
         residuals: of the diagnosed recording.
@@ -79,7 +91,7 @@ def improved_rig(
         if rig.arm is None
         else ArmTable(urdf=None if urdf is None else str(urdf), tip=tip),
     )
-    return _comments([played.difference, *_remarks(diagnosis, residuals, rig)]) + scenario.to_toml()
+    return ImprovedRig(scenario, (played.difference, *_remarks(diagnosis, residuals, rig)))
 
 
 def check_units(recording: Recording) -> None:
@@ -177,8 +189,3 @@ def _remarks(diagnosis: Diagnosis, residuals: GapResiduals, rig: Rig) -> list[st
                 f"The recorded temperature is up to {worst:.1f} degC off this warm-up; effects that follow it differ."
             )
     return remarks
-
-
-def _comments(remarks: Sequence[str]) -> str:
-    lines = [line for remark in remarks for line in textwrap.wrap(remark, 116)]
-    return "".join(f"# {line}\n" for line in lines) + "\n"

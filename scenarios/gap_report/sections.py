@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from html import escape
 
 from estimators.gap.diagnosis import Cause, Diagnosis
 from scenarios.gap_report import charts, curves, maps
+from scenarios.gap_report.next_maneuver import interval_words
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (
@@ -204,20 +204,32 @@ def untold(diagnosis: Diagnosis) -> str:
 
 
 def next_step(diagnosis: Diagnosis) -> str:
-    """The maneuver that would tell more."""
-    if not diagnosis.next:
+    """The maneuver that would tell more, and how far it separates each pair of causes."""
+    step = diagnosis.next
+    if not step:
         return ""
-    parts = ["<h2>What to do next</h2>"]
-    for name, value in diagnosis.next.items():
-        title = escape(name.replace("_", " ").capitalize())
-        if name == "why":
-            parts.append(f"<p>{escape(str(value))}</p>")
-        elif isinstance(value, str) and "\n" not in value:
-            parts.append(f"<p>{title}: {escape(value)}</p>")
-        else:
-            words = value if isinstance(value, str) else json.dumps(value, indent=1, default=str)
-            parts.append(f"<p>{title}:</p><pre><code>{escape(words)}</code></pre>")
+    parts = ["<h2>What to do next</h2>", f"<p>{escape(str(step['why']))}</p>"]
+    if step.get("maneuver"):
+        parts.append(f"<p><b>{escape(_sentence(str(step['maneuver'])))}</b></p>")
+    if step.get("scenario"):
+        name = escape(str(step["scenario"]))
+        parts.append(f"<p>To simulate it: <code>rig sweep {name} -o RUN.parquet</code></p>")
+    rows = [
+        (
+            *(escape(cause_title(pair[key]["effect"], pair[key]["where"])) for key in ("truth", "rival")),
+            interval_words(pair["chi_square"], pair["low"], pair["high"]),
+            f"{pair['recorded_maneuver']:.1f}",
+        )
+        for pair in step.get("separates", ())
+    ]
+    if rows:
+        titles = ("if this is true", "this fits worse", "by a chi-square of", "on the recorded maneuver")
+        parts.append(_table(titles, rows, numbers=(2, 3)))
     return "\n".join(parts)
+
+
+def _sentence(words: str) -> str:
+    return words[:1].upper() + words[1:] + "."
 
 
 def _figure(drawing: str, caption: str) -> str:

@@ -87,7 +87,9 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
     left = [str(each["variable"]) for each in diagnosis.remainder_follows[:4]]
     lines.append(f"left over    {diagnosis.remainder}" + (f": follows {', '.join(left)}" if left else ""))
     if diagnosis.next:
-        lines.append(f"next         {diagnosis.next.get('why', '')} {diagnosis.next.get('maneuver', '')}".rstrip())
+        lines.append(f"next         {diagnosis.next['why']}")
+        if diagnosis.next.get("maneuver"):
+            lines.append(f"maneuver     {diagnosis.next['maneuver']}")
     for why, effects in grouped_untold(diagnosis.cannot_tell).items():
         lines.append(f"cannot tell  {', '.join(effects)}: {why}")
     return lines

@@ -1,0 +1,265 @@
+"""How far a maneuver would separate the causes that a recording cannot split.
+
+T-optimality (Atkinson and Fedorov, "The design of experiments for discriminating between two rival models", Biometrika
+62, 1975): one cause, as it was fitted, makes the readings of the maneuver; another explains them as well as it can,
+with its own parameters and the calibration free. The squared whitened distance that is left is the noncentrality of
+the chi-square by which the wrong cause will fit worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from estimators.gap.bench import Bench, known, orthonormal, project
+from estimators.gap.candidates import Candidate, all_candidates
+from estimators.gap.colour import ChannelNoise
+from estimators.gap.diagnosis import Cause, Diagnosis
+from estimators.gap.refine import Fitted, explained_by, refit, started
+from estimators.gap.scan import Scanner
+from estimators.gap.score import ABSORBED
+from rig.effects import EFFECTS, Effect, Kind
+from rig.pipeline import Pipeline
+from rig.signals import Signals
+
+Array = NDArray[np.float64]
+
+#: Two-sided 95 % of a normal distribution.
+_Z95 = float(norm.ppf(0.975))
+#: Squared share of a column's length below which it depends on the others: Gram matrices resolve no smaller ones.
+_RANK = 1e-10
+#: So many rivals of one cause are weighed against it and each other: those named first.
+MOST_RIVALS = 5
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An explanation of a recording: effects fitted to it together, the contested one last.
+
+    Attributes:
+        fits: the effects with their parameters.
+        covariance: (p, p) of all their values, in typical sizes.
+        hidden: (p, h) directions of them that the recording does not feel, in typical sizes.
+    """
+
+    fits: tuple[Fitted, ...]
+    covariance: Array
+    hidden: Array
+
+    @property
+    def contested(self) -> Effect:
+        """The effect that the others contest."""
+        return self.fits[-1].effect
+
+    @property
+    def effects(self) -> list[Effect]:
+        """All effects."""
+        return [fit.effect for fit in self.fits]
+
+    @property
+    def size(self) -> int:
+        """The number of fitted parameters."""
+        return len(self.covariance)
+
+    def moved(self, change: Array) -> Hypothesis:
+        """With the values changed by ``change`` (p,) in typical sizes."""
+        ends = np.cumsum([len(fit.values) for fit in self.fits])[:-1]
+        parts = zip(self.fits, np.split(change, ends), strict=True)
+        return replace(self, fits=tuple(replace(fit, values=fit.values + part * fit.scale) for fit, part in parts))
+
+    def tangent(self, bench: Bench) -> Array:
+        """(c n, p) whitened derivatives, each scaled to a typical size."""
+        effects = self.effects
+        return np.hstack(
+            [
+                fit.tangent(bench, [other for other in effects if other is not own])
+                for fit, own in zip(self.fits, effects, strict=True)
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What a maneuver promises for a pair: the truth, and a rival that explains its readings as well as it can.
+
+    Attributes:
+        truth, rival: the contested effects.
+        noncentrality: of the chi-square by which the rival fits worse.
+        low, high: 95 % interval of that chi-square as it will be measured: noise, and the truth's fitted parameters.
+            Where the recording does not feel all of these, the least separation is promised, and high is infinite.
+    """
+
+    truth: Effect
+    rival: Effect
+    noncentrality: float
+    low: float
+    high: float
+
+    @property
+    def mistaken(self) -> float:
+        """The probability that noise makes the rival fit better."""
+        return float(norm.sf(0.5 * np.sqrt(self.noncentrality)))
+
+
+def contests(bench: Bench, diagnosis: Diagnosis) -> list[tuple[Hypothesis, ...]]:
+    """For each cause that has equivalents: the diagnosis, and the same with each equivalent in the cause's place.
+
+    Noise effects are no part of it: no maneuver tells one spectrum from another.
+
+    Args:
+        bench: of the diagnosed recording, the calibration alone fitted.
+    """
+    causes = [cause for cause in diagnosis.causes if EFFECTS[cause.effect].kind is Kind.MEAN]
+    fits = [fitted_cause(cause) for cause in causes]
+    scanner = Scanner.of(bench)
+    found = []
+    for index, cause in enumerate(causes):
+        if not cause.equivalent:
+            continue
+        others, explained = refit(fits[:index] + fits[index + 1 :], bench)
+        roughly = explained_by(others, scanner.rough.bench)
+        group = [_hypothesis((*others, fits[index]), bench)]
+        for each in cause.equivalent[:MOST_RIVALS]:
+            offers = scanner.scan(_named(bench, each["effect"], each["where"]), explained, roughly)
+            if offers and offers[0].score.rank:
+                rival, _ = refit([*others, started(offers[0], bench, explained)], bench)
+                group.append(_hypothesis(tuple(rival), bench))
+        if len(group) > 1:
+            found.append(tuple(group))
+    return found
+
+
+def fitted_cause(cause: Cause) -> Fitted:
+    """A diagnosed mean cause as it was fitted."""
+    effect = EFFECTS[cause.effect]
+    names = {name: str(cause.parameters[name].value) for name in effect.choices()}
+    kept = {
+        item.name: cause.parameters[item.name].value
+        for item in effect.parameters()
+        if cause.parameters[item.name].std is None
+    }
+    fit = Fitted(Candidate(effect, cause.where, names), np.empty(0), kept)  # type: ignore[arg-type]
+    values = [np.atleast_1d(np.asarray(cause.parameters[item.name].value, dtype=float)) for item in fit.free]
+    return replace(fit, values=np.concatenate(values))
+
+
+def _named(bench: Bench, effect: str, where: str) -> list[Candidate]:
+    return [each for each in all_candidates(bench) if (each.effect.name, each.where) == (effect, where)]
+
+
+def _hypothesis(fits: tuple[Fitted, ...], bench: Bench) -> Hypothesis:
+    found = Hypothesis(fits, np.empty((0, 0)), np.empty((0, 0)))
+    tangent = found.tangent(bench)
+    length = np.maximum(np.linalg.norm(tangent, axis=0), 1e-100)
+    left = project(bench.absorbed, tangent / length)
+    values, vectors = np.linalg.eigh(left.T @ left)
+    felt = values > ABSORBED**2
+    directions = vectors / length[:, None]
+    covariance = (directions[:, felt] / values[felt]) @ directions[:, felt].T
+    return replace(found, covariance=covariance, hidden=directions[:, ~felt])
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A maneuver tried out on the calibrated rig, without noise.
+
+    Attributes:
+        bench: its readings are those of the rig without effects.
+        hypotheses: at least two.
+    """
+
+    bench: Bench
+    hypotheses: tuple[Hypothesis, ...]
+
+    @classmethod
+    def of(
+        cls,
+        signals: Signals,
+        pipeline: Pipeline,
+        floor: Sequence[ChannelNoise],
+        stride: int,
+        group: tuple[Hypothesis, ...],
+    ) -> Trial:
+        """Of a maneuver's encoder angles.
+
+        Args:
+            signals: every ``stride``-th sample of it.
+            pipeline: the calibrated rig, without effects.
+            floor: noise of each channel, at every sample.
+        """
+        base = known(pipeline.expected(signals, np.random.default_rng(0)))
+        interval = float(np.median(np.diff(base.t)))
+        noises = tuple(channel.averaged(stride, interval / stride) for channel in floor)
+        weights = np.ones_like(base.volts)
+        return cls(Bench(base, pipeline, base.volts, noises, weights, np.ones(weights.shape[1])), group)
+
+    @cached_property
+    def changes(self) -> list[Array]:
+        """Of each hypothesis: (c n,) whitened, what its effects change."""
+        return [self.bench.whiten(self.bench.change(each.effects)) for each in self.hypotheses]
+
+    @cached_property
+    def tangents(self) -> list[Array]:
+        """Of each hypothesis: (c n, p) whitened."""
+        return [each.tangent(self.bench) for each in self.hypotheses]
+
+    @cached_property
+    def noncentralities(self) -> Array:
+        """(k, k) for each truth (row) and each rival (column), to first order; zero on the diagonal."""
+        hidden = [tangent @ each.hidden for tangent, each in zip(self.tangents, self.hypotheses, strict=True)]
+        blocks = [self.bench.tangent, *self.tangents, *hidden, np.stack(self.changes, axis=1)]
+        columns = np.hstack(blocks)
+        first = np.cumsum([0] + [block.shape[1] for block in blocks])
+        parts = [slice(start, end) for start, end in pairwise(first)]
+        gram = columns.T @ columns
+        length = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
+        calibrated = _left_over(gram, parts[0], length)
+        count = len(self.hypotheses)
+        found = np.zeros((count, count))
+        for rival in range(count):
+            fitted = _left_over(calibrated, parts[1 + rival], length)
+            for truth in set(range(count)) - {rival}:
+                left = _left_over(fitted, parts[1 + count + truth], length)[first[-2] :, first[-2] :]
+                found[truth, rival] = left[truth, truth] + left[rival, rival] - 2.0 * left[truth, rival]
+        return np.maximum(found, 0.0)
+
+    def promise(self, truth: int, rival: int) -> Separation:
+        """The separation with the rival refitted for real, and its interval."""
+        true, other = self.hypotheses[truth], self.hypotheses[rival]
+        own = orthonormal(project(self.bench.absorbed, self.tangents[rival]))
+        tangent = project(own, project(self.bench.absorbed, self.tangents[truth]))
+        left = project(own, project(self.bench.absorbed, self.changes[truth] - self.changes[rival]))
+        nearest, *_ = np.linalg.lstsq(tangent @ true.hidden, -left, rcond=1e-6)
+        left = left + tangent @ true.hidden @ nearest
+        effects = true.moved(true.hidden @ nearest).effects
+        made = replace(self.bench, readings=self.bench.base.volts + self.bench.change(effects))
+        _, explained = refit(other.fits, made)
+        size = float(explained.residual @ explained.residual)
+        gradient = 2.0 * tangent.T @ left
+        fitted = float(gradient @ true.covariance @ gradient)
+        # the difference of two residual sums of squares: chi-square of the rival less that of the truth
+        mean = size + true.size - other.size
+        spread = _Z95 * float(np.sqrt(4.0 * size + 2.0 * (true.size + other.size) + fitted))
+        high = np.inf if true.hidden.shape[1] else mean + spread
+        return Separation(true.contested, other.contested, size, mean - spread, high)
+
+
+def _left_over(gram: Array, explained: slice, length: Array) -> Array:
+    """The Gram matrix (m, m) of columns once some of them, of original lengths (m,), are projected out of all."""
+    scale = length[explained]
+    values, vectors = np.linalg.eigh(gram[explained, explained] / np.outer(scale, scale))
+    kept = values > _RANK
+    along = (vectors[:, kept] / np.sqrt(values[kept])).T @ (gram[explained] / scale[:, None])
+    return np.asarray(gram - along.T @ along)
+
+
+def measured(bench: Bench, truth: Hypothesis, rival: Hypothesis) -> float:
+    """The chi-square by which the rival fits a recording worse than the truth, both refitted to it."""
+    (_, mine), (_, others) = refit(truth.fits, bench), refit(rival.fits, bench)
+    return float(others.residual @ others.residual - mine.residual @ mine.residual)

@@ -1,0 +1,357 @@
+"""What to do next where a recording cannot split its causes: the maneuver that separates them best."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.basefit import set_up
+from estimators.gap.bench import Bench
+from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.separation import Hypothesis, Separation, Trial, contests
+from rig.channels import ACCELEROMETER, COLUMNS_OF
+from rig.effects import EFFECTS, Effect, Kind
+from rig.maneuver import StaticPoses, TorusSweep
+from rig.signals import Signals
+from scenarios.gap_report.closest_maneuver import closest_maneuver
+from scenarios.gap_report.maneuver_family import Reach, family, neighbours
+from scenarios.gap_report.residuals import GapResiduals
+from scenarios.gap_report.words import cause_title
+from scenarios.scenario import Scenario
+from scenarios.writer import set_fields, toml_table
+
+Array = NDArray[np.float64]
+Joint = TorusSweep | StaticPoses
+
+#: Samples of a maneuver while maneuvers are compared, and when the best one's promise is made.
+_COMPARED: Final = 250
+_PROMISED: Final = 1800
+#: Rows of the recording to which the rivals are fitted.
+_FITTED: Final = 7000
+#: A pair that no maneuver separates by this noncentrality, five standard deviations, is told as such.
+_SEPARATED: Final = 25.0
+#: The arm's own acceleration, that the model does without, stays below so many standard deviations in all.
+_QUASI_STATIC: Final = 3.0
+_NONE: Final = "No maneuver that was tried separates the causes in this time."
+#: Rounds of refinement, with ever smaller steps.
+_STEPS: Final = (1.0, 0.4)
+
+
+@dataclass(frozen=True)
+class NextManeuver:
+    """A maneuver and what it promises.
+
+    Attributes:
+        maneuver: within the arm's limits.
+        separations: for each pair it separates, in the order truth, rival.
+        recorded: the same pairs on the recorded maneuver, had it been made again in the same time.
+        alike: pairs that no maneuver tried separates.
+        tried: how many were.
+        felt: whether it is so fast that the accelerometer feels the arm's own acceleration.
+    """
+
+    maneuver: Joint
+    separations: tuple[Separation, ...]
+    recorded: tuple[float, ...]
+    alike: tuple[tuple[Effect, Effect], ...]
+    tried: int
+    felt: bool = False
+
+    @property
+    def worst(self) -> Separation:
+        """The pair that is separated least."""
+        return min(self.separations, key=lambda pair: pair.noncentrality)
+
+    @property
+    def why(self) -> str:
+        """What it is for, in a sentence."""
+        worst = self.worst
+        words = (
+            f"It tells {_title(worst.truth)} from {_title(worst.rival)}: if the one is true, the other fits worse by a "
+            f"chi-square of {interval_words(worst.noncentrality, worst.low, worst.high)}"
+        )
+        if len(self.separations) > 2:
+            words += ", and every other pair by more"
+        if self.alike:
+            words += ". No maneuver tried separates " + "; ".join(
+                f"{_title(one)} from {_title(other)}" for one, other in self.alike
+            )
+        words += "."
+        if self.felt:
+            words += " So fast an arm makes an acceleration of its own as well, which the model leaves out."
+        return words
+
+    def to_json(self, scenario: str | None) -> dict[str, Any]:
+        """For a diagnosis' ``next``."""
+        return {
+            "why": self.why,
+            "maneuver": described(self.maneuver),
+            "minutes": round(self.maneuver.duration_s / 60.0, 2),
+            **({"scenario": scenario} if scenario else {}),
+            "separates": [
+                {
+                    "truth": {"effect": pair.truth.name, "where": pair.truth.where},
+                    "rival": {"effect": pair.rival.name, "where": pair.rival.where},
+                    "chi_square": pair.noncentrality,
+                    "low": pair.low,
+                    "high": pair.high if np.isfinite(pair.high) else None,
+                    "mistaken": pair.mistaken,
+                    "recorded_maneuver": before,
+                }
+                for pair, before in zip(self.separations, self.recorded, strict=True)
+            ],
+            "cannot_separate": [[{"effect": each.name, "where": each.where} for each in pair] for pair in self.alike],
+        }
+
+    def to_toml(self, rig: Scenario) -> str:
+        """The rig on this maneuver as a scenario, with its causes; the rivals stand in comments."""
+        rivals = {
+            f"{effect.name} {effect.where}": effect
+            for pair in self.separations
+            for effect in (pair.truth, pair.rival)
+            if (effect.name, effect.where) not in {(each.name, each.where) for each in rig.rig.effects}
+        }
+        made = replace(
+            rig,
+            motion="inertial" if self.felt else rig.motion,
+            maneuver=replace(self.maneuver, rate_Hz=self.maneuver.rate_Hz * rig.rig.acquisition.decimation),
+            title=f"What to do next with the rig of {rig.name}",
+            description=self.why,
+            source=f"Proposed by rig diagnose: the best of {self.tried} maneuvers, by the least separated pair.",
+        )
+        lines = ["The rig has the first of the causes. To see what another would do, put it in its place:"]
+        for effect in rivals.values():
+            lines += toml_table(f"[[effects.{effect.name}]]", set_fields(effect)).splitlines()
+        return "".join(f"# {line}\n" for line in lines) + "\n" + made.to_toml()
+
+
+def next_maneuver(
+    diagnosis: Diagnosis, residuals: GapResiduals, rig: Scenario | None, minutes: float | None = None
+) -> NextManeuver | None:
+    """The maneuver that separates a diagnosis' equivalent causes best, by the least separated pair (T-optimality).
+
+    Args:
+        residuals: of the diagnosed recording.
+        rig: its temperature is the next recording's.
+        minutes: how long it may take; None: as long as the recording.
+
+    Returns:
+        None where there is nothing to separate, no arm, or no maneuver that separates any of the causes.
+    """
+    recording, arm = residuals.recording, residuals.bench.base.arm
+    if arm is None or recording.q is None:
+        return None
+    groups = contests(_fewer(residuals), diagnosis)
+    if not groups:
+        return None
+    reach = Reach.of(arm, recording.t, recording.q)
+    played = closest_maneuver(recording.t, recording.q, recording.rate_Hz, arm.name).maneuver
+    assert isinstance(played, TorusSweep | StaticPoses)
+    search = _Search(residuals, rig, groups, reach)
+    same = _lasting(played, played.duration_s if minutes is None else 60.0 * minutes)
+    search.most_acceleration = max(_QUASI_STATIC, 1.2 * search.acceleration(same))
+    if (found := search.best(same)) is not None:
+        return found
+    search.most_acceleration = np.inf  # what slow maneuvers do not separate, faster ones may
+    fast = search.best(same)
+    return None if fast is None else replace(fast, felt=True)
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """What to do next: for a diagnosis' ``next``, and as a scenario, where the rig can run it."""
+
+    words: Mapping[str, Any]
+    scenario: str | None
+
+
+def next_step(
+    diagnosis: Diagnosis, residuals: GapResiduals, rig: Scenario | None, minutes: float | None = None
+) -> NextStep | None:
+    """What would split the causes that a recording cannot.
+
+    Args:
+        residuals: of the diagnosed recording.
+        rig: calibrated, with the causes; None where no scenario can describe it.
+        minutes: how long it may take; None: as long as the recording.
+    """
+    found = next_maneuver(diagnosis, residuals, rig, minutes)
+    advice = noise_advice(diagnosis)
+    if found is None:
+        if residuals.bench.base.arm is None:
+            advice = "Without joint angles no maneuver can be proposed: record tool poses that differ more, or faster."
+        return NextStep({"why": advice or _NONE, "maneuver": None}, None)
+    scenario = None if rig is None else found.to_toml(rig)
+    words = found.to_json(None if scenario is None else f"{diagnosis.recording}.next.toml")
+    return NextStep({**words, "why": " ".join(filter(None, [words["why"], advice]))}, scenario)
+
+
+def described(maneuver: Joint) -> str:
+    """A maneuver in words."""
+    minutes = f"{maneuver.duration_s / 60.0:.3g} minutes"
+    if isinstance(maneuver, StaticPoses):
+        return (
+            f"{len(maneuver.angles)} stops of {maneuver.hold_s:.3g} s, {maneuver.move_s:.3g} s apart, at poses of all "
+            f"joints; {minutes}"
+        )
+    yaw, pitch, roll = maneuver.joints
+    turning = (
+        f"joint {roll} turning at {maneuver.roll_deg_per_s:g} deg/s"
+        if maneuver.roll == "continuous"
+        else f"joint {roll} to and fro over {maneuver.roll_range_deg:g} deg in {maneuver.roll_passes} passes"
+    )
+    still = [joint for joint in range(1, len(maneuver.locked_deg) + 4) if joint not in maneuver.joints]
+    locked = ", ".join(f"joint {joint} at {angle:g}" for joint, angle in zip(still, maneuver.locked_deg, strict=True))
+    return (
+        f"joint {yaw} over {maneuver.yaw_range_deg:g} deg about {maneuver.yaw_centre_deg:g} in {maneuver.yaw_passes} "
+        f"passes, joint {pitch} over {maneuver.pitch_range_deg:g} deg about {maneuver.pitch_centre_deg:g} in "
+        f"{maneuver.pitch_passes} passes, {turning}; {locked} deg; {minutes}"
+    )
+
+
+def interval_words(size: float, low: float, high: float | None) -> str:
+    """A promised chi-square: "930 (749-1111)", or "at least 2471" where parts of the cause are not known."""
+    if high is None or not np.isfinite(high):
+        return f"at least {max(low, 0.0):.0f}"
+    return f"{size:.0f} ({max(low, 0.0):.0f}-{high:.0f})"
+
+
+def noise_advice(diagnosis: Diagnosis) -> str:
+    """What tells noise effects apart, where these are what is contested; empty otherwise."""
+    contested = [cause for cause in diagnosis.causes if cause.equivalent and EFFECTS[cause.effect].kind is Kind.NOISE]
+    if not contested:
+        return ""
+    titles = ", ".join(cause_title(cause.effect, cause.where) for cause in contested)
+    return (
+        f"{titles}: only its spectrum tells such noise from its equivalents, and no maneuver changes that: record "
+        "longer, or at rest at a higher rate."
+    )
+
+
+class _Search:
+    """Tries maneuvers on the calibrated rig.
+
+    Attributes:
+        most_acceleration: the arm's own acceleration allowed, in standard deviations of the accelerometer over all
+            readings.
+    """
+
+    def __init__(
+        self, residuals: GapResiduals, rig: Scenario | None, groups: Sequence[tuple[Hypothesis, ...]], reach: Reach
+    ) -> None:
+        self._pipeline = residuals.calibrated
+        self._floor = residuals.floor
+        self._environment = residuals.calibrated.environment if rig is None else rig.rig.environment
+        self._warm = residuals.recording.temperature is not None
+        self._groups = groups
+        self._reach = reach
+        self.most_acceleration = np.inf
+
+    def best(self, recorded: Joint) -> NextManeuver | None:
+        allowed = [each for each in family(self._reach, recorded) if each is recorded or self._allowed(each)]
+        tables = [self._table(each) for each in allowed]
+        within = np.max(tables, axis=0) >= _SEPARATED  # (pairs,): what some maneuver separates
+        if not within.any():
+            return None
+        worth = [float(table[within].min()) for table in tables]
+        chosen, value = allowed[int(np.argmax(worth))], max(worth)
+        tried = len(allowed)
+        for step in _STEPS:
+            for other in neighbours(self._reach, chosen, step):
+                if self._allowed(other):
+                    tried += 1
+                    if (new := float(self._table(other)[within].min())) > value:
+                        chosen, value = other, new
+        return self._promised(chosen, recorded, within, tried)
+
+    def _promised(self, chosen: Joint, recorded: Joint, within: NDArray[np.bool_], tried: int) -> NextManeuver:
+        trials, before = self._trials(chosen, _PROMISED), self._table(recorded)
+        separations, known, alike = [], [], []
+        for index, (group, truth, rival) in enumerate(self._pairs):
+            trial = trials[group]
+            if within[index]:
+                separations.append(trial.promise(truth, rival))
+                known.append(float(before[index]))
+            elif truth < rival:
+                one, other = (trial.hypotheses[each].contested for each in (truth, rival))
+                alike.append((one, other))
+        return NextManeuver(chosen, tuple(separations), tuple(known), tuple(alike), tried)
+
+    @property
+    def _pairs(self) -> list[tuple[int, int, int]]:
+        """Group, truth and rival of every ordered pair."""
+        return [
+            (number, truth, rival)
+            for number, group in enumerate(self._groups)
+            for truth in range(len(group))
+            for rival in range(len(group))
+            if truth != rival
+        ]
+
+    def _table(self, maneuver: Joint) -> Array:
+        """(pairs,) noncentralities, for a pair the smaller of both directions."""
+        found = [trial.noncentralities for trial in self._trials(maneuver, _COMPARED)]
+        return np.array([min(found[g][a, b], found[g][b, a]) for g, a, b in self._pairs])
+
+    def _trials(self, maneuver: Joint, samples: int) -> list[Trial]:
+        signals, stride = self._signals(maneuver, samples)
+        first = Trial.of(signals, self._pipeline, self._floor, stride, self._groups[0])
+        return [first, *(Trial(first.bench, group) for group in self._groups[1:])]
+
+    def _signals(self, maneuver: Joint, samples: int) -> tuple[Signals, int]:
+        count = round(maneuver.duration_s * maneuver.rate_Hz)
+        stride = max(1, count // samples)
+        motion = maneuver.trajectory(np.arange(0, count, stride) / maneuver.rate_Hz)
+        temperature = self._environment.temperature(motion.t) if self._warm else None
+        return Signals(
+            motion.t, arm=self._reach.arm, q_encoder=motion.q, velocity=motion.qd, temperature=temperature
+        ), stride
+
+    def _allowed(self, maneuver: Joint) -> bool:
+        return self._reach.allows(maneuver) and self.acceleration(maneuver) <= self.most_acceleration
+
+    def acceleration(self, maneuver: Joint) -> float:
+        """The arm's own acceleration that the accelerometer would feel, over all readings, in standard deviations."""
+        sensor = self._pipeline.accelerometer
+        if sensor is None:
+            return 0.0
+        motion = maneuver.trajectory(np.linspace(0.0, maneuver.duration_s, _COMPARED, endpoint=False))
+        felt = self._reach.arm.site_acceleration(motion.q, motion.qd, motion.qdd)
+        sigma = np.sqrt([channel.variance for channel in self._floor[COLUMNS_OF[ACCELEROMETER]]])
+        ratio = float(np.mean(np.asarray(sensor.sensitivity) / sigma))
+        count = maneuver.duration_s * maneuver.rate_Hz
+        return ratio * float(np.sqrt(count * np.mean(np.sum(felt**2, axis=1))))
+
+
+def _lasting(maneuver: Joint, duration_s: float) -> Joint:
+    """The maneuver in another time, at about the same speeds."""
+    factor = duration_s / maneuver.duration_s
+    if factor == 1.0:
+        return maneuver
+    if isinstance(maneuver, TorusSweep):
+        passes = [max(1, round(factor * count)) for count in (maneuver.yaw_passes, maneuver.pitch_passes)]
+        corner = min(maneuver.corner_s, 0.5 * duration_s / max(passes))
+        return replace(maneuver, duration_s=duration_s, yaw_passes=passes[0], pitch_passes=passes[1], corner_s=corner)
+    count = max(2, round(factor * len(maneuver.angles)))
+    poses = np.degrees(maneuver.angles)[np.arange(count) % len(maneuver.angles)]
+    cycle = duration_s / count
+    return replace(maneuver, poses_deg=tuple(map(tuple, poses.tolist())), hold_s=0.1 * cycle, move_s=0.9 * cycle)
+
+
+def _fewer(residuals: GapResiduals) -> Bench:
+    """The bench of the recording, or of some of its rows where it is long, without the readings that defects spoilt."""
+    recording = residuals.recording
+    stride = -(-len(recording) // _FITTED)
+    if stride == 1:
+        return residuals.bench.without(residuals.left_out)
+    rows = np.arange(0, len(recording), stride)
+    bench = set_up(recording.select(rows), residuals.floor, residuals.bench.base.arm)
+    return bench.without(residuals.left_out[rows])
+
+
+def _title(effect: Effect) -> str:
+    return cause_title(effect.name, effect.where)
