@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -21,6 +22,8 @@ def calibration_report(calibration: Calibration, magnetic_field_unit: str | None
     parts: list[RenderableType] = []
     for name, sensor in calibration.sensors.items():
         parts += [*_sensor(name, sensor, magnetic_field_unit), Text("")]
+    if alignment := calibration.extra.get("alignment"):
+        return Group(*parts, *_alignment(alignment))
     return Group(*parts[:-1])
 
 
@@ -29,7 +32,7 @@ def _sensor(name: str, sensor: SensorCalibration, field_unit: str | None) -> Ite
     weights = ", channels weighted equally" if sensor.weighting == "equal" else ""
     heading = Text(f"{name}  ", style="bold")
     yield heading.append(f"{sensor.method}, {sensor.samples:,} samples{source}{weights}", style="not bold")
-    yield _axes(name, sensor, field_unit) if sensor.axes else _matrix(sensor)
+    yield _axes(name, sensor, field_unit) if sensor.axes else _matrix(name, sensor, field_unit)
     for line in _lines(sensor):
         yield Text(line)
     untold = [(parameter, told) for parameter, told in sensor.identifiable.items() if told is not True]
@@ -58,13 +61,28 @@ def _tight(sensor: SensorCalibration, parameter: str) -> str:
     return plus_minus(sensor.value(parameter), sensor.std(parameter), "±")
 
 
-def _matrix(sensor: SensorCalibration) -> Table:
-    """What to multiply and subtract, of a calibration that does not know the attitude."""
-    columns = ("matrix", " ", "  ", f"bias [{sensor.unit}]")
-    result = table(*columns, numbers=columns)
-    for row, bias in zip(sensor.matrix, sensor.bias, strict=True):
-        result.add_row(*(f"{value:.6g}" for value in row), f"{bias:.6g}")
+def _matrix(name: str, sensor: SensorCalibration, field_unit: str | None) -> Table:
+    """One row an axis, and what to multiply with, of a calibration that does not know the attitude."""
+    unit = units(name, sensor, field_unit)
+    columns = [f"S [{unit['sensitivity1']}]", f"δ [{unit['offset1']}]", "field = matrix (V - δ)", " ", "  "]
+    result = table("axis", *columns, numbers=columns)
+    for axis, row in enumerate(sensor.matrix, 1):
+        own = (_tight(sensor, f"sensitivity{axis}"), _tight(sensor, f"offset{axis}"))
+        result.add_row(str(axis), *own, *(f"{value:.6g}" for value in row))
     return result
+
+
+def _alignment(found: Mapping[str, Any]) -> Iterable[Text]:
+    """Both sensors in one frame, as of ``estimators.ellipsoid.Alignment``, and what that leaves open."""
+    heading = Text("both in one frame", style="bold")
+    if "refused" in found:
+        yield heading.append(f"  refused: {found['refused']}", style="not bold yellow")
+        return
+    angle = plus_minus(found["angle_deg"], found["angle_std_deg"], "±")
+    words = f"  {angle} deg between g - a and the magnetic field, by {found['samples']:,} samples"
+    yield heading.append(words, style="not bold")
+    for words in found["cannot_tell"]:
+        yield Text(f"cannot be told: {words}", style="yellow")
 
 
 def _lines(sensor: SensorCalibration) -> Iterable[str]:
@@ -80,6 +98,12 @@ def _lines(sensor: SensorCalibration) -> Iterable[str]:
         spread = np.sqrt(np.maximum(np.diagonal(direction.covariance), 0.0))
         vector = ", ".join(map(plus_minus, direction.vector.tolist(), spread.tolist()))
         yield f"  in the base   ({vector})"
+    skew = [pair for pair in ("1-2", "1-3", "2-3") if f"angle{pair}_deg" in sensor.parameters]
+    if skew:
+        angles = [f"{pair} {_tight(sensor, f'angle{pair}_deg')}" for pair in skew]
+        yield f"angles of axes  {', '.join(angles)} deg"
+    if not sensor.axes and sensor.convention is not None:
+        yield f"frame           {sensor.convention}"
     if sensor.angles_between_deg:
         angles = [
             f"{pair} {plus_minus(angle, sensor.angles_between_std_deg.get(pair), '±')}"
