@@ -110,7 +110,7 @@ def _lines(sensor: SensorCalibration) -> Iterable[str]:
             for pair, angle in sensor.angles_between_deg.items()
         ]
         yield f"angles of axes  {', '.join(angles)} deg"
-    factor, unit = (1e3, "mV") if sensor.unit == "V" else (1.0, sensor.unit)
+    factor, unit = (1e3, "mV") if sensor.unit == "V" else (1.0, sensor.unit.replace("_", "/"))
     errors = ", ".join(f"{factor * value:#.4g}" for value in sensor.fit_rms)
     total = factor * sensor.fit_rms_root_sum_square
     yield f"fit error       {errors} {unit} RMS; root sum of squares {total:#.4g} {unit}"

@@ -113,6 +113,19 @@ def test_repeated_readings_are_named() -> None:
     assert "too small by a factor of 1.73" in found.verdict
 
 
+def test_repeats_that_change_nothing_are_only_remarked_upon() -> None:
+    """One in five hundred: standard deviations are a thousandth too small."""
+    run = known(6000, np.random.default_rng(22))
+    assert run.tool_quaternion is not None
+    assert run.accelerometer is not None
+    rows = np.arange(6000)
+    rows[1::500] -= 1
+    found = good(replace(run, tool_quaternion=run.tool_quaternion[rows], accelerometer=run.accelerometer[rows]))
+    assert found.repeats.significant
+    assert found.good, found.verdict
+    assert "0.2 % of the readings repeat the one before; no clipped or outlying readings" in found.verdict
+
+
 def test_clipped_readings_are_named() -> None:
     found = spoilt(lambda volts, _: np.clip(volts, None, 3.6))
     assert found.clipped.high[0] > 100

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 P_VALUE_LIMIT: Final = 1e-4
 #: Beyond this the last digits of the readings decide the answer.
 CONDITION_LIMIT: Final = 1e6
+#: Standard deviations that are too small by less than this are those of a good calibration.
+INFLATION_LIMIT: Final = 1.02
 
 
 def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
@@ -36,7 +38,7 @@ def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
             for name, count, end in zip(names, side, values, strict=True)
         }
         told.append(f"readings are clipped ({summary_of(ends)})")
-    if found.repeats.significant:
+    if _held(found):
         share, longest, held = found.repeats.share, found.repeats.longest, found.repeats.held
         told.append(
             f"{100.0 * share:.2g} % of the readings repeat the one before (up to {longest} in a row): the standard"
@@ -69,7 +71,7 @@ def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
             f"readings that were held out are predicted worse than the noise explains ({found.hold_out.ratio:.4f} times"
             f" the residuals, {_p(found.hold_out.p_value)}), most from {first:.4g} to {last:.4g} s"
         )
-    if not found.repeats.significant and found.whiteness.p_value < P_VALUE_LIMIT:
+    if not _held(found) and found.whiteness.p_value < P_VALUE_LIMIT:
         told.append(
             f"successive residuals are correlated ({found.whiteness.correlation:.2g}): standard deviations are too"
             f" small by a factor of {found.whiteness.inflation:.2f} or more"
@@ -97,11 +99,18 @@ def remarks(found: Goodness) -> list[str]:
         told.append(f"held-out residuals {found.hold_out.ratio:.4f} times the fitted ones")
         if found.hold_out.alone:
             told.append(f"{len(found.hold_out.alone)} of ten parts of the recording cannot be done without")
-    told.append(
-        "no clipped, repeated or outlying readings" if not found.outliers.count else "no clipped or repeated readings"
-    )
+    if found.repeats.significant:
+        told.append(f"{100.0 * found.repeats.share:.2g} % of the readings repeat the one before")
+    absent = ["clipped", *(["repeated"] if not found.repeats.significant else [])]
+    absent += ["outlying"] if not found.outliers.count else []
+    told.append(f"no {', '.join(absent[:-1])}{' or ' if absent[:-1] else ''}{absent[-1]} readings")
     told.append(str(found.coverage))
     return told
+
+
+def _held(found: Goodness) -> bool:
+    """Whether readings repeat so often that it matters."""
+    return found.repeats.significant and bool(np.sqrt(found.repeats.held) > INFLATION_LIMIT)
 
 
 def _p(value: float) -> str:
