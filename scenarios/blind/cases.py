@@ -174,6 +174,7 @@ def _mechanical(name: str, plan: Plan, scenario: Scenario, samples: int, rng: np
     where = mechanism.where
     cause = TrueCause(plan.names[0], mechanism.effect, where, snr, snr, mechanism.families, asdict(mechanism))
     cause = _with_others(cause, likenesses(seen.change, setting, getattr(mechanism, "frequency_Hz", None)))
+    cause = replace(cause, alike=(*cause.alike, *mechanism.besides))
     recording = setting.record_volts(seen.volts, rng, name, seen.q, seen.t)
     locked = setting.record_locked(rng, f"{name}.locked")
     gap = setting.projection.gap_V(seen.change)

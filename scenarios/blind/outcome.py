@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from rig.channels import CHANNELS_OF
 from scenarios.blind.truth import Label, TrueCause, Truth
 
 CONFIDENT: Final = ("named", "ambiguous")
@@ -105,8 +106,7 @@ def _right(cause: TrueCause, withheld: str) -> set[Label]:
 
 
 def _tolerated(cause: TrueCause) -> set[Label]:
-    """Names that are not right but not confidently wrong: the truth itself where it is weak, the alike, what contains
-    it."""
+    """Names that are not confidently wrong: the truth itself where it is weak, the alike, and what contains it."""
     found = cause.likely
     for effect, where in cause.right:
         found |= {(wider, where) for wider in CONTAINS.get(effect, ())}
@@ -120,10 +120,12 @@ def _acceptable(label: Label, names: set[Label]) -> bool:
     return any(effect == name and _overlap(where, place) and effect in _SENSOR_WIDE for name, place in names)
 
 
+_BOARD: Final = ("acquisition", "supply")
 _SENSOR_WIDE: Final = frozenset(each for wider in CONTAINS.values() for each in wider)
 
 
 def _overlap(one: str, other: str) -> bool:
-    """A channel lies in its sensor, everything in the board."""
-    board = ("acquisition", "supply")
-    return one in board or other in board or one.startswith(other[:3]) or other.startswith(one[:3])
+    """A channel lies in its sensor, and everything electronic in the board."""
+    if one in _BOARD or other in _BOARD or one == other:
+        return True
+    return one in CHANNELS_OF.get(other, ()) or other in CHANNELS_OF.get(one, ())

@@ -44,14 +44,15 @@ nothing on it is typed by hand.
    answer itself, so the solver cannot be told: the scorer runs the same diagnosis a second time on every recording
    with one cause, that cause's name taken out of the catalogue.
 
-Maker and scorer share with the diagnosis only the rig: strengths, equivalents and the true gap are computed from the
-true calibration and the true noise by other code. Recordings are simulated at five times the rate that is kept, so
-that corners and delays between samples are there. A name is right if it is the truth's, or if it leaves of the true
-change less than one standard deviation of the noise (a twin; nobody can tell it). It is confidently wrong where the
-verdict is named or ambiguous and a cause is listed whose whole set holds no true name, no twin, no effect that leaves
-less than 2.5 standard deviations, and none that contains the truth (a random walk for a warm-up). Intervals are
-Wilson's, 95 %. Signal-to-noise is ||M Z phi||/sigma: whitened by the floor, with what the calibration takes up
-projected out.
+Maker and scorer share with the diagnosis only the rig: strengths, equivalents and the true gap are computed from
+the true calibration and the true noise by other code. Recordings are simulated at five times the rate that is
+kept, so that corners and delays between samples are there. A name is right if it is the truth's, or if it leaves
+of the true change less than one standard deviation of the noise (a twin; nobody can tell it). It is confidently
+wrong where the verdict is named or ambiguous and a cause is listed whose whole set holds no true name, no twin, no
+effect that leaves less than 2.5 standard deviations, none that contains the truth (a random walk for a warm-up),
+and none for what a mechanism does on the side (outliers, for readings that fall into the knock of a lash).
+Intervals are Wilson's, 95 %. Signal-to-noise is ||M Z phi||/sigma: whitened by the floor, with what the
+calibration takes up projected out.
 """
 
 

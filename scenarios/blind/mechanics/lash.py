@@ -34,6 +34,10 @@ class LashJoint(Mechanism):
     def where(self) -> str:
         return "joint1"
 
+    @property
+    def besides(self) -> tuple[tuple[str, str], ...]:
+        return (("outliers", "acquisition"),)  # a reading that falls into the impact on a stop
+
     def edit(self, spec: mujoco.MjSpec) -> None:
         motor = spec.joint("joint1")
         half = 0.5 * _WIDTH_RAD * self.strength

@@ -47,6 +47,11 @@ class Mechanism(ABC):
         """Further names in the catalogue that are as right."""
         return ()
 
+    @property
+    def besides(self) -> tuple[Label, ...]:
+        """Names for what it does on the side: not right, but not wrong either."""
+        return ()
+
     def edit(self, spec: mujoco.MjSpec) -> None:  # noqa: B027  (most change nothing)
         """Build it into the arm's model. The arm's own joints keep their names: their angles are what encoders read."""
 

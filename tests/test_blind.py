@@ -1,0 +1,351 @@
+"""The blind check from end to end: sealing, solving, judging, the page."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import estimators.gap
+import scenarios
+import scenarios.blind.score as scoring
+from estimators.gap import Cause, Channel, Diagnosis
+from rig.channels import CHANNELS
+from rig.effects import make_effect
+from rig.environment import Environment
+from rig.errors import RigError
+from rig.recording import Recording, read_recording
+from rig.sensor import TriaxialSensor
+from scenarios.blind import likeness, solve
+from scenarios.blind.baselines import BASELINES
+from scenarios.blind.floors import Floor
+from scenarios.blind.intervals import Rate
+from scenarios.blind.make import Order, _make_one, make_set
+from scenarios.blind.mechanics import MECHANISMS
+from scenarios.blind.outcome import judge
+from scenarios.blind.power import crossing, half_power, ideal_power
+from scenarios.blind.report import page
+from scenarios.blind.score import is_right, read_order, score_set, summary, withheld_effect
+from scenarios.blind.seal import commitment, read_manifest, read_truth, sealed_folder
+from scenarios.blind.settings import draw_setting
+from scenarios.blind.solve import ANSWERS, read_answer, solve_set
+from scenarios.blind.strata import MECHANICS, STRATA, plans
+from scenarios.blind.strength import signal_to_noise
+from scenarios.blind.truth import TrueCause, Truth
+from scenarios.cli import _app
+from scenarios.studies.executor import Workers
+
+HERE = Workers(0)
+
+
+@pytest.fixture(scope="module")
+def few_candidates() -> Iterator[None]:
+    """A truth is compared with the joints' effects alone: with the whole catalogue that takes a second a case."""
+    chosen = [each for each in likeness.candidates() if each[0].name in ("backlash", "joint_offset", "joint_scale")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(likeness, "candidates", lambda: iter(chosen))
+        yield
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, few_candidates: None) -> Path:
+    """Ten small cases; not to be written to."""
+    folder = tmp_path_factory.mktemp("blind") / "set"
+    assert make_set(Order(str(folder), str(sealed_folder(folder)), 7, 10, samples=400), HERE) == 10
+    return folder
+
+
+def answer(verdict: str, *causes: tuple[str, str], equivalent: tuple[tuple[str, str], ...] = ()) -> dict[str, Any]:
+    others = [{"effect": effect, "where": where} for effect, where in equivalent]
+    return {
+        "verdict": verdict,
+        "causes": [{"effect": effect, "where": where, "equivalent": others} for effect, where in causes],
+    }
+
+
+def stub(recording: Recording, verdict: str, *causes: tuple[str, str]) -> Diagnosis:
+    channel = Channel(0.01, 0.02, 0.01, 0.01, 0.0, 1.0)
+    found = tuple(Cause(effect, where, 1.0, (), {}, 1e-9, 0.9) for effect, where in causes)
+    return Diagnosis(
+        recording=recording.name,
+        samples=len(recording),
+        seconds=0.0,
+        verdict=verdict,  # type: ignore[arg-type]
+        causes=found,
+        channels=dict.fromkeys(CHANNELS, channel),
+        follows=(),
+        closed=0.9 if found else None,
+        closed_low=None,
+        closed_high=None,
+        closed_on="held-out blocks",
+        remainder="noise",
+        remainder_follows=(),
+        calibration_shift={},
+        cannot_tell=(),
+        next=None,
+        floor="locked recording",
+    )
+
+
+def test_strata_hold_what_they_say() -> None:
+    dealt = plans(200, np.random.default_rng(0), mechanics=6)
+    counts = {name: sum(plan.stratum == name for plan in dealt) for name in (*STRATA, MECHANICS)}
+    assert sum(counts.values()) == 206
+    assert counts[MECHANICS] == 6
+    assert counts["none"] >= 50  # at least a quarter of the cases
+    for plan in dealt:
+        assert len(plan.names) == {"none": 0, "two": 2}.get(plan.stratum, 1) == len(plan.strengths)
+    assert {plan.names[0] for plan in dealt if plan.stratum == MECHANICS} == set(MECHANISMS)
+    assert {plan.floor for plan in dealt} == {"white", "coloured", "flicker"}
+    order = [plan.stratum for plan in dealt]
+    assert order != sorted(order)
+    with pytest.raises(RigError, match="at least 10"):
+        plans(3, np.random.default_rng(0))
+
+
+def test_the_open_half_tells_nothing(made: Path) -> None:
+    """Hashes and file names; recordings that say neither seed nor effect."""
+    for case in read_manifest(made):
+        keys = {"name", "recording", "locked", "recording_sha256", "locked_sha256", "commitment"}
+        assert set(case) == keys
+        recording = read_recording(made / case["recording"])
+        assert recording.metadata.notes == ""
+        assert not recording.metadata.extra
+        assert len(recording) == 400
+    text = b"".join(path.read_bytes() for path in made.iterdir() if path.is_file())
+    truths = read_truth(sealed_folder(made), read_manifest(made))
+    for truth in truths.values():
+        for cause in truth["causes"]:
+            assert cause["name"].encode() not in text
+    assert (sealed_folder(made) / "truth.json").stat().st_mode & 0o077 == 0
+
+
+def test_the_same_order_makes_the_same_recordings(made: Path, tmp_path: Path) -> None:
+    order = Order(str(tmp_path / "a"), str(tmp_path / "b"), 7, 10, samples=400)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b" / "changes").mkdir(parents=True)
+    first = read_manifest(made)[3]
+    again, sealed = _make_one(order, 3)
+    assert again["recording_sha256"] == first["recording_sha256"]
+    assert again["locked_sha256"] == first["locked_sha256"]
+    assert again["commitment"] != first["commitment"]  # another salt
+    assert sealed["truth"] == read_truth(sealed_folder(made), read_manifest(made))[first["name"]]
+
+
+def test_a_truth_that_was_not_sealed_is_refused(made: Path, tmp_path: Path) -> None:
+    document = json.loads((sealed_folder(made) / "truth.json").read_text())
+    name = next(iter(document["cases"]))
+    document["cases"][name]["truth"]["wanted"] = [1.0]
+    (tmp_path / "truth.json").write_text(json.dumps(document))
+    with pytest.raises(RigError, match="not what the set was sealed with"):
+        read_truth(tmp_path, read_manifest(made))
+    with pytest.raises(RigError, match="the sealed folder"):
+        read_truth(tmp_path / "none", read_manifest(made))
+    assert commitment("a", {"x": 1}) != commitment("b", {"x": 1})
+
+
+def test_truth_goes_through_json_unchanged(made: Path) -> None:
+    for document in read_truth(sealed_folder(made), read_manifest(made)).values():
+        truth = Truth.from_json(document)
+        assert json.loads(json.dumps(truth.to_json())) == document
+
+
+def test_solving_scoring_and_the_page(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a judge that always says backlash: solving picks up where it was left; a page comes out."""
+    folder = tmp_path / "set"
+    shutil.copytree(made, folder)
+    sealed = sealed_folder(folder)
+    shutil.copytree(sealed_folder(made), sealed)
+    asked: list[tuple[str, ...]] = []
+
+    def judge_all(run: Path, locked: Path, without: tuple[str, ...] = ()) -> Diagnosis:
+        asked.append(without)
+        if run.stem == "case001":
+            raise RigError("no")
+        return stub(read_recording(run), "named", ("backlash", "joint5"))
+
+    monkeypatch.setattr(estimators.gap, "diagnose", judge_all)
+    silent = dict.fromkeys(BASELINES, answer("no-gap"))
+    monkeypatch.setattr(scoring, "baseline_answers", lambda recording, locked: silent)  # they take seconds a case
+    hidden = sealed.rename(tmp_path / "hidden")  # solving does without it
+    assert solve_set(folder, HERE) == 10
+    assert read_answer(folder / ANSWERS, "case001")["verdict"] == "refused"
+    (folder / ANSWERS / "case002.diagnosis.json").unlink()
+    assert solve_set(folder, HERE) == 1
+    assert set(asked) == {()}
+    scores = score_set(folder, hidden, HERE)
+    assert set(asked[11:]) == {(withheld_effect(score.truth),) for score in scores if withheld_effect(score.truth)}
+    for score in scores:
+        if score.answer["verdict"] == "refused":
+            continue
+        right = ("backlash", "joint5") in {label for cause in score.truth.visible for label in cause.right}
+        assert score.outcome.first == float(right)
+        assert not (score.truth.stratum == "none" and is_right(score))
+        if score.closure.left is not None:
+            assert score.closure.left == pytest.approx(1.0)  # a cause of no strength closes nothing
+    text = page(scores, read_order(hidden), "0" * 64, "blind.png")
+    assert "10 of 10 cases" in text or "cases are not what their stratum asks for" in text
+    for score in scores:
+        assert (f"- {score.truth.case}," in text) == (not is_right(score))
+    assert len(summary(scores)) == 10
+    changed = folder / "case003.parquet"
+    changed.write_bytes((folder / "case004.parquet").read_bytes())
+    with pytest.raises(RigError, match="changed since it was sealed"):
+        score_set(folder, hidden, HERE)
+
+
+def test_the_simple_judges_see_a_strong_effect() -> None:
+    """A cube fifty standard deviations strong: stepwise selection names it first, raw correlation sees that there is
+    something. In noise alone raw correlation stays silent, as some thousand correlations beyond five standard
+    deviations are a matter of 0.2 %; stepwise selection does not, which the check is there to show."""
+    setting = draw_setting(scenarios.load("ann-arbor"), 600, np.random.default_rng(8))
+    effect = make_effect("scale_cubic", {"where": "accel2", "fraction_of_full": 0.3})
+    assert signal_to_noise((effect,), setting) > 50.0
+    rng = np.random.default_rng(9)
+    run, quiet = setting.record((effect,), rng, "run"), setting.record((), rng, "quiet")
+    rest = setting.record_locked(rng, "rest")
+    assert BASELINES["always none"](run, rest)["verdict"] == "no-gap"
+    first = BASELINES["stepwise BIC"](run, rest)["causes"][0]
+    assert (first["effect"], first["where"]) == ("scale_cubic", "accel2")
+    assert BASELINES["largest raw correlation"](run, rest)["verdict"] == "named"
+    assert BASELINES["largest raw correlation"](quiet, rest)["verdict"] == "no-gap"
+
+
+def test_two_versions_of_the_diagnosis_are_not_mixed(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solve.check_solver(tmp_path)
+    solve.check_solver(tmp_path)
+    monkeypatch.setattr(solve, "solver_hash", lambda: "another")
+    with pytest.raises(RigError, match="another version"):
+        solve.check_solver(tmp_path)
+
+
+def truth_of(*causes: TrueCause, stratum: str = "one") -> Truth:
+    sensor = TriaxialSensor((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, -90.0), (0.0, 90.0, 0.0))
+    floor = Floor((0.01,) * 6, {})
+    return Truth("case000", stratum, (30.0,), causes, (0.01,) * 6, floor, Environment(), sensor, sensor)
+
+
+BACKLASH = TrueCause(
+    "backlash",
+    "backlash",
+    "joint5",
+    30.0,
+    30.0,
+    twins=(("joint_offset", "joint2"),),
+    alike=(("latency", "acquisition"),),
+)
+WARMUP = TrueCause("bias_warmup", "bias_warmup", "accelerometer", 30.0, 30.0)
+OFFSET = TrueCause("joint_offset", "joint_offset", "joint5", 30.0, 30.0)
+OUTSIDER = TrueCause("cable_pull", "", "joint5", 30.0, 30.0, twins=(("joint_scale", "joint5"),))
+
+
+@pytest.mark.parametrize(
+    ("truth", "given", "expected"),
+    [
+        (truth_of(), answer("no-gap"), {"detected": 0.0, "confidently_wrong": 0.0}),
+        (truth_of(), answer("named", ("backlash", "joint5")), {"detected": 1.0, "confidently_wrong": 1.0}),
+        (truth_of(), answer("unknown", ("backlash", "joint5")), {"detected": 1.0, "confidently_wrong": 0.0}),
+        (truth_of(BACKLASH), answer("named", ("backlash", "joint5")), {"first": 1.0, "in_set": 1.0, "credit": 1.0}),
+        (
+            truth_of(BACKLASH),
+            answer("named", ("backlash", "joint1")),
+            {"first": 0.0, "place": 0.0, "confidently_wrong": 1.0},
+        ),
+        (
+            truth_of(BACKLASH),
+            answer("named", ("joint_scale", "joint5")),
+            {"first": 0.0, "place": 1.0, "confidently_wrong": 1.0},
+        ),
+        (truth_of(BACKLASH), answer("named", ("joint_offset", "joint2")), {"first": 1.0, "confidently_wrong": 0.0}),
+        (
+            truth_of(BACKLASH),
+            answer("named", ("latency", "acquisition")),
+            {"first": 0.0, "in_set": 0.0, "confidently_wrong": 0.0},
+        ),
+        (
+            truth_of(BACKLASH),
+            answer("ambiguous", ("joint_scale", "joint5"), equivalent=(("backlash", "joint5"),)),
+            {"first": 0.0, "in_set": 1.0, "credit": 0.5, "confidently_wrong": 0.0, "members": 2.0},
+        ),
+        (
+            truth_of(BACKLASH),
+            answer("named", ("backlash", "joint5"), ("mains_hum", "acquisition")),
+            {"first": 1.0, "in_set": 1.0, "confidently_wrong": 1.0},
+        ),
+        (
+            truth_of(BACKLASH, WARMUP, stratum="two"),
+            answer("named", ("backlash", "joint5")),
+            {"in_set": 0.0, "credit": 0.5},
+        ),
+        (
+            truth_of(BACKLASH, WARMUP, stratum="two"),
+            answer("named", ("backlash", "joint5"), ("bias_warmup", "accelerometer")),
+            {"in_set": 1.0, "credit": 1.0},
+        ),
+        (
+            truth_of(WARMUP),
+            answer("named", ("bias_random_walk", "accelerometer")),
+            {"in_set": 0.0, "confidently_wrong": 0.0},
+        ),
+        (truth_of(WARMUP), answer("named", ("bias_random_walk", "accel2")), {"confidently_wrong": 0.0}),
+        (truth_of(WARMUP), answer("named", ("bias_random_walk", "magnetometer")), {"confidently_wrong": 1.0}),
+        (truth_of(OFFSET), answer("named", ("joint_eccentricity", "joint5")), {"confidently_wrong": 0.0}),
+        (truth_of(OFFSET), answer("named", ("joint_eccentricity", "joint1")), {"confidently_wrong": 1.0}),
+        (truth_of(OUTSIDER, stratum="outside"), answer("named", ("backlash", "joint5")), {"confidently_wrong": 1.0}),
+        (
+            truth_of(OUTSIDER, stratum="outside"),
+            answer("named", ("joint_scale", "joint5")),
+            {"first": 0.0, "confidently_wrong": 0.0},
+        ),
+        (truth_of(OUTSIDER, stratum="outside"), answer("unknown"), {"unknown": 1.0, "confidently_wrong": 0.0}),
+        (truth_of(replace(BACKLASH, beyond=2.0)), answer("no-gap"), {"detected": 0.0, "in_set": 0.0}),
+        (truth_of(replace(BACKLASH, beyond=2.0)), answer("named", ("backlash", "joint5")), {"confidently_wrong": 0.0}),
+    ],
+)
+def test_judging(truth: Truth, given: dict[str, Any], expected: dict[str, float]) -> None:
+    outcome = judge(truth, given)
+    assert {name: getattr(outcome, name) for name in expected} == expected
+
+
+def test_a_withheld_name_is_no_longer_right_but_its_twin_is() -> None:
+    truth = truth_of(BACKLASH)
+    assert withheld_effect(truth) == "backlash"
+    assert judge(truth, answer("named", ("joint_offset", "joint2")), "backlash").first == 1.0
+    assert judge(truth, answer("named", ("joint_scale", "joint1")), "backlash").confidently_wrong == 1.0
+    assert withheld_effect(truth_of()) == ""
+    assert withheld_effect(truth_of(OUTSIDER, stratum="outside")) == ""
+
+
+@pytest.mark.parametrize(
+    ("hits", "count", "low", "high"), [(10, 10, 0.7225, 1.0), (0, 10, 0.0, 0.2775), (5, 10, 0.2366, 0.7634)]
+)
+def test_wilson_intervals(hits: int, count: int, low: float, high: float) -> None:
+    """Against the figures of Brown, Cai and DasGupta's formula worked by hand to four places."""
+    assert Rate(hits, count).interval == pytest.approx((low, high), abs=5e-5)
+    assert Rate(0, 0).interval == (0.0, 1.0)
+
+
+def test_ideal_power_is_the_likelihood_ratio_tests() -> None:
+    """100,000 draws of a two-column test: the share beyond the threshold is good to 4 standard deviations of 0.0016."""
+    rng = np.random.default_rng(2)
+    threshold = -2.0 * np.log(1e-3)  # of chi-square with two degrees of freedom, in closed form
+    statistic = ((rng.standard_normal((100_000, 2)) + np.array([4.0, 0.0])) ** 2).sum(axis=1)
+    assert ideal_power(4.0, 2, 1e-3) == pytest.approx(float(np.mean(statistic > threshold)), abs=0.0064)
+    assert ideal_power(half_power(3, 1e-4), 3, 1e-4) == pytest.approx(0.5, abs=1e-9)
+    assert crossing([4.0, 5.0, 6.0, 7.0], [0.0, 0.0, 1.0, 1.0]) == pytest.approx(5.5, abs=0.05)
+    assert np.isnan(crossing([4.0, 5.0], [1.0, 1.0]))
+
+
+def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _app.run(["blind", "solve", str(tmp_path / "nowhere")]) == 2
+    assert "rig blind make" in capsys.readouterr().err
+    assert _app.run(["blind", "score", str(tmp_path), "-o", "page.txt"]) == 2
+    assert _app.run(["blind", "make", str(tmp_path / "set"), "--cases", "3"]) == 2
