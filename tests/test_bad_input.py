@@ -162,6 +162,7 @@ def test_an_arm_that_is_not_known(bench: Bench) -> None:
         (["--locked", "run.parquet"], "run.parquet: no pose is held"),
         (["--method", "simultanous"], "expected one of simultaneous, separate, ellipsoid (nearest: 'simultaneous')"),
         (["--parameters", "6"], "--parameters: run.parquet is calibrated by the attitude, expected with --method"),
+        (["--coverage", "seen.txt"], "seen.txt: found suffix '.txt', expected .png or .svg or .pdf"),
         (["--parameters", "7"], "found '7', expected one of 6, 9"),
         (["--field-points", "sideways"], "found 'sideways', expected one of up, down"),
         (["--lockd", "run.csv"], "--locked"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import SMALL, Rig
+from matplotlib.image import imread
 
 import scenarios
 from estimators import Calibration, noise_floor
@@ -85,6 +86,27 @@ def test_calibrate_does_without_the_attitude_where_there_is_none(rig: Rig, swept
     assert json.loads(insisted) == json.loads((swept / "cal.json").read_text())
     six = json.loads(rig.done("calibrate", "run.parquet", "--method", "ellipsoid", "--parameters", "6", "--json"))
     assert len(six["sensors"]["magnetometer"]["parameters"]) == 6
+
+
+def test_calibrate_leaves_out_outliers_where_it_is_asked_to(rig: Rig, swept: Path) -> None:
+    """Ten readings a volt off, 70 times the noise: what is left is the calibration without them."""
+    run = read_recording("run.parquet")
+    odd = np.arange(7, 600, 60)
+    volts = np.array(run.accelerometer)
+    volts[odd, 1] += 1.0
+    replace(run, accelerometer=volts).write("odd.parquet")
+    (swept / "run.locked.parquet").rename("odd.locked.parquet")
+    assert "10 readings are outliers" in rig.done("calibrate", "odd.parquet")
+    text = rig.done("calibrate", "odd.parquet", "--robust", "-o", "cal.json", "--coverage", "seen.png")
+    assert "10 of 600 samples were left out as outliers" in text
+    assert "10 samples were left out" in text
+    assert "not good" not in text
+    assert imread("seen.png").std() > 0.01
+    run.select(np.setdiff1d(np.arange(600), odd)).write("rest.parquet")
+    rest = json.loads(rig.done("calibrate", "rest.parquet", "--locked", "odd.locked.parquet", "--json"))["sensors"]
+    found = Calibration.read("cal.json")["accelerometer"]
+    assert found.noise_source == "locked recording"
+    assert found.values == pytest.approx(rest["accelerometer"]["values"], rel=1e-12)
 
 
 def test_calibrate_says_what_cannot_be_told_and_why(rig: Rig, swept: Path) -> None:

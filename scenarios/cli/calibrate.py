@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -21,8 +21,13 @@ from scenarios.cli._options import (
 )
 
 if TYPE_CHECKING:
-    from estimators import NoiseFloor
+    from estimators import Calibration, NoiseFloor
+    from estimators.kinematic import Weighting
+    from rig.arm import Arm
     from rig.recording import RecordingScan
+
+#: Samples whose directions are drawn.
+_DRAWN: Final = 100_000
 
 
 @click.command(short_help="Calibrate the sensors of a recording.")
@@ -41,6 +46,8 @@ if TYPE_CHECKING:
 @click.option("--noise", metavar="mV,mV,mV", help="Noise floor of each channel in mV: three numbers a sensor.")
 @click.option("--field-points", type=Choice(("up", "down")), help="Which of two equal solutions; down by default.")
 @click.option("--equal-weights", is_flag=True, help="All channels alike, as in the paper, not by their noise.")
+@click.option("--robust", is_flag=True, help="Leave out outliers, as fits without the attitude always do.")
+@click.option("--coverage", type=PATH, metavar="PLOT", help="Draw the directions seen and missing: .png, .svg, .pdf.")
 @json_option
 def calibrate(
     run: Path,
@@ -53,6 +60,8 @@ def calibrate(
     noise: str | None,
     field_points: Any,
     equal_weights: bool,
+    robust: bool,
+    coverage: Path | None,
     as_json: bool,
 ) -> None:
     """Calibrate the sensors of RUN, a recording with joint angles, tool poses or, turned by hand, neither.
@@ -63,7 +72,7 @@ def calibrate(
     \b
     Example:
       rig calibrate run.parquet -o cal.json
-      rig calibrate tumble.csv --method ellipsoid --parameters 6
+      rig calibrate tumble.csv --method ellipsoid --parameters 6 --coverage tumble.png
       rig calibrate run.csv --noise 13.4,13.6,14.6 --method separate
       rig calibrate mine.parquet --arm mine.urdf --tip sensor_link -o cal.json
     """
@@ -71,12 +80,14 @@ def calibrate(
 
     if output is not None:
         check_output(output, (".json",))
+    if coverage is not None:
+        check_output(coverage, (".png", ".svg", ".pdf"))
     if locked is not None and noise is not None:
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
     from estimators.ellipsoid import Options
     from estimators.pipeline import has_pose
-    from rig.recording import scan_recording
+    from rig.recording import locked_beside, scan_recording
 
     arm = chosen_arm(urdf, tip)
     scan = scan_recording(run, joints=None if arm is None else arm.dof)
@@ -86,18 +97,30 @@ def calibrate(
         raise RigError(f"{option}: {run} is calibrated without the attitude, expected simultaneous or separate")
     if parameters is not None and not attitude_free:
         raise RigError(f"--parameters: {run} is calibrated by the attitude, expected with --method ellipsoid")
+    if noise is None and locked is None and robust:
+        locked = locked_beside(run)
+    floor = _floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None
+    points = field_points or "down"
+    weighting: Weighting = "equal" if equal_weights else "likelihood"
     with progress_bar(f"calibrating {run}") as progress:
-        calibration = estimators.calibrate(
-            run,
-            method=method,
-            noise=_floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None,
-            arm=arm,
-            field_points=field_points or "down",
-            weighting="equal" if equal_weights else "likelihood",
-            attitude_free=Options(parameters=6 if parameters == "6" else 9, field_points=field_points),
-            progress=_counted(progress, scan.rows),
-        )
+        if robust and not attitude_free:
+            calibration, _ = estimators.robust_calibrate(
+                scan.read(), method or "simultaneous", floor, arm, points, weighting
+            )
+        else:
+            calibration = estimators.calibrate(
+                run,
+                method=method,
+                noise=floor,
+                arm=arm,
+                field_points=points,
+                weighting=weighting,
+                attitude_free=Options(parameters=6 if parameters == "6" else 9, field_points=field_points),
+                progress=_counted(progress, scan.rows),
+            )
         calibration = estimators.judged(run, calibration, arm)
+    if coverage is not None:
+        _draw_coverage(run, calibration, arm, coverage)
     if output is not None:
         calibration.write(output)
     if as_json:
@@ -109,8 +132,21 @@ def calibrate(
     if method is None and attitude_free:
         click.echo(f"{run}: has no pose: calibrated by the magnitude of the fields, as by --method ellipsoid\n")
     show(calibration_report(calibration, scan.metadata.magnetic_field_unit))
-    if output is not None:
-        click.echo(f"\n{output}: written")
+    for written in (output, coverage):
+        if written is not None:
+            click.echo(f"\n{written}: written")
+
+
+def _draw_coverage(run: Path, calibration: Calibration, arm: Arm | None, path: Path) -> None:
+    """The directions that the recording has shown each calibrated sensor, by stretches if it is long."""
+    from estimators.goodness import thinned
+    from rig.arm import Arm
+    from scenarios.overlay import overlays
+    from scenarios.plots import projection_figure, save
+
+    recording = thinned(run, _DRAWN)
+    used = Arm.a465() if arm is None and calibration.arm == "a465" else arm
+    save(projection_figure(recording.t, overlays(recording, calibration, used)), path)
 
 
 def _floor(locked: Path) -> NoiseFloor:
