@@ -156,6 +156,8 @@ def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) ->
         with progress_bar(f"drawing {run}"):
             write_study_view(run, target)
         return
+    if not run.exists() and not run.suffix:
+        raise RigError(f"{run}: no such file or folder, expected a recording or a study")
     from rig.recording import read_recording
 
     recording = read_recording(run, joints=None if arm is None else arm.dof)
