@@ -1,18 +1,23 @@
 """Estimators: volts in, answers out.
 
 ``estimators.coverage``, ``estimators.ellipsoid`` and ``estimators.stillness`` hold what else a user may want of them.
+The diagnosis is imported when it is first asked for: that takes as long as everything else together.
 """
+
+from typing import TYPE_CHECKING, Any
 
 from estimators import coverage, ellipsoid, stillness
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage import Coverage
 from estimators.fields import apply
-from estimators.gap import Diagnosis, diagnose
 from estimators.goodness import Goodness, is_it_good, judged, robust_calibrate
 from estimators.noise import NoiseFloor, noise_floor
 from estimators.pipeline import calibrate
 from estimators.statistics import Statistics
 from estimators.stillness import still_poses
+
+if TYPE_CHECKING:
+    from estimators.gap import Diagnosis, diagnose
 
 __all__ = [
     "Calibration",
@@ -34,3 +39,11 @@ __all__ = [
     "still_poses",
     "stillness",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("Diagnosis", "diagnose"):
+        from estimators import gap
+
+        return getattr(gap, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
