@@ -69,6 +69,15 @@ def test_subsets_are_every_25th_sample(recording: Recording, plain: SubsetStudy)
     assert plain.samples == 166_400
 
 
+def test_an_elevation_at_the_pole_scatters_less_and_says_so(plain: SubsetStudy) -> None:
+    """Gravity along joint 1: Rayleigh's 0.66 of the bound, not an excess of precision; elsewhere nothing is said."""
+    found = study(scenarios.load("renk2005-accelerometer").simulate(3))
+    told = {row.parameter: row.why for row in found.parameters if row.why}
+    assert set(told) == {"phi_deg", "psi_deg"}
+    assert "from the pole, where elevations fold over" in told["phi_deg"]
+    assert not any(row.why for row in plain.parameters)
+
+
 def test_with_noise_alone_the_scatter_is_the_bound(plain: SubsetStudy) -> None:
     """Each ratio lies within chi-square at 1e-5 (28 of them: fails once in 3,500 runs)."""
     low, high = np.sqrt(chi2.isf([1.0 - 5e-6, 5e-6], 24) / 24)

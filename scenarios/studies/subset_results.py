@@ -25,8 +25,9 @@ class SubsetParameter:
         sensor, parameter, unit: which; angles as in the paper [deg].
         whole: the estimate from all samples.
         mean, std: of the subsets' estimates, the latter with n - 1.
-        bound: root of the Cramer-Rao bound of one subset; NaN where the angle cannot be told, for the reason ``why``.
+        bound: root of the Cramer-Rao bound of one subset; NaN where the angle cannot be told.
         ratio, ratio_low, ratio_high: std over bound, with its interval by chi-square.
+        why: the angle cannot be told, or may scatter less than the bound; else empty.
     """
 
     sensor: str

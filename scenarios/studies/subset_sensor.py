@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 #: A subset's three fields disagree where their chi-square is less probable than this.
 DISAGREEMENT: Final = 0.01
+#: Bounds from a pole within which an elevation folds over.
+_NEAR_POLE: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,7 @@ class SubsetsOfSensor:
                     ratio,
                     low * ratio,
                     high * ratio,
-                    reported.untold.get(name, ""),
+                    reported.untold.get(name) or _folded(name, float(reported.values[row]), bound),
                 )
             )
         return found, values
@@ -189,6 +191,19 @@ def _values(reported: Reported, fits: ManyFits) -> Array:
             whole = reported.values[row]
             values[row] = whole + (values[row] - whole + 180.0) % 360.0 - 180.0
     return values
+
+
+def _folded(name: str, value: float, bound: float) -> str:
+    """Why an elevation near a pole, which is at most 90 deg, scatters less than its linear bound; else empty.
+
+    At the pole itself its distance from there is Rayleigh's: sqrt(2 - pi/2) = 0.66 standard deviations.
+    """
+    if not name.startswith(("beta", "phi")) or not 90.0 - abs(value) < _NEAR_POLE * bound:
+        return ""
+    return (
+        f"{90.0 - abs(value):.2g} deg from the pole, where elevations fold over: noise alone makes its std / bound"
+        " anything from 0.66 to 1"
+    )
 
 
 def _scaled(covariance: Array, scale: Array) -> Array:
