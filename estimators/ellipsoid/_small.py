@@ -15,7 +15,7 @@ from scipy.linalg import lapack
 Array = NDArray[np.float64]
 
 _lapack: Any = lapack
-_UPPER: Final = np.triu(np.ones((10, 10), dtype=bool))
+_UNIT: Final = [np.eye(size, order="F") for size in range(11)]
 
 
 def eigh(matrix: Array) -> tuple[Array, Array]:
@@ -26,13 +26,7 @@ def eigh(matrix: Array) -> tuple[Array, Array]:
 
 def inverse(matrix: Array) -> Array | None:
     """Of a symmetric, positive definite matrix; None where it is not definite."""
-    factor, failed = _lapack.dpotrf(matrix)
-    if failed != 0:
-        return None
-    half, failed = _lapack.dpotri(factor)
-    if failed != 0:
-        return None
-    return np.asarray(np.where(_UPPER[: len(half), : len(half)], half, half.T))
+    return solve(matrix, _UNIT[len(matrix)])
 
 
 def solve(matrix: Array, right: Array) -> Array | None:
