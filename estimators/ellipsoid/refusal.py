@@ -136,7 +136,8 @@ def structure(readings: Array, parameters: int) -> str | None:
     if groups < parameters:
         return (
             f"the readings are of {groups} distinct direction{'s' if groups > 1 else ''}, expected at least"
-            f" {parameters} for {parameters} parameters, well spread: a residual of zero is not accuracy"
+            f" {parameters} for {parameters} parameters, well spread: a residual of zero is not accuracy; show the"
+            " sensor the field along +x, -x, +y, -y, +z and -z and between neighbours"
         )
     still = np.flatnonzero(centred.std(axis=0) <= 1e-9 * width)
     if still.size:

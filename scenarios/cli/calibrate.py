@@ -138,13 +138,19 @@ def calibrate(
 
 
 def _draw_coverage(run: Path, calibration: Calibration, arm: Arm | None, path: Path) -> None:
-    """The directions that the recording has shown each calibrated sensor, by stretches if it is long."""
+    """The directions that the recording has shown each calibrated sensor, by stretches if it is long; those at rest of
+    an accelerometer alone that was calibrated by them."""
     from estimators.goodness import thinned
+    from estimators.goodness.judgement import at_rest
     from rig.arm import Arm
     from scenarios.overlay import overlays
     from scenarios.plots import projection_figure, save
 
     recording = thinned(run, _DRAWN)
+    alone = calibration.sensors["accelerometer"] if recording.sensors == ("accelerometer",) else None
+    if alone is not None and not alone.axes:
+        still = at_rest(run, alone)
+        recording = recording if still is None else still
     used = Arm.a465() if arm is None and calibration.arm == "a465" else arm
     save(projection_figure(recording.t, overlays(recording, calibration, used)), path)
 
