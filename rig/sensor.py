@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -52,7 +53,7 @@ class TriaxialSensor:
             gamma_deg=tuple(gamma),
         )
 
-    @property
+    @cached_property
     def axes(self) -> Array:
         """(3, 3) unit vectors P_k as rows, frame 6; Renk (6)."""
         return direction_from_angles(self.beta_deg, self.gamma_deg)

@@ -15,7 +15,7 @@ import pytest
 
 import estimators
 import scenarios
-from estimators.gap.bench import project
+from estimators.gap.bench import Columns, project
 from estimators.gap.colour import ChannelNoise, fit_floor, held
 from estimators.gap.score import Explained, evidence
 from rig.effects import make_effect
@@ -152,7 +152,7 @@ def test_the_score_is_the_projected_chi_square() -> None:
     basis = np.linalg.qr(rng.standard_normal((500, 4)))[0]
     columns = rng.standard_normal((500, 3))
     residual = project(basis, rng.standard_normal(500))
-    score = Explained(basis, residual).score(columns)
+    score = Explained(basis, residual).score(Columns(columns, 0))
     left = project(basis, columns)
     fitted = left @ np.linalg.lstsq(left, residual, rcond=None)[0]
     assert score.rank == 3

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
-from estimators.gap.bench import Bench
+from estimators.gap.bench import Bench, known
 from estimators.gap.colour import ChannelNoise, fit_floor, held
 from estimators.noise import held_poses
 from estimators.pipeline import calibrate
@@ -106,13 +106,8 @@ def set_up(recording: Recording, floor: tuple[ChannelNoise, ...], arm: Arm | Non
     calibration = calibrate(recording, noise=noise, arm=arm if recording.q is not None else None)
     pipeline = fitted_pipeline(calibration, recording)
     base = pipeline.expected(signals_of(recording, arm), np.random.default_rng(0))
-    if base.q_encoder is not None:  # asked for again and again
-        base = replace(base, velocity=base.joint_velocity, known_links=(base.q, base.links))
-    interval = float(np.median(np.diff(recording.t)))
     readings = all_readings(recording)
-    whiteners = tuple(channel.whitener(interval) for channel in floor)
-    learned = np.array([channel.samples_at(interval) for channel in floor])
-    return Bench(base, pipeline, readings, whiteners, np.ones_like(readings), learned)
+    return Bench(known(base), pipeline, readings, floor, np.ones_like(readings), floor)
 
 
 def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise, ...]:

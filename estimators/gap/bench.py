@@ -2,6 +2,8 @@
 
 Everything the diagnosis asks of the data is asked in whitened coordinates, channel after channel in one long vector,
 with the tangent space of the calibration projected out: r -> M r, columns Z -> M Z.
+
+A long recording is put on the bench as means over blocks of samples; the rig is still evaluated at every sample.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.linalg import qr
 
-from estimators.gap.colour import Whitener
+from estimators.gap.blocks import block_means, block_poses, neighbours
+from estimators.gap.colour import ChannelNoise, Whitener
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.directions import tangent_basis
 from rig.effects import Effect
@@ -26,26 +29,76 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Bench:
-    """A recording beside its base fit.
+class Step:
+    """A further factor of the whitening.
 
     Attributes:
-        base: the recording's angles or poses after all stages of the fitted pipeline, without effects.
+        column: the channel.
+        factor: (count,) of each whitened reading, or of each coefficient of their cosine transform (DCT-II).
+        in_time: which of the two.
+    """
+
+    column: int
+    factor: Array
+    in_time: bool
+
+    def __call__(self, white: Array) -> Array:
+        """Whitened values (..., count)."""
+        if self.in_time:
+            return white * self.factor
+        return np.asarray(idct(dct(white, norm="ortho") * self.factor, norm="ortho"))
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Whitened columns that are zero outside some channels.
+
+    Attributes:
+        values: (rows, m), each column contiguous.
+        first: where these rows begin in the whole vector.
+    """
+
+    values: Array
+    first: int
+
+    @property
+    def rows(self) -> slice:
+        """Where they are in the whole vector."""
+        return slice(self.first, self.first + len(self.values))
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A recording of n samples beside its base fit, as ``count`` block means.
+
+    Attributes:
+        base: the recording's angles or poses after all stages of the fitted pipeline, without effects; n samples.
         pipeline: the fitted pipeline, without effects.
         readings: (n, 6) [recorded unit]; channels that are not there are NaN.
-        whiteners: one for each channel.
-        weights: (n, 6) factor of each whitened reading: zero where it is left out, less than one where it is noisier.
-        floor_samples: (6,) how many of the recording's samples tell as much of the noise as the floor was learned from.
-        gains: for each channel None, or (n,) further gains at the frequencies of a cosine transform (DCT-II).
+        noises: the floor of each channel, of block means.
+        weights: (count, 6) factor of each whitened mean: zero where it is left out, less than one where it is noisier.
+        floor: what was learned of each channel's single readings at rest.
+        kept: (n, 6) the readings that count; None: all of them.
+        block: samples a mean.
+        samples: how many of the recorded samples a mean is of; as ``block``, but on a pointwise bench.
+        steps: what selected noise adds to the whitening, in this order.
     """
 
     base: Signals
     pipeline: Pipeline
     readings: Array
-    whiteners: tuple[Whitener, ...]
+    noises: tuple[ChannelNoise, ...]
     weights: Array
-    floor_samples: Array
-    gains: tuple[Array | None, ...] = (None,) * len(CHANNELS)
+    floor: tuple[ChannelNoise, ...]
+    kept: NDArray[np.bool_] | None = None
+    block: int = 1
+    samples: int = 1
+    steps: tuple[Step, ...] = ()
+
+    @property
+    def floor_samples(self) -> Array:
+        """(6,) how many of the means tell as much of the noise as the floor was learned from."""
+        return np.array([channel.samples_at(self.interval_s) for channel in self.floor])
 
     @property
     def columns(self) -> list[int]:
@@ -53,40 +106,68 @@ class Bench:
         return self.pipeline.columns
 
     @property
+    def count(self) -> int:
+        """Block means a channel."""
+        return len(self.weights)
+
+    @property
     def size(self) -> int:
-        """c n, the number of whitened readings."""
-        return len(self.columns) * len(self.base)
+        """c count, the number of whitened means."""
+        return len(self.columns) * self.count
+
+    @cached_property
+    def t(self) -> Array:
+        """(count,) [s] of the means."""
+        return block_means(self.base.t, self.block)
 
     @property
     def interval_s(self) -> float:
-        """Between samples [s]."""
-        return float(np.median(np.diff(self.base.t)))
+        """Between means [s]."""
+        return float(np.median(np.diff(self.t)))
 
     @cached_property
     def residual(self) -> Array:
         """(n, 6) [recorded unit] reading minus base fit."""
         return self.readings - self.base.volts
 
+    @cached_property
+    def whiteners(self) -> tuple[Whitener, ...]:
+        """One for each channel."""
+        return tuple(noise.whitener(self.interval_s) for noise in self.noises)
+
     def whiten_channel(self, column: int, values: Array) -> Array:
-        """One channel's values (n,) or (n, m) in whitened coordinates."""
+        """One channel's values (n,) or (n, m) in whitened coordinates (count,) or (count, m)."""
+        means = self._means(column, values.T)
         if (bridge := self._bridges[column]) is not None:  # the filter must not carry on what is left out
             gap, before, after, share = bridge
-            values = values.copy()
-            share = share[:, None] if values.ndim == 2 else share
-            values[gap] = (1.0 - share) * values[before] + share * values[after]
-        white = self.whiteners[column](values)
-        gain = self.gains[column]
-        weight = self.weights[:, column]
-        if values.ndim == 2:
-            weight = weight[:, None]
-            gain = None if gain is None else gain[:, None]
-        if gain is not None:
-            white = idct(dct(white, axis=0, norm="ortho") * gain, axis=0, norm="ortho")
-        return np.asarray(white * weight)
+            means = means.copy()
+            means[..., gap] = (1.0 - share) * means[..., before] + share * means[..., after]
+        white = self.whiteners[column](means) * self.weights[:, column]
+        for step in self.steps:
+            if step.column == column:
+                white = step(white)
+        return np.asarray(white.T)
+
+    def _means(self, column: int, values: Array) -> Array:
+        if self.block == 1:
+            return np.ascontiguousarray(values)
+        return block_means(values, self.block, None if self.kept is None else self.kept[:, column])
 
     def whiten(self, volts: Array) -> Array:
-        """Readings (n, 6) or (n, 6, m) in whitened coordinates: (c n,) or (c n, m), c the channels that are there."""
+        """Readings (n, 6) or (n, 6, m) in whitened coordinates: (c count,) or (c count, m), c of the channels."""
         return np.concatenate([self.whiten_channel(column, volts[:, column]) for column in self.columns])
+
+    def whiten_changes(self, changes: Sequence[Array]) -> Columns:
+        """Changes (n, 6) of the readings, one a column; from the first channel that they touch to the last."""
+        touched = [index for index, column in enumerate(self.columns) if any(each[:, column].any() for each in changes)]
+        if not touched:
+            return Columns(np.zeros((0, len(changes))), 0)
+        low, high = touched[0], touched[-1] + 1
+        white = np.zeros((len(changes), high - low, self.count))
+        for index in touched:
+            column = self.columns[index]
+            white[:, index - low] = self.whiten_channel(column, np.stack([each[:, column] for each in changes], 1)).T
+        return Columns(white.reshape(len(changes), -1).T, low * self.count)
 
     @cached_property
     def _bridges(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Array] | None]:
@@ -105,53 +186,65 @@ class Bench:
 
     def channel(self, white: Array, column: int) -> Array:
         """The part of a whitened vector that belongs to a channel."""
-        count = len(self.base)
-        first = self.columns.index(column) * count
-        return white[first : first + count]
+        first = self.columns.index(column) * self.count
+        return white[first : first + self.count]
 
     @cached_property
-    def raw_tangent(self) -> Array:
-        """(n, 6, p) [recorded unit]: what the calibration's parameters do to the readings.
+    def raw_tangent(self) -> dict[int, tuple[Array, list[int]]]:
+        """For each channel (n, 6) [recorded unit], and which of the calibration's parameters these six are.
 
-        For each sensor: sensitivity, offset and two tangent coordinates of the axis for each channel, and two tangent
-        coordinates of the field that its channels share.
+        Its sensitivity, its offset, two tangent coordinates of its axis, and the two of the field that the channels of
+        a sensor share.
         """
-        blocks = []
+        found: dict[int, tuple[Array, list[int]]] = {}
+        total = 0
         for name, sensor in self.pipeline.sensors.items():
             environment = self.pipeline.environment
             field = environment.gravity if name == ACCELEROMETER else environment.magnetic
-            in_tool = np.matmul(field, self.base.R_base_tool)  # (n, 3)
-            turned = np.einsum("ai,nij->naj", tangent_basis(field / np.linalg.norm(field)), self.base.R_base_tool)
+            rotation = self.base.R_base_tool
+            in_tool = np.matmul(field, rotation)  # (n, 3)
+            turned = [np.matmul(along, rotation) for along in tangent_basis(field / np.linalg.norm(field))]
             columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
-            shared = np.zeros((len(self.base), len(CHANNELS), 2))
+            shared = [total + 4 * len(columns), total + 4 * len(columns) + 1]
             for column, axis, sensitivity in zip(columns, sensor.axes, sensor.sensitivity, strict=True):
-                own = np.zeros((len(self.base), len(CHANNELS), 4))
-                own[:, column, 0] = in_tool @ axis
-                own[:, column, 1] = 1.0
-                own[:, column, 2:] = sensitivity * in_tool @ tangent_basis(axis).T
-                shared[:, column] = sensitivity * np.linalg.norm(field) * turned @ axis
-                blocks.append(own)
-            blocks.append(shared)
-        return np.concatenate(blocks, axis=2)
+                own = np.empty((6, len(self.base))).T
+                own[:, 0] = in_tool @ axis
+                own[:, 1] = 1.0
+                own[:, 2:4] = sensitivity * in_tool @ tangent_basis(axis).T
+                for index, along in enumerate(turned):
+                    own[:, 4 + index] = sensitivity * np.linalg.norm(field) * (along @ axis)
+                found[column] = own, [total, total + 1, total + 2, total + 3, *shared]
+                total += 4
+            total += 2
+        return found
 
     @cached_property
     def tangent(self) -> Array:
-        """(c n, p): what the calibration's parameters do to the whitened readings."""
-        return self.whiten(self.raw_tangent)
+        """(c count, p): what the calibration's parameters do to the whitened readings."""
+        parameters = 1 + max(max(numbers) for _, numbers in self.raw_tangent.values())
+        result = np.zeros((parameters, self.size))
+        for index, column in enumerate(self.columns):
+            own, numbers = self.raw_tangent[column]
+            result[numbers, index * self.count : (index + 1) * self.count] = self.whiten_channel(column, own).T
+        return result.T
 
     def left_over(self, change: Array) -> Array:
         """(n, 6) [recorded unit] what the calibration cannot absorb of a change (n, 6)."""
         absorbed, *_ = np.linalg.lstsq(self.tangent, self.whiten(change), rcond=1e-9)
-        return change - self.raw_tangent @ absorbed
+        left = change.copy()
+        for column in self.columns:
+            own, numbers = self.raw_tangent[column]
+            left[:, column] -= own @ absorbed[numbers]
+        return left
 
     @cached_property
     def absorbed(self) -> Array:
-        """(c n, rank) orthonormal basis of the tangent."""
+        """(c count, rank) orthonormal basis of the tangent."""
         return orthonormal(self.tangent)
 
     @cached_property
     def whitened(self) -> Array:
-        """(c n,) the whitened residual with the tangent projected out."""
+        """(c count,) the whitened residual with the tangent projected out."""
         return project(self.absorbed, self.whiten(self.residual))
 
     def change(self, effects: Sequence[Effect]) -> Array:
@@ -159,8 +252,8 @@ class Bench:
         if not effects:
             return np.zeros_like(self.base.volts)
         rng = np.random.default_rng(0)  # mean effects draw nothing
-        first = min(effect.stage for effect in effects)
-        return replace(self.pipeline, effects=tuple(effects)).expected(self.base, rng, first).volts - self.base.volts
+        volts = replace(self.pipeline, effects=tuple(effects)).carried(self.base, rng).volts
+        return np.asarray(volts - self.base.volts)
 
     def replayed(self, effects: Sequence[Effect]) -> Array:
         """(n, 6) [recorded unit] as ``change``, with every pose computed anew by MuJoCo."""
@@ -171,8 +264,44 @@ class Bench:
         return simulator.expected(start, np.random.default_rng(0)).volts - self.base.volts
 
     def without(self, left_out: NDArray[np.bool_]) -> Bench:
-        """The bench with some readings (n, 6) left out."""
-        return replace(self, weights=np.where(left_out, 0.0, self.weights))
+        """The bench, of single samples, with some readings (n, 6) left out."""
+        kept = ~left_out if self.kept is None else self.kept & ~left_out
+        return replace(self, kept=kept, weights=np.where(left_out, 0.0, self.weights))
+
+    def averaged(self, block: int) -> Bench:
+        """The bench, of single samples, as one of means over blocks of so many."""
+        if block == 1:
+            return self
+        kept = np.ones_like(self.readings) if self.kept is None else self.kept.astype(float)
+        share = block_means(kept.T, block).T
+        raised = block_means((kept * self.weights).T, block).T / np.maximum(share, 1e-12)
+        noises = tuple(noise.averaged(block, self.interval_s) for noise in self.noises)
+        samples = self.samples * block
+        return replace(self, noises=noises, weights=raised * np.sqrt(share), block=block, samples=samples)
+
+    def coarse(self) -> Bench:
+        """Means over as many neighbouring samples as turn little, each with the rig evaluated once."""
+        return self.averaged(neighbours(self.base)).pointwise()
+
+    def stepped(self, steps: Sequence[Step]) -> Bench:
+        """The bench with further steps of whitening."""
+        return replace(self, steps=(*self.steps, *steps))
+
+    def pointwise(self) -> Bench:
+        """The bench with the rig evaluated once a block, at its mean pose: quick, and to first order the same."""
+        if self.block == 1:
+            return self
+        base = block_poses(self.base, self.block)
+        base = self.pipeline.expected(base, np.random.default_rng(0))
+        means = np.stack([self._means(column, self.residual[:, column]) for column in range(len(CHANNELS))], axis=1)
+        return replace(self, base=known(base), readings=base.volts + means, kept=None, block=1)
+
+
+def known(base: Signals) -> Signals:
+    """The signals with what is asked for again and again: joint velocities and link poses."""
+    if base.q_encoder is None:
+        return base
+    return replace(base, velocity=base.joint_velocity, known_links=(base.q, base.links))
 
 
 def orthonormal(columns: Array, tolerance: float = 1e-7) -> Array:
@@ -183,7 +312,7 @@ def orthonormal(columns: Array, tolerance: float = 1e-7) -> Array:
         return columns
     q, r, _ = qr(columns, mode="economic", pivoting=True, check_finite=False)
     rank = int(np.sum(np.abs(np.diag(r)) > tolerance))
-    return np.ascontiguousarray(q[:, :rank])
+    return np.asfortranarray(q[:, :rank])
 
 
 def project(basis: Array, values: Array) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
+from estimators.gap.bench import Bench, Columns
 from rig.effects import EFFECTS, Effect, Kind
 from rig.effects.base import Parameter, Value
 
@@ -67,23 +67,30 @@ class Candidate:
             values[item.name] = taken[0] if item.size == 1 else taken
         return self.effect.from_mapping({"where": self.where, **self.names, **shape, **values})
 
-    def columns(self, bench: Bench, shape: Shape) -> Array:
-        """(c n, spans x size) whitened derivatives with respect to the strengths, at zero, for every spanning shape."""
-        parts = []
-        for span in self.effect.spanning():
-            full = {**span, **shape}
-            still = bench.change([self.make(np.zeros(self.size), full)]) if self.effect.acts_at_zero else 0.0
-            for column, step in enumerate(self.steps):
-                row = np.zeros(self.size)
-                row[column] = step
-                parts.append((bench.change([self.make(row, full)]) - still) / step)
-        return bench.whiten(np.stack(parts, axis=2))
+    def columns(self, bench: Bench, shape: Shape) -> Columns:
+        """Derivatives with respect to the strengths, at zero, for every spanning shape, span after span.
 
-    def offset(self, bench: Bench) -> Array:
-        """(c n,) whitened change of an effect that acts by being there; zero for all others."""
-        if not self.effect.acts_at_zero:
-            return np.zeros(bench.size)
-        return bench.whiten(bench.change([self.make(np.zeros(self.size), {})]))
+        Before them comes the change of an effect that acts by being there: it has no strength.
+        """
+        still = bench.change([self.make(np.zeros(self.size), {})]) if self.effect.acts_at_zero else None
+        parts = [] if still is None else [still]
+        for span in self.effect.spanning():
+            parts += self.derivatives(bench, {**span, **shape}, still)
+        return bench.whiten_changes(parts)
+
+    def derivatives(self, bench: Bench, shape: Shape, still: Array | None = None) -> list[Array]:
+        """(n, 6) [recorded unit] for each strength: the derivative at zero, for one full shape.
+
+        Args:
+            still: the change with all strengths at zero, where the effect acts by being there.
+        """
+        if still is None and self.effect.acts_at_zero:
+            still = bench.change([self.make(np.zeros(self.size), {})])
+        changes = [
+            (bench.change([self.make(row, shape)]), step)
+            for row, step in zip(np.diag(self.steps), self.steps, strict=True)
+        ]
+        return [(change if still is None else change - still) / step for change, step in changes]
 
 
 def all_candidates(bench: Bench, without: Sequence[str] = ()) -> list[Candidate]:

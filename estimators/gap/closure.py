@@ -57,7 +57,7 @@ def close(bench: Bench, fits: Sequence[Fitted], remainder: float, rng: np.random
         remainder: whitened square of what is left that is not noise, over all readings.
         rng: of the bootstrap.
     """
-    count, channels = len(bench.base), len(bench.columns)
+    count, channels = bench.count, len(bench.columns)
     effects = [fit.effect for fit in fits]
     columns = [
         fit.tangent(bench, [other for other in effects if other is not own])
@@ -100,15 +100,16 @@ def close(bench: Bench, fits: Sequence[Fitted], remainder: float, rng: np.random
     before, after, by_channel = (np.full(len(CHANNELS), np.nan) for _ in range(3))
     rms_before, rms_after = np.full(len(CHANNELS), np.nan), np.full(len(CHANNELS), np.nan)
     for index, column in enumerate(bench.columns):
-        sigma = bench.whiteners[column].sigma
+        sigma = bench.whiteners[column].sigma * np.sqrt(bench.samples)
         own = real * float(np.mean(gap[:, column] ** 2))
         part = own * rest / max(size, 1e-12) if size else sigma**2 * remainder / bench.size
         before[column] = np.sqrt(own + part * (remainder > 0))
         after[column] = np.sqrt(part)
         by_channel[column] = own / max(own + part, 1e-300)
         seen = kept[index]
-        rms_before[column] = np.sqrt(np.mean(bench.residual[seen, column] ** 2))
-        rms_after[column] = np.sqrt(np.mean((bench.residual - gap)[seen, column] ** 2))
+        recorded = np.flatnonzero(np.repeat(seen, bench.block))
+        rms_before[column] = np.sqrt(np.mean(bench.residual[recorded, column] ** 2))
+        rms_after[column] = np.sqrt(np.mean((bench.residual - gap)[recorded, column] ** 2))
     whole = np.arange(_BLOCKS)
     low, high = np.percentile(samples, [2.5, 97.5])
     return Closure(before, after, share(whole), float(low), float(high), by_channel, rms_before, rms_after)

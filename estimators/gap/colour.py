@@ -8,13 +8,16 @@ teaches holds at the sweep's rate: the model carries autocovariances over, never
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.stats import chi2
+
+from estimators.gap.periodogram import Periodogram
 
 Array = NDArray[np.float64]
 
@@ -39,6 +42,8 @@ class ChannelNoise:
         tau_s: its correlation time [s].
         samples: how many samples it was learned from.
         duration_s: how long these lasted [s].
+        folded: of the coloured part, what means over blocks of samples make look white [V^2]; may be below zero.
+        sharing: how many channels told the coloured part's share and time.
     """
 
     white: float
@@ -46,6 +51,8 @@ class ChannelNoise:
     tau_s: float = 1.0
     samples: int = 0
     duration_s: float = 0.0
+    folded: float = 0.0
+    sharing: int = 1
 
     def samples_at(self, interval_s: float) -> float:
         """How many samples at another rate tell as much of the noise as those it was learned from.
@@ -57,19 +64,39 @@ class ChannelNoise:
     @property
     def variance(self) -> float:
         """[V^2]."""
-        return self.white + self.coloured
+        return self.white + self.folded + self.coloured
 
     def autocovariance(self, lag_s: Array) -> Array:
         """[V^2] at lags [s]."""
         lag = np.abs(np.asarray(lag_s, dtype=float))
         return np.asarray(self.coloured * np.exp(-lag / self.tau_s) + np.where(lag == 0.0, self.white, 0.0))
 
+    def averaged(self, block: int, interval_s: float) -> ChannelNoise:
+        """The noise of means over blocks of so many samples.
+
+        Means of an exponentially correlated process keep its correlation from block to block; what their variance has
+        beyond that of such a process, or lacks, looks white.
+        """
+        decay = float(np.exp(-interval_s / self.tau_s))
+        if block == 1 or self.coloured == 0.0:
+            return replace(self, white=self.white / block)
+        lags = np.arange(1, block)
+        own = (block + 2.0 * float(np.sum((block - lags) * decay**lags))) / block**2
+        across = float(np.sum(decay ** np.arange(block)) * np.sum(decay ** -np.arange(block))) / block**2
+        return replace(
+            self,
+            white=self.white / block,
+            folded=self.folded / block + self.coloured * (own - across),
+            coloured=self.coloured * across,
+        )
+
     def whitener(self, interval_s: float) -> Whitener:
         """The filter that turns this noise, sampled every ``interval_s`` [s], into white noise of variance one."""
         phi = float(np.exp(-interval_s / self.tau_s)) if self.coloured > 0 else 0.0
         # (1 - phi L) y is a first-order moving average: match its two autocovariances (Hamilton 1994, section 4.7)
-        lag0 = self.white * (1.0 + phi**2) + self.coloured * (1.0 - phi**2)
-        lag1 = -self.white * phi
+        flat = self.white + self.folded
+        lag0 = flat * (1.0 + phi**2) + self.coloured * (1.0 - phi**2)
+        lag1 = -flat * phi
         ratio = lag1 / lag0
         theta = 0.0 if ratio == 0.0 else (1.0 - np.sqrt(max(1.0 - 4.0 * ratio**2, 0.0))) / (2.0 * ratio)
         return Whitener(phi=phi, theta=float(theta), sigma=float(np.sqrt(lag0 / (1.0 + theta**2))))
@@ -84,11 +111,11 @@ class Whitener:
     sigma: float
 
     def __call__(self, values: Array) -> Array:
-        """Whiten along the first axis; the samples in which the filter still remembers its start become zero."""
+        """Whiten along the last axis; the samples in which the filter still remembers its start become zero."""
         if self.phi == 0.0 and self.theta == 0.0:
             return values / self.sigma
-        white = lfilter([1.0, -self.phi], [1.0, self.theta], values, axis=0) / self.sigma
-        white[: self.start] = 0.0
+        white = lfilter([1.0 / self.sigma, -self.phi / self.sigma], [1.0, self.theta], values)
+        white[..., : self.start] = 0.0
         return np.asarray(white)
 
     @property
@@ -120,6 +147,18 @@ class Held:
     def variance(self) -> float:
         """About the means of the segments."""
         return sum(float(np.sum((segment - segment.mean()) ** 2)) for segment in self.segments) / self.count
+
+    @cached_property
+    def periodogram(self) -> Periodogram:
+        """Of its segments."""
+        return Periodogram.of(self.segments)
+
+    def rough_loss(self, point: Array) -> float:
+        """Minus twice the log likelihood of the periodogram, at a point as in ``loss``; up to a constant."""
+        noise = _shaped(point, 1.0, self)
+        if noise.whitener(self.interval_s).start > self.shortest // 4:
+            return np.inf
+        return self.periodogram.loss(noise.coloured, float(np.exp(-self.interval_s / noise.tau_s)))
 
     def loss(self, point: Array) -> tuple[float, float]:
         """Minus twice the log likelihood at (logit of the coloured share, log of its time), and the variance there."""
@@ -171,7 +210,11 @@ def fit_floor(channels: Sequence[Held]) -> list[ChannelNoise]:
         lost = sum(channels[index].loss(common)[0] - channels[index].loss(point)[0] for index, point in points.items())
         if lost < chi2.isf(SHARED_AT, 2 * (len(points) - 1)):
             points = dict.fromkeys(points, common)
-    return [channel.at(points[index]) if index in points else channel.white for index, channel in enumerate(channels)]
+    sharing = len(points) if len({id(point) for point in points.values()}) < len(points) else 1
+    return [
+        replace(channel.at(points[index]), sharing=sharing) if index in points else channel.white
+        for index, channel in enumerate(channels)
+    ]
 
 
 def _best(channels: Sequence[Held]) -> Array:
@@ -180,7 +223,7 @@ def _best(channels: Sequence[Held]) -> Array:
     longest = max(len(segment) for channel in channels for segment in channel.segments) * interval
 
     def loss(point: Array) -> float:
-        return sum(channel.loss(point)[0] for channel in channels) + _outside(point, interval, longest)
+        return sum(channel.rough_loss(point) for channel in channels) + _outside(point, interval, longest)
 
     starts = [(share, np.log(tau)) for share in (-2.0, 0.0, 2.0) for tau in np.geomspace(interval, longest / 10.0, 5)]
     start = np.array(min(starts, key=lambda point: loss(np.array(point))))

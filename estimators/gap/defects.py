@@ -6,7 +6,9 @@ Each is told from the readings themselves. What is found is left out of everythi
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +37,7 @@ class Defect:
 
     Attributes:
         effect, where: its name and place in the catalogue.
-        parameters: by name: value, standard deviation, unit.
+        parameters: by name: value, standard deviation (None where there is none), unit.
         affected: (n, 6) the readings to leave out; none for a coarse converter.
         log_p: logarithm of the p-value.
         gap: (6,) root mean square of what it adds to the readings [recorded unit].
@@ -43,7 +45,7 @@ class Defect:
 
     effect: str
     where: str
-    parameters: dict[str, tuple[float, float, str]]
+    parameters: Mapping[str, tuple[Any, Any, str]]
     affected: Mask
     log_p: float
     gap: Array

@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 
 from estimators.gap import verdict
 from estimators.gap.basefit import all_readings, estimated_floor, learn_floor, set_up
+from estimators.gap.bench import Bench
+from estimators.gap.blocks import block_size
 from estimators.gap.colour import ChannelNoise
 from estimators.gap.defects import find_defects, lattice, masked
 from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.fast_tones import fast_tones
 from estimators.gap.select import select
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, locked_beside, read_recording
@@ -81,14 +84,20 @@ def _diagnosed(
     floor, step, source = _floor(recording, rest, interval, arm)
     bench = set_up(recording, floor, arm)
     defects = find_defects(bench, step)
-    clean = masked(bench, defects)
-    state = select(clean, without, progress)
-    result = verdict.conclude(recording, clean, state, defects, without, floor, source)
+    block = block_size(len(recording), interval)
+    tones, clean = fast_tones(masked(bench, defects), block, without)
+    clean = clean.averaged(block)
+    state = select(clean.pointwise(), without, progress)
+    result = verdict.conclude(recording, clean, state, [*defects, *tones], without, floor, source)
     if maneuver2 is not None:
         second = maneuver2 if isinstance(maneuver2, Recording) else read_recording(maneuver2)
         check(second)
-        result = verdict.judged_elsewhere(result, state, set_up(second, floor, arm))
+        result = verdict.judged_elsewhere(result, state, _averaged(set_up(second, floor, arm)))
     return replace(result, seconds=time.perf_counter() - begun)
+
+
+def _averaged(bench: Bench) -> Bench:
+    return bench.averaged(block_size(len(bench.base), bench.interval_s))
 
 
 def check(recording: Recording) -> None:

@@ -61,13 +61,16 @@ class Fitted:
         return self.candidate.effect.from_mapping(given)
 
     def tangent(self, bench: Bench, others: Sequence[Effect] = ()) -> Array:
-        """(c n, p) whitened derivatives at the fitted values, each scaled to a typical size."""
+        """(c count, p) whitened derivatives at the fitted values, each scaled to a typical size."""
         still = bench.change([self.effect, *others])
         parts = []
         for row in np.diag(STEP * self.scale):
             moved = replace(self, values=self.values + row)
             parts.append((bench.change([moved.effect, *others]) - still) / STEP)
-        return bench.whiten(np.stack(parts, axis=2))
+        columns = bench.whiten_changes(parts)
+        full = np.zeros((len(parts), bench.size)).T
+        full[columns.rows] = columns.values
+        return full
 
 
 def started(offer: Offer, bench: Bench, explained: Explained) -> Fitted:
@@ -77,17 +80,11 @@ def started(offer: Offer, bench: Bench, explained: Explained) -> Fitted:
     best: tuple[float, Fitted] | None = None
     for spanned in _tries(offer):
         shape: dict[str, Value] = {**offer.shape, **spanned}
-        steps = offer.candidate.steps
-        still = bench.change([offer.candidate.make(np.zeros(len(steps)), shape)]) if effect.acts_at_zero else 0.0
-        changes = [
-            (bench.change([offer.candidate.make(row, shape)]) - still) / step
-            for row, step in zip(np.diag(steps), steps, strict=True)
-        ]
-        columns = bench.whiten(np.stack(changes, axis=2))
+        columns = bench.whiten_changes(offer.candidate.derivatives(bench, shape))
         score = explained.score(columns)
         if best is not None and score.statistic <= best[0]:
             continue
-        values, idle = _split(offer.candidate, score.strengths, np.any(columns != 0.0, axis=0))
+        values, idle = _split(offer.candidate, score.strengths, np.asarray(columns.values.any(axis=0)))
         shapes = [item for item in effect.parameters() if not item.strength and item.name not in kept]
         values += [np.atleast_1d(np.asarray(shape[item.name], dtype=float)) for item in shapes]
         best = (score.statistic, Fitted(offer.candidate, np.concatenate(values), {**kept, **idle}))
@@ -140,7 +137,7 @@ def refit(fits: Sequence[Fitted], bench: Bench) -> tuple[list[Fitted], Explained
     """
     fits = list(fits)
     if not fits:
-        return fits, Explained(bench.absorbed, bench.whitened)
+        return fits, explained_by(fits, bench)
     sizes = np.cumsum([0] + [len(each.values) for each in fits])
     scale = np.concatenate([each.scale for each in fits])
     start = np.concatenate([each.values for each in fits]) / scale
@@ -157,12 +154,19 @@ def refit(fits: Sequence[Fitted], bench: Bench) -> tuple[list[Fitted], Explained
         return bench.whitened - project(bench.absorbed, bench.whiten(bench.change(effects)))
 
     found = least_squares(left, start, method="trf", x_scale="jac", diff_step=1e-4, max_nfev=12, ftol=1e-7, xtol=1e-7)
-    best = found.x if 2.0 * found.cost <= float(left(start) @ left(start)) else start
-    fits = moved(best)
+    fits = moved(found.x if 2.0 * found.cost <= float(left(start) @ left(start)) else start)
+    return fits, explained_by(fits, bench)
+
+
+def explained_by(fits: Sequence[Fitted], bench: Bench) -> Explained:
+    """What fitted effects leave of the residual on a bench, with their tangents explained."""
+    calibrated = Explained(bench.absorbed, bench.whitened)
+    if not fits:
+        return calibrated
     effects = [each.effect for each in fits]
     columns = [
         each.tangent(bench, [other for other in effects if other is not own])
         for each, own in zip(fits, effects, strict=True)
     ]
-    explained = Explained(bench.absorbed, left(best)).extended(np.hstack(columns))
-    return fits, explained
+    left = bench.whitened - project(bench.absorbed, bench.whiten(bench.change(effects)))
+    return Explained(bench.absorbed, left).extended(np.hstack(columns))

@@ -6,7 +6,6 @@ of regressors, the spectrum, the variance, the distribution, and the correlation
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +16,7 @@ from scipy.stats import chi2, kurtosistest, norm
 
 from estimators.gap.bench import Bench
 from estimators.gap.score import Explained, solve
-from estimators.gap.stochastic import NoiseOffer
+from estimators.gap.stochastic import NoiseOffer, spectrum
 from rig.channels import CHANNELS
 
 Array = NDArray[np.float64]
@@ -28,6 +27,8 @@ SIGNIFICANT = 1e-3
 _LOCKED = 0.05
 _BANDS = 12
 _COSINES = 16
+#: Squares that a band of a spectrum must hold for its sum to be nearly normal.
+_FEWEST = 16
 #: Where named noise raises the spectrum by this share of the floor, its coefficients are looked at for lines.
 _RAISED = 0.3
 
@@ -153,7 +154,7 @@ def _orientation(rotation: Array) -> Array:
 
 def mean_tests(bench: Bench, explained: Explained) -> list[Finding]:
     """Score tests of every family, channel by channel and over all channels."""
-    count = len(bench.base)
+    count = bench.count
     found: list[Finding] = []
     total: dict[str, list[tuple[float, int]]] = {}
     for index, column in enumerate(bench.columns):
@@ -173,7 +174,7 @@ def mean_tests(bench: Bench, explained: Explained) -> list[Finding]:
 
 
 def spectrum_tests(bench: Bench, explained: Explained) -> list[Finding]:
-    """Lines, and bands in which the periodogram is not the floor's."""
+    """Lines, and bands in which the spectrum is not the floor's as well as that is known."""
     found = []
     for column in bench.columns:
         residual = bench.channel(explained.residual, column)
@@ -181,17 +182,8 @@ def spectrum_tests(bench: Bench, explained: Explained) -> list[Finding]:
         power = np.abs(np.fft.rfft(residual)[1:-1]) ** 2 / (len(residual) * alive)
         line = float(power.max())
         found.append(Finding("frequency", CHANNELS[column], 2.0 * line, 2, -line + float(np.log(len(power)))))
-        edges = np.unique(np.geomspace(1, len(power) + 1, _BANDS + 1).astype(int)) - 1
-        sums = np.array([power[a:b].sum() for a, b in itertools.pairwise(edges)])
-        counts = np.diff(edges)
-        deviance = 2.0 * counts * (sums / counts - 1.0 - np.log(np.maximum(sums / counts, 1e-12)))
-        learned = bench.floor_samples[column]
-        deviance = deviance[counts >= 8] * learned / (learned + len(residual))  # the floor is known no better
-        statistic, rank = float(deviance.sum()), len(deviance)
+        statistic, rank = spectrum(bench, explained, column).misfit(_BANDS, _FEWEST)
         found.append(Finding("noise spectrum", CHANNELS[column], statistic, rank, float(chi2.logsf(statistic, rank))))
-        ratio = float(np.sum(residual**2)) / (alive * len(residual))
-        size = (ratio - 1.0) ** 2 / (2.0 / learned + 2.0 / len(residual))
-        found.append(Finding("noise level", CHANNELS[column], size, 1, float(chi2.logsf(size, 1))))
     return found
 
 
@@ -219,7 +211,7 @@ def line_tests(bench: Bench, explained: Explained, noises: Sequence[NoiseOffer])
 def variance_tests(bench: Bench, explained: Explained) -> list[Finding]:
     """Whether the size of the residual follows time, level or slope; whether it has heavy tails."""
     found = []
-    count = len(bench.base)
+    count = bench.count
     clock = (np.arange(count) + 0.5) / count
     for column in bench.columns:
         kept = bench.weights[:, column] > 0

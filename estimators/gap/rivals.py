@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.gap.bench import Columns
 from estimators.gap.refine import Fitted, refit, started
 from estimators.gap.scan import Offer
 from estimators.gap.score import Explained, evidence
-from estimators.gap.select import TIE, MeanCause, Selection, with_mean, without_noise
+from estimators.gap.select import TIE, MeanCause, Selection, scanned, with_mean, without_noise
 from estimators.gap.stochastic import NoiseOffer, noise_offers
 
 #: Evidence (twice a log Bayes factor) by which a cause must beat a rival to be named alone: 20 to 1.
@@ -59,9 +60,7 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
     own = _stand_in(state, cause.offer, fits, explained, fit=cause.fit)
     taken = {each.fit.candidate.label for each in state.causes}
     offers = [
-        offer
-        for offer in state.scanner.scan(state.candidates, explained)
-        if offer.candidate.label not in taken and offer.score.rank
+        offer for offer in scanned(state, fits, explained) if offer.candidate.label not in taken and offer.score.rank
     ]
     found = []
     for offer in [offer for offer in offers if offer.evidence > own.evidence - 4.0 * MARGIN][:_REFITTED]:
@@ -132,7 +131,7 @@ def _stand_in(state: Selection, offer: Offer, fits: list[Fitted], explained: Exp
     before = float(explained.residual @ explained.residual)
     statistic = before - float(after.residual @ after.residual)
     tangent = refitted[-1].tangent(state.bench, [each.effect for each in refitted[:-1]])
-    rank = max(1, explained.score(tangent).rank)
+    rank = max(1, explained.score(Columns(tangent, 0)).rank)
     strength = evidence(statistic, rank) - 2.0 * float(np.log(offer.searched)) * (rank <= offer.score.rank)
     effect = offer.candidate.effect.name
     place = offer.candidate.where

@@ -1,27 +1,33 @@
-"""Scanning a candidate's shapes: the one whose columns explain most, and what having searched costs."""
+"""Scanning a candidate's shapes: the one whose columns explain most, and what having searched costs.
+
+Every candidate is first looked at on means over neighbouring samples, which smooth effects outlive; those that explain
+most there are then scored sample by sample.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
+from estimators.gap.bench import Bench, Columns, Step
 from estimators.gap.candidates import Candidate, Shape
 from estimators.gap.score import Explained, Score, solve
+from estimators.gap.tones import best_tone, envelopes
 
 Array = NDArray[np.float64]
 
-#: A tone is searched above this many times the fastest joint's rate: below, the arm's own motion fills the spectrum.
-_HARMONICS = 3.0
 #: An onset leaves at least this share of the samples on either side.
-_EDGE = 0.01
-#: So many peaks of a spectrum are scored exactly.
-_PEAKS = 4
-#: A tone slower than this many cycles a recording is a drift.
-_DRIFT = 4.0
+_EDGE: Final = 0.01
+#: What is within this evidence, or this share, of the best at first look is looked at sample by sample.
+_CLOSE, _SHARE = 20.0, 0.15
+#: So many shapes of a candidate are looked at sample by sample.
+_SHAPES: Final = 3
+#: Evidence below which the first look will do.
+_NOTHING: Final = 6.0
 
 
 @dataclass(frozen=True)
@@ -52,125 +58,156 @@ class Offer:
 
 
 @dataclass(frozen=True)
-class Scanner:
-    """Scans candidates on one bench; the columns are kept for the next scan."""
+class Kept:
+    """A candidate's columns at one shape, and their Gram matrix with the calibration projected out."""
+
+    columns: Columns
+    gram: Array
+
+
+@dataclass(frozen=True)
+class Look:
+    """Candidates on one bench; their columns are kept for the next scan, by label and shape."""
 
     bench: Bench
-    _kept: dict[str, list[tuple[Array, int]]] = field(default_factory=dict)
+    kept: dict[tuple[str, str], Kept] = field(default_factory=dict)
 
-    def scan(self, candidates: Iterable[Candidate], explained: Explained) -> list[Offer]:
-        """The best offer of each candidate, the most evident first."""
-        offers = [self.best(candidate, explained) for candidate in candidates]
-        return sorted(offers, key=lambda offer: -offer.evidence)
+    def best(self, candidate: Candidate, explained: Explained, shapes: Sequence[Shape] | None = None) -> list[Offer]:
+        """The offers of all shapes of a candidate, or of some, the best first; not for a tone."""
+        every: Sequence[Shape] = candidate.effect.searched(self.bench.base)
+        if set(every[0]) == {"at_s"}:
+            return [_onset(candidate, self.bench, explained)]
+        found = []
+        for shape in every if shapes is None else shapes:
+            key = candidate.label, str(shape)
+            if key not in self.kept:
+                columns = candidate.columns(self.bench, shape)
+                self.kept[key] = Kept(columns, explained.projected(columns))
+            score = explained.score(self.kept[key].columns, self.kept[key].gram)
+            found.append(Offer(candidate, shape, score, len(every)))
+        return sorted(found, key=lambda offer: -offer.score.statistic)
 
-    def best(self, candidate: Candidate, explained: Explained) -> Offer:
-        """One candidate's best offer."""
+    def stepped(self, steps: Sequence[Step]) -> Look:
+        """On the bench with further steps of whitening, which the columns go through."""
+        bench = self.bench.stepped(steps)
+        absorbed = Explained(bench.absorbed, bench.whitened)
+        columns = {key: _stepped(each.columns, self.bench, steps) for key, each in self.kept.items()}
+        return Look(bench, {key: Kept(each, absorbed.projected(each)) for key, each in columns.items()})
+
+
+@dataclass(frozen=True)
+class Scanner:
+    """Scans candidates on a bench.
+
+    Attributes:
+        rough, fine: on means over neighbouring samples, and on the bench itself.
+    """
+
+    rough: Look
+    fine: Look
+    _envelopes: dict[str, Array] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, bench: Bench) -> Scanner:
+        """Nothing scanned yet."""
+        fine = Look(bench)
+        coarse = bench.coarse()
+        return cls(fine if coarse is bench else Look(coarse), fine)
+
+    def scan(self, candidates: Iterable[Candidate], explained: Explained, roughly: Explained) -> list[Offer]:
+        """The best offer of each candidate, the most evident first.
+
+        Args:
+            explained, roughly: on the bench, and on its means.
+        """
+        candidates = list(candidates)
+        offers = [self._first(candidate, explained, roughly) for candidate in candidates]
+        best = max((offer.evidence for offer in offers), default=0.0)
+        least = max(best - max(_CLOSE, _SHARE * best), _NOTHING)
+        found = [
+            self._second(offer, explained, roughly)
+            if offer.evidence > least and self._smooth(offer.candidate)
+            else offer
+            for offer in offers
+        ]
+        return sorted(found, key=lambda offer: -offer.evidence)
+
+    def visible(self, candidate: Candidate, roughly: Explained) -> float:
+        """The largest share of a candidate's change that the calibration leaves; not for a tone or an onset."""
+        return self.rough.best(candidate, roughly)[0].score.visible
+
+    def stepped(self, steps: Sequence[Step]) -> Scanner:
+        """The scanner of the bench with further steps of whitening."""
+        fine = self.fine.stepped(steps)
+        rough = (
+            fine if self.rough is self.fine else self.rough.stepped([_shortened(step, self.rough) for step in steps])
+        )
+        return Scanner(rough, fine, self._envelopes)
+
+    def _smooth(self, candidate: Candidate) -> bool:
+        return self.rough is not self.fine and not candidate.effect.tone and not candidate.effect.rapid
+
+    def _first(self, candidate: Candidate, explained: Explained, roughly: Explained) -> Offer:
         if candidate.effect.tone:
             return self._tone(candidate, explained)
-        shapes = candidate.effect.searched(self.bench.base)
-        if set(shapes[0]) == {"at_s"}:
-            return self._onset(candidate, explained)
-        if candidate.label not in self._kept:
-            self._kept[candidate.label] = [self._columns(candidate, shape) for shape in shapes]
-        scores = [explained.score(columns, first) for columns, first in self._kept[candidate.label]]
-        best = int(np.argmax([score.statistic for score in scores]))
-        return Offer(candidate, shapes[best], scores[best], len(shapes))
+        if self._smooth(candidate):
+            return self.rough.best(candidate, roughly)[0]
+        return self.fine.best(candidate, explained)[0]
 
-    def _columns(self, candidate: Candidate, shape: Shape) -> tuple[Array, int]:
-        """The columns of the channels that the candidate touches, and the first row of these."""
-        columns = candidate.columns(self.bench, shape)
-        if candidate.effect.acts_at_zero:  # its own change has no strength: it is there or it is not
-            columns = np.column_stack([candidate.offset(self.bench), columns])
-        by_channel = columns.reshape(len(self.bench.columns), len(self.bench.base), -1)
-        touched = np.flatnonzero(np.any(by_channel[:, ::7] != 0.0, axis=(1, 2)))
-        if not len(touched):
-            return columns[:0], 0
-        rows = slice(touched[0] * len(self.bench.base), (touched[-1] + 1) * len(self.bench.base))
-        return np.ascontiguousarray(columns[rows]), rows.start
-
-    def _onset(self, candidate: Candidate, explained: Explained) -> Offer:
-        """Effects that begin at an instant: sums from the end give the score of every instant in one pass."""
-        bench = self.bench
-        columns = candidate.columns(bench, {"at_s": float(bench.base.t[0])})
-        count, channels = len(bench.base), len(bench.columns)
-        by_time = columns.reshape(channels, count, -1)
-        own = np.einsum("cni,cnj->nij", by_time, by_time)
-        shared = np.einsum("cnp,cni->npi", explained.basis.reshape(channels, count, -1), by_time)
-        moment = np.einsum("cn,cni->ni", explained.residual.reshape(channels, count), by_time)
-        own, shared, moment = (np.cumsum(values[::-1], axis=0)[::-1] for values in (own, shared, moment))
-        edge = max(2, int(_EDGE * count))
-        grams = own - np.einsum("npi,npj->nij", shared, shared)
-        statistics = _statistics(grams[edge:-edge], moment[edge:-edge], own[0])
-        best = edge + int(np.argmax(statistics))
-        score = solve(grams[best], moment[best], np.sqrt(np.diag(own[best])))
-        # James, James and Siegmund, Biometrika 74 (1987), (3): the tail of the largest of a scan over all instants,
-        # b phi(b) ln((1 - e) / e)^2, over that of one instant, 2 phi(b) / b
-        tries = max(1, int(np.ceil(score.statistic * np.log((1.0 - _EDGE) / _EDGE))))
-        at_s = 0.5 * float(bench.base.t[best] + bench.base.t[best - 1])
-        return Offer(candidate, {"at_s": at_s}, score, tries)
+    def _second(self, first: Offer, explained: Explained, roughly: Explained) -> Offer:
+        candidate = first.candidate
+        promising = [offer.shape for offer in self.rough.best(candidate, roughly)[:_SHAPES]]
+        return self.fine.best(candidate, explained, promising)[0]
 
     def _tone(self, candidate: Candidate, explained: Explained) -> Offer:
-        """A sine in time of unknown frequency: one Fourier transform of the residual under each envelope."""
-        bench = self.bench
-        count = len(bench.base)
-        if candidate.label not in self._kept:
-            self._kept[candidate.label] = [(self._envelopes(candidate), 0)]
-        ((raw, _),) = self._kept[candidate.label]
-        sigma = np.array([whitener.sigma for whitener in bench.whiteners])
-        envelopes = (raw / sigma[:, None] * bench.weights[:, :, None])[:, bench.columns]
-        envelopes = envelopes[:, :, np.einsum("ncj,ncj->j", envelopes, envelopes) > 0]
-        residual = explained.residual.reshape(len(bench.columns), count)
-        spectra = np.fft.rfft(np.einsum("cn,ncj->jn", residual, envelopes), n=2 * count, axis=1)
-        gram = np.einsum("nci,ncj->ij", envelopes, envelopes)
-        power = 2.0 * np.real(np.einsum("jf,jk,kf->f", spectra.conj(), np.linalg.pinv(gram), spectra))
-        frequency: Array = np.arange(count + 1) / (2.0 * count * bench.interval_s)
-        allowed = self._allowed(candidate, frequency)
-        if not allowed.any():
-            return Offer(candidate, {"freq_Hz": 0.0}, Score(0.0, 0, np.zeros(0), 0.0))
-        peaks = sorted(np.flatnonzero(allowed), key=lambda index: -power[index])[:_PEAKS]
-        best = max(
-            (self._refined(raw, explained, frequency[peak]) for peak in peaks), key=lambda pair: pair[0].statistic
-        )
-        return Offer(candidate, {"freq_Hz": best[1]}, best[0], int(allowed.sum()) // 2)
+        bench = self.fine.bench
+        if candidate.label not in self._envelopes:
+            self._envelopes[candidate.label] = envelopes(candidate, bench)
+        raw = self._envelopes[candidate.label]
+        score, frequency, tried = best_tone(candidate, bench, explained, raw, _NOTHING)
+        return Offer(candidate, {"freq_Hz": frequency}, score, tried)
 
-    def _allowed(self, candidate: Candidate, frequency: Array) -> NDArray[np.bool_]:
-        """Where a tone may appear in the sampled signal: its bands folded by the sampling."""
-        bench = self.bench
-        resolution = 1.0 / (len(bench.base) * bench.interval_s)
-        if not candidate.effect.bands:
-            return (frequency > _HARMONICS * _fastest_turn(bench)) & (frequency < 0.5 / bench.interval_s - resolution)
-        allowed = np.zeros(len(frequency), dtype=bool)
-        for low, high in candidate.effect.bands:
-            fine = np.arange(low, high, 0.25 * resolution) * bench.interval_s
-            folded = np.abs(fine - np.round(fine)) / bench.interval_s
-            allowed[np.unique(np.clip(np.round(folded / frequency[1]).astype(int), 0, len(frequency) - 1))] = True
-        return allowed & (frequency > _DRIFT * resolution)
 
-    def _envelopes(self, candidate: Candidate) -> Array:
-        """(n, 6, m) what the tone multiplies [recorded unit], for each strength and spanning direction."""
-        parts = []
-        for span in candidate.effect.spanning():
-            if np.any(np.asarray(span["phase_rad"]) == 0.0):
-                continue
-            for column, step in enumerate(candidate.steps):
-                row = np.zeros(candidate.size)
-                row[column] = step
-                parts.append(self.bench.change([candidate.make(row, {**span, "freq_Hz": 0.0})]) / step)
-        return np.asarray(np.nan_to_num(np.stack(parts, axis=2)))
+def _onset(candidate: Candidate, bench: Bench, explained: Explained) -> Offer:
+    """Effects that begin at an instant: sums from the end give the score of every instant in one pass."""
+    columns = candidate.columns(bench, {"at_s": float(bench.base.t[0])})
+    count = bench.count
+    by_time = columns.values.T.reshape(columns.values.shape[1], -1, count)
+    own = np.einsum("icn,jcn->nij", by_time, by_time)
+    basis = explained.basis[columns.rows].T.reshape(-1, by_time.shape[1], count)
+    shared = np.einsum("pcn,icn->npi", basis, by_time)
+    moment = np.einsum("cn,icn->ni", explained.residual[columns.rows].reshape(-1, count), by_time)
+    own, shared, moment = (np.cumsum(values[::-1], axis=0)[::-1] for values in (own, shared, moment))
+    edge = max(2, int(_EDGE * count))
+    grams = own - np.einsum("npi,npj->nij", shared, shared)
+    statistics = _statistics(grams[edge:-edge], moment[edge:-edge], own[0])
+    best = edge + int(np.argmax(statistics))
+    score = solve(grams[best], moment[best], np.sqrt(np.diag(own[best])))
+    # James, James and Siegmund, Biometrika 74 (1987), (3): the tail of the largest of a scan over all instants,
+    # b phi(b) ln((1 - e) / e)^2, over that of one instant, 2 phi(b) / b
+    tries = max(1, int(np.ceil(score.statistic * np.log((1.0 - _EDGE) / _EDGE))))
+    at_s = 0.5 * float(bench.t[best] + bench.t[best - 1])
+    return Offer(candidate, {"at_s": at_s}, score, tries)
 
-    def _refined(self, raw: Array, explained: Explained, frequency: float) -> tuple[Score, float]:
-        """The best score within half a step of the transform, and its frequency."""
-        bench = self.bench
-        step = 0.5 / (len(bench.base) * bench.interval_s)
-        around = [float(frequency + step * share) for share in (-0.5, 0.0, 0.5)]
-        scores = []
-        for each in around:
-            turns = 2.0 * np.pi * each * bench.base.t[:, None, None]
-            scores.append(
-                explained.score(bench.whiten(np.concatenate([raw * np.sin(turns), raw * np.cos(turns)], axis=2)))
-            )
-        best = int(np.argmax([score.statistic for score in scores]))
-        return scores[best], around[best]
+
+def _stepped(columns: Columns, bench: Bench, steps: Sequence[Step]) -> Columns:
+    """Whitened columns after further steps."""
+    values = columns.values
+    for step in steps:
+        first = bench.columns.index(step.column) * bench.count - columns.first
+        if 0 <= first < len(values) and values[first : first + bench.count].any():
+            values = values if values is not columns.values else values.copy(order="F")
+            values[first : first + bench.count] = step(values[first : first + bench.count].T).T
+    return Columns(values, columns.first)
+
+
+def _shortened(step: Step, look: Look) -> Step:
+    """A step for means over neighbouring samples: its lowest frequencies, or the mean of its factors."""
+    count = look.bench.count
+    if not step.in_time:
+        return Step(step.column, step.factor[:count], in_time=False)
+    factor = step.factor[: len(step.factor) // count * count].reshape(count, -1).mean(axis=1)
+    return Step(step.column, factor, in_time=True)
 
 
 def _statistics(grams: Array, moments: Array, scale: Array) -> Array:
@@ -178,11 +215,3 @@ def _statistics(grams: Array, moments: Array, scale: Array) -> Array:
     ridge = 1e-6 * np.trace(scale) / len(scale) * np.eye(len(scale))
     solved = np.linalg.solve(grams + ridge, moments[..., None])[..., 0]
     return np.asarray(np.einsum("ni,ni->n", moments, solved))
-
-
-def _fastest_turn(bench: Bench) -> float:
-    """[Hz] the rate of the fastest joint; one tenth of the band where joints are not known."""
-    if bench.base.q_encoder is None:
-        return 0.05 / bench.interval_s
-    speed = np.abs(np.gradient(bench.base.q_encoder, bench.base.t, axis=0))
-    return float(np.median(speed, axis=0).max() / (2.0 * np.pi))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.stats import chi2
 
-from estimators.gap.bench import orthonormal, project
+from estimators.gap.bench import Columns, orthonormal, project
 
 Array = NDArray[np.float64]
 
@@ -76,22 +76,49 @@ class Explained:
     """What is explained already: an orthonormal basis, and the residual with it projected out.
 
     Attributes:
-        basis: (c n, p) orthonormal.
+        absorbed: (c n, p) orthonormal: the calibration's tangent.
         residual: (c n,) whitened.
+        added: (c n, k) orthonormal and orthogonal to the first: the causes' tangent.
     """
 
-    basis: Array
+    absorbed: Array
     residual: Array
+    added: Array | None = None
 
-    def score(self, columns: Array, first: int = 0) -> Score:
-        """Score columns (c n, m), or the rows of them from ``first`` on outside which they are zero."""
-        rows = slice(first, first + len(columns))
-        own = columns.T @ columns
-        shared = self.basis[rows].T @ columns
-        return solve(own - shared.T @ shared, columns.T @ self.residual[rows], np.sqrt(np.diag(own)))
+    @property
+    def basis(self) -> Array:
+        """(c n, p + k)."""
+        return self.absorbed if self.added is None else np.hstack([self.absorbed, self.added])
+
+    def score(self, columns: Columns, gram: Array | None = None) -> Score:
+        """Score columns.
+
+        Args:
+            gram: their Gram matrix with the calibration projected out, where it is known.
+        """
+        values, rows = columns.values, columns.rows
+        if not len(values):
+            return Score(0.0, 0, np.zeros(values.shape[1]), 0.0)
+        length = np.sqrt(np.einsum("ij,ij->j", values, values))
+        gram = self.projected(columns) if gram is None else gram
+        if self.added is not None:
+            shared = self.added[rows].T @ values
+            gram = gram - shared.T @ shared
+        return solve(gram, values.T @ self.residual[rows], length)
+
+    def projected(self, columns: Columns) -> Array:
+        """(m, m) Gram matrix of columns with the calibration projected out."""
+        shared = self.absorbed[columns.rows].T @ columns.values
+        return np.asarray(columns.values.T @ columns.values - shared.T @ shared)
+
+    def without(self, columns: Array) -> Array:
+        """Columns (c n, m) with all that is explained projected out."""
+        left = project(self.absorbed, columns)
+        return left if self.added is None else project(self.added, left)
 
     def extended(self, columns: Array) -> Explained:
         """With columns (c n, m) explained as well."""
-        fresh = orthonormal(project(self.basis, columns))
-        fresh = orthonormal(project(self.basis, fresh))  # twice is enough (Parlett 1980, section 6.9)
-        return Explained(np.hstack([self.basis, fresh]), project(fresh, self.residual))
+        fresh = orthonormal(self.without(columns))
+        fresh = orthonormal(self.without(fresh))  # twice is enough (Parlett 1980, section 6.9)
+        added = fresh if self.added is None else np.hstack([self.added, fresh])
+        return Explained(self.absorbed, project(fresh, self.residual), added)

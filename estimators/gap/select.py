@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench, project
+from estimators.gap.bench import Bench, Columns
 from estimators.gap.candidates import Candidate, all_candidates
-from estimators.gap.refine import Fitted, refit, started
+from estimators.gap.refine import Fitted, explained_by, refit, started
 from estimators.gap.scan import Offer, Scanner
 from estimators.gap.score import Explained, evidence
 from estimators.gap.stochastic import NoiseOffer, noise_offers
@@ -21,9 +21,9 @@ from rig.effects import EFFECTS
 
 Array = NDArray[np.float64]
 
-#: Logarithm of the largest p-value, over all mean or all noise effects, at which a cause is added: at most six false
-#: alarms in a thousand runs.
-SIGNIFICANT = float(np.log(3e-3))
+#: Logarithm of the largest p-value, over all mean or all noise effects, at which a cause is added: at most one false
+#: alarm in a thousand runs.
+SIGNIFICANT = float(np.log(5e-4))
 #: Smallest evidence (twice a log Bayes factor) of a cause: "very strong" (Kass and Raftery, JASA 90, 1995).
 STRONG = 10.0
 #: More causes than this at once are no explanation.
@@ -65,7 +65,7 @@ class Selection:
         noises: the noise effects.
         explained: tangent of calibration and causes; the residual that is left.
         candidates: what was considered. scanner: its columns on the bench.
-        quiet: the bench before any noise effect.
+        quiet: the scanner on the bench before any noise effect.
     """
 
     bench: Bench
@@ -74,7 +74,7 @@ class Selection:
     explained: Explained
     candidates: tuple[Candidate, ...]
     scanner: Scanner
-    quiet: Bench
+    quiet: Scanner
 
     @property
     def count(self) -> int:
@@ -85,7 +85,8 @@ class Selection:
 def start(bench: Bench, without: Sequence[str] = ()) -> Selection:
     """No cause yet."""
     explained = Explained(bench.absorbed, bench.whitened)
-    return Selection(bench, (), (), explained, tuple(all_candidates(bench, without)), Scanner(bench), bench)
+    scanner = Scanner.of(bench)
+    return Selection(bench, (), (), explained, tuple(all_candidates(bench, without)), scanner, scanner)
 
 
 def select(bench: Bench, without: Sequence[str] = (), progress: Callable[[float], None] | None = None) -> Selection:
@@ -133,7 +134,7 @@ def _mean_offer(state: Selection) -> Offer | None:
     taken = {cause.fit.candidate.label for cause in state.causes}
     offers = [
         offer
-        for offer in state.scanner.scan(state.candidates, state.explained)
+        for offer in scanned(state, [cause.fit for cause in state.causes], state.explained)
         if offer.candidate.label not in taken and offer.score.rank
     ]
     if not offers:
@@ -141,6 +142,13 @@ def _mean_offer(state: Selection) -> Offer | None:
     twins = [offer for offer in offers if offer.evidence > offers[0].evidence - TIE]
     best = min(twins, key=lambda offer: preference(offer.candidate, state.bench))
     return best if best.log_p + np.log(len(offers)) < SIGNIFICANT and best.evidence >= STRONG else None
+
+
+def scanned(state: Selection, fits: Sequence[Fitted], explained: Explained) -> list[Offer]:
+    """The offers of all candidates beside fitted effects, the most evident first."""
+    fine, rough = state.scanner.fine, state.scanner.rough
+    roughly = explained if rough is fine else explained_by(fits, rough.bench)
+    return state.scanner.scan(state.candidates, explained, roughly)
 
 
 def _noise_offer(state: Selection, without: Sequence[str]) -> NoiseOffer | None:
@@ -173,8 +181,8 @@ def with_mean(state: Selection, causes: Sequence[MeanCause]) -> Selection:
 
 def with_noise(state: Selection, offer: NoiseOffer) -> Selection:
     """The selection with one more noise effect whitened, the mean causes refitted."""
-    bench = offer.applied(state.bench)
-    fresh = replace(state, bench=bench, noises=(*state.noises, offer), scanner=Scanner(bench))
+    scanner = state.scanner.stepped(offer.steps(state.bench))
+    fresh = replace(state, bench=scanner.fine.bench, noises=(*state.noises, offer), scanner=scanner)
     return with_mean(fresh, state.causes)
 
 
@@ -190,7 +198,8 @@ def weighed(causes: Sequence[MeanCause], bench: Bench, explained: Explained) -> 
         for other in tangents[:index] + tangents[index + 1 :]:
             rest = rest.extended(other)
         own = bench.whiten(bench.change(effects) - bench.change(effects[:index] + effects[index + 1 :]))
-        score = replace(rest, residual=project(rest.basis, own) + explained.residual).score(tangents[index])
+        residual = rest.without(own) + explained.residual
+        score = replace(rest, residual=residual).score(Columns(tangents[index], 0))
         result.append(replace(cause, statistic=score.statistic, rank=max(score.rank, 1)))
     return result
 
@@ -213,7 +222,7 @@ def pruned(state: Selection, without: Sequence[str] = ()) -> Selection:
 def without_noise(state: Selection, offer: NoiseOffer) -> Selection:
     """The selection without one of its noise effects, the mean causes refitted."""
     kept = tuple(each for each in state.noises if each is not offer)
-    bench = state.quiet
+    scanner = state.quiet
     for each in kept:
-        bench = each.applied(bench)
-    return with_mean(replace(state, bench=bench, noises=kept, scanner=Scanner(bench)), state.causes)
+        scanner = scanner.stepped(each.steps(scanner.fine.bench))
+    return with_mean(replace(state, bench=scanner.fine.bench, noises=kept, scanner=scanner), state.causes)

@@ -197,7 +197,7 @@ class Trial:
         interval = float(np.median(np.diff(base.t)))
         noises = tuple(channel.averaged(stride, interval / stride) for channel in floor)
         weights = np.ones_like(base.volts)
-        return cls(Bench(base, pipeline, base.volts, noises, weights, np.ones(weights.shape[1])), group)
+        return cls(Bench(base, pipeline, base.volts, noises, weights, tuple(floor)), group)
 
     @cached_property
     def changes(self) -> list[Array]:

@@ -6,8 +6,8 @@ residual under a spectrum (Whittle's, with cosines) or under a variance in time,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,9 @@ from scipy.fft import dct
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from estimators.gap.bench import Bench
+from estimators.gap.bench import Bench, Step
+from estimators.gap.blocks import block_means
+from estimators.gap.floor import Learned, Parts, Spectrum, groups, parts
 from estimators.gap.score import Explained, evidence
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Kind
@@ -26,6 +28,10 @@ Array = NDArray[np.float64]
 _TAKEN = 1
 #: Strengths, as added over white variance at the spectrum's largest, between which the likelihood is searched.
 _LOWEST, _HIGHEST = 1e-5, 1e8
+#: Squares whose units differ by less than this factor's logarithm are alike; units below this share are none.
+_ALIKE, _LEAST = 0.03, 1e-12
+#: Frequencies at least at which a spectrum's mean is taken.
+_DENSE = 4096
 
 
 @dataclass(frozen=True)
@@ -67,33 +73,35 @@ class NoiseOffer:
         """Effect and place in one word."""
         return f"{self.effect.name}@{self.effect.where}"
 
-    def applied(self, bench: Bench) -> Bench:
-        """The bench with this noise whitened too."""
+    def steps(self, bench: Bench) -> tuple[Step, ...]:
+        """What whitens this noise too, on its bench."""
         factor = 1.0 / np.sqrt(1.0 + self.added)
-        if self.in_time:
-            return replace(bench, weights=bench.weights * factor)
-        gains = []
-        for column, gain in enumerate(bench.gains):
-            own = factor[:, column]
-            gains.append(gain if np.all(own == 1.0) else own if gain is None else gain * own)
-        return replace(bench, gains=tuple(gains))
+        touched = [column for column in bench.columns if np.any(factor[:, column] != 1.0)]
+        return tuple(Step(column, np.ascontiguousarray(factor[:, column]), self.in_time) for column in touched)
 
 
 def noise_offers(bench: Bench, explained: Explained, without: Sequence[str] = ()) -> list[NoiseOffer]:
     """Every noise effect at every place, the most evident first."""
     offers = []
+    spectra = {column: spectrum(bench, explained, column) for column in bench.columns}
     for effect in EFFECTS.values():
         if effect.kind is not Kind.NOISE or effect.name in without or effect.lacking(bench.base):
             continue
         for where in effect.places:
-            offer = fit_effect(effect, where, bench, explained)
+            offer = fit_effect(effect, where, bench, explained, spectra)
             if offer is not None:
                 offers.append(offer)
     return sorted(offers, key=lambda offer: -offer.evidence)
 
 
-def fit_effect(effect: type[Effect], where: str, bench: Bench, explained: Explained) -> NoiseOffer | None:
-    """One noise effect's strengths by maximum likelihood, at its best shape; None where its channels are not there."""
+def fit_effect(
+    effect: type[Effect], where: str, bench: Bench, explained: Explained, spectra: Mapping[int, Spectrum] | None = None
+) -> NoiseOffer | None:
+    """One noise effect's strengths by maximum likelihood, at its best shape; None where its channels are not there.
+
+    Args:
+        spectra: of the channels, where they are known.
+    """
     (strength,) = [item for item in effect.parameters() if item.strength]
     shapes = effect.searched(bench.base)
     best: NoiseOffer | None = None
@@ -102,95 +110,143 @@ def fit_effect(effect: type[Effect], where: str, bench: Bench, explained: Explai
         columns = [column for column in range(len(CHANNELS))[probe.columns] if column in bench.columns]
         if not columns:
             return None
-        parts = {column: _squares(probe, bench, explained, column) for column in columns}
-        if strength.size == 1:  # one strength for all its channels
-            together = [np.concatenate([part[index] for part in parts.values()]) for index in (0, 1)]
-            fit = _likeliest(together[0], together[1], float(bench.floor_samples[columns].sum()))
-            fits = dict.fromkeys(columns, fit)
-            gains, spreads = [fit[1]], [fit[2]]
+        if probe.adds_in_time:
+            fits, units, sizes = _in_time(probe, bench, explained, columns)
         else:
-            fits = {column: _likeliest(*parts[column][:2], float(bench.floor_samples[column])) for column in columns}
-            gains, spreads = [fit[1] for fit in fits.values()], [fit[2] for fit in fits.values()]
-        gain = float(sum(gains)) * _trust(bench, columns)
+            known = {column: spectrum(bench, explained, column) for column in columns} if spectra is None else spectra
+            fits, units, sizes = _by_frequency(probe, bench, known, columns)
+        used = columns if strength.size > 1 else columns[:1]
+        gain = float(sum(fits[column][1] for column in used))
         if best is not None and gain <= best.gain:
             continue
-        added = np.zeros((len(bench.base), len(CHANNELS)))
+        added = np.zeros((bench.count, len(CHANNELS)))
         gap = np.zeros(len(CHANNELS))
         for column in columns:
-            gap[column] = np.sqrt(fits[column][0] * parts[column][2])
-            full = added[:, column]
-            unit = parts[column][1]
-            full[-len(unit) :] = fits[column][0] * unit
-            full[: len(full) - len(unit)] = full[len(full) - len(unit)]
-        roots = np.sqrt([max(fits[column][0], 0.0) for column in columns])[: len(gains)]
-        std = 0.5 * np.asarray(spreads) / np.maximum(roots, 1e-9)
+            gap[column] = np.sqrt(fits[column][0] * sizes[column])
+            added[:, column] = fits[column][0] * units[column]
+        roots = np.sqrt([max(fits[column][0], 0.0) for column in used])
+        std = 0.5 * np.array([fits[column][2] for column in used]) / np.maximum(roots, 1e-9)
         roots = np.clip(roots, strength.lower, strength.upper)
         value: object = float(roots[0]) if strength.size == 1 else tuple(float(root) for root in roots)
         made = effect.from_mapping({"where": where, **shape, strength.name: value})
-        best = NoiseOffer(made, gain, len(gains), len(shapes), std, added, probe.adds_in_time, gap)
+        best = NoiseOffer(made, gain, len(used), len(shapes), std, added, probe.adds_in_time, gap)
     return best
 
 
-def _trust(bench: Bench, columns: list[int]) -> float:
-    """The share of a gain that counts where the floor is coloured.
-
-    The shape of a coloured floor is known no better at low frequencies than the time at rest tells, and the gain is
-    that of a spectrum against it: of two estimates whose variances add.
-    """
-    coloured = [column for column in columns if bench.whiteners[column].phi != 0.0]
-    if not coloured:
-        return 1.0
-    learned = float(np.mean(bench.floor_samples[coloured]))
-    return learned / (learned + len(bench.base))
+#: Of each channel: the likeliest variance, twice the gain, the variance's deviation.
+Fits = dict[int, tuple[float, float, float]]
 
 
-def _squares(probe: Effect, bench: Bench, explained: Explained, column: int) -> tuple[Array, Array, float]:
-    """Squared residuals, in time or by cosine transform, what the effect at strength one adds to them, and its
-    variance.
+def _in_time(
+    probe: Effect, bench: Bench, explained: Explained, columns: Sequence[int]
+) -> tuple[Fits, dict[int, Array], dict[int, float]]:
+    """Noise in proportion to the slope of the signal: one strength for all channels."""
+    rates = {column: np.gradient(bench.base.volts[:, column], bench.base.t) ** 2 for column in columns}
+    units = {}
+    for column in columns:
+        square = block_means(rates[column], bench.block) / bench.samples
+        units[column] = square * (bench.weights[:, column] / bench.whiteners[column].sigma) ** 2
+    power = np.concatenate([bench.channel(explained.residual, column) ** 2 for column in columns])
+    together = np.concatenate([units[column] for column in columns])
+    fit = _likeliest(power, together, float(bench.floor_samples[columns].sum()))
+    return dict.fromkeys(columns, fit), units, {column: float(np.mean(rates[column])) for column in columns}
+
+
+def _by_frequency(
+    probe: Effect, bench: Bench, spectra: Mapping[int, Spectrum], columns: Sequence[int]
+) -> tuple[Fits, dict[int, Array], dict[int, float]]:
+    """Noise with a spectrum: a strength for each channel."""
+    count = bench.count
+    frequency = np.arange(count)[_TAKEN:] / (2.0 * count)
+    group = groups(count, _TAKEN)
+    many = np.bincount(group)
+    own = _of_means(probe, bench, np.bincount(group, frequency) / many)[group]
+    recorded = max(count, _DENSE)
+    every = probe.added_spectrum(np.arange(1, recorded) / (2.0 * recorded), bench.interval_s / bench.samples)
+    fits, units = {}, {}
+    for column in columns:
+        unit = own * whitened_response(bench, column, frequency)
+        fits[column] = spectra[column].added(np.bincount(group, unit) / many)
+        units[column] = np.concatenate([unit[:1].repeat(_TAKEN), unit])
+    return fits, units, dict.fromkeys(columns, float(np.mean(every)))
+
+
+def spectrum(bench: Bench, explained: Explained, column: int) -> Spectrum:
+    """A channel's residual by cosine transform.
 
     Cosines are close to the eigenvectors of slowly correlated noise and of a random walk, without the jump between its
     ends that a Fourier transform would see.
     """
     residual = bench.channel(explained.residual, column)
-    if probe.adds_in_time:
-        rate = np.gradient(bench.base.volts[:, column], bench.base.t)
-        added = (rate / bench.whiteners[column].sigma * bench.weights[:, column]) ** 2
-        return residual**2, added, float(np.mean(rate**2))
     count = len(residual)
     frequency = np.arange(count)[_TAKEN:] / (2.0 * count)
-    alive = float(np.mean(bench.weights[:, column] > 0))
-    power = dct(residual, norm="ortho")[_TAKEN:] ** 2 / max(alive, 1e-9)
-    weight = float(np.mean(bench.weights[:, column] ** 2)) / max(alive, 1e-9)
-    response = weight * np.abs(_response(bench, column, frequency)) ** 2
-    spectrum = probe.added_spectrum(frequency, bench.interval_s)
-    return power, spectrum * response, float(np.mean(spectrum))
+    alive = max(float(np.mean(bench.weights[:, column] > 0)), 1e-9)
+    power = dct(residual, norm="ortho")[_TAKEN:] ** 2 / alive
+    group = groups(count, _TAKEN)
+    many = np.bincount(group)
+    noise = bench.noises[column]
+    response = whitened_response(bench, column, frequency)
+    floor = parts(noise, np.bincount(group, frequency) / many, bench.interval_s)
+    middle = np.bincount(group, response) / many
+    named = 1.0 - np.bincount(group, _named(bench, column, len(frequency))) / many
+    whitened = Parts(floor.white * middle, floor.coloured * middle, floor.slope, named)
+    squares: Array = np.asarray(np.bincount(group, power), dtype=float)
+    return Spectrum(Learned(bench.floor[column]), whitened, squares, many.astype(float))
 
 
-def _response(bench: Bench, column: int, frequency: Array) -> Array:
-    """What the whitening does at frequencies [cycles a sample]."""
+def whitened_response(bench: Bench, column: int, frequency: Array) -> Array:
+    """What the whitening does to a spectrum at the frequencies of the cosine transform [cycles a sample]."""
     whitener = bench.whiteners[column]
     turn = np.exp(-2j * np.pi * frequency)
-    response = (1.0 - whitener.phi * turn) / (1.0 + whitener.theta * turn) / whitener.sigma
-    gain = bench.gains[column]
-    return np.asarray(response if gain is None else response * gain[-len(frequency) :])
+    alive = bench.weights[:, column] > 0
+    weight = float(np.mean(bench.weights[alive, column] ** 2)) if alive.any() else 1.0
+    response = weight * np.abs((1.0 - whitener.phi * turn) / (1.0 + whitener.theta * turn) / whitener.sigma) ** 2
+    return np.asarray(response * _named(bench, column, len(frequency)))
+
+
+def _named(bench: Bench, column: int, count: int) -> Array:
+    """(count,) the share of the whitened spectrum that noise which was named already leaves to the floor."""
+    share = np.ones(count)
+    for step in bench.steps:
+        if step.column == column:
+            share = share * (np.mean(step.factor**2) if step.in_time else step.factor[-count:] ** 2)
+    return share
+
+
+def _of_means(probe: Effect, bench: Bench, frequency: Array) -> Array:
+    """The effect's spectrum in means of several samples: folded, after the averaging's own response."""
+    samples = bench.samples
+    if samples == 1:
+        return probe.added_spectrum(frequency, bench.interval_s)
+    folds = (frequency[:, None] + np.arange(samples)) / samples
+    folds = np.minimum(folds, 1.0 - folds)  # (m, samples) cycles a sample, up to the half
+    response = (np.sin(np.pi * frequency)[:, None] / (samples * np.sin(np.pi * folds))) ** 2
+    spectrum = probe.added_spectrum(folds.ravel(), bench.interval_s / samples).reshape(folds.shape)
+    return np.asarray(np.mean(spectrum * response, axis=1))
 
 
 def _likeliest(power: Array, unit: Array, floor_samples: float) -> tuple[float, float, float]:
     """The variance x that makes squares most likely under level (1 + x unit / level): x, twice the gain, its deviation.
 
     The floor's level is not known better than the samples it was learned from tell: it is fitted along, with their
-    likelihood.
+    likelihood. Squares of nearly the same unit are added up first: the likelihood needs no more than their sum.
     """
     largest = float(unit.max()) if unit.size else 0.0
     if largest <= 0.0:
         return 0.0, 0.0, np.inf
-    relative = unit / largest
+    group = (np.log(np.maximum(unit / largest, _LEAST)) / _ALIKE).astype(int)
+    group -= group.min()
+    many = np.bincount(group)
+    filled = many > 0
+    counts = many[filled].astype(float)
+    sums = np.bincount(group, power)[filled]
+    relative = np.bincount(group, unit)[filled] / (counts * largest)
 
     def loss(point: Array) -> tuple[float, Array]:
         level, ratio = np.exp(point)
         total = level + ratio * relative
-        slope = (1.0 - power / total) / total
-        value = float(np.sum(np.log(total) + power / total) + floor_samples * (point[0] + 1.0 / level))
+        slope = (counts - sums / total) / total
+        value = float(counts @ np.log(total) + np.sum(sums / total) + floor_samples * (point[0] + 1.0 / level))
         along = np.array([level * slope.sum() + floor_samples * (1.0 - 1.0 / level), ratio * (slope @ relative)])
         return value, along
 
@@ -206,8 +262,8 @@ def _likeliest(power: Array, unit: Array, floor_samples: float) -> tuple[float, 
         return 0.0, 0.0, np.inf
     level, ratio = np.exp(found.x)
     total = level + ratio * relative
-    weights = np.stack([np.ones(count), relative]) / total
-    information = 0.5 * weights @ weights.T
+    weights = np.stack([np.ones(len(total)), relative]) / total
+    information = 0.5 * (weights * counts) @ weights.T
     information[0, 0] += 0.5 * floor_samples / level**2
     spread = float(np.sqrt(np.linalg.inv(information)[1, 1]))
     return float(ratio) / largest, gain, spread / largest

@@ -14,6 +14,7 @@ from estimators.gap.closure import Closure, close
 from estimators.gap.colour import ChannelNoise
 from estimators.gap.defects import Defect
 from estimators.gap.diagnosis import Cause, Channel, Diagnosis, Estimate, Verdict
+from estimators.gap.fullrate import at_every_sample
 from estimators.gap.remainder import Finding, findings, significant
 from estimators.gap.rivals import Rival, noise_rivals, settled
 from estimators.gap.score import ABSORBED, Explained
@@ -65,7 +66,8 @@ def conclude(
     """
     state, groups = settled(state)
     noise_groups = [noise_rivals(state, offer, without) for offer in state.noises]
-    left = significant(findings(state.bench, state.explained, state.noises))
+    pointwise, state = state.bench, at_every_sample(state, bench)
+    left = significant(findings(pointwise, state.explained, state.noises))
     named = [defect for defect in defects if defect.effect not in without]
     nameless = [defect for defect in defects if defect.effect in without]
     explained = float(bench.whitened @ bench.whitened - state.explained.residual @ state.explained.residual)
@@ -94,7 +96,9 @@ def conclude(
         verdict=kind,
         causes=tuple(causes),
         channels=_channels(bench, closure, state, defects, floor),
-        follows=tuple({"variable": s.variable, "share": s.share} for s in shares(bench, base, gap) if s.share > 0.01)
+        follows=tuple(
+            {"variable": s.variable, "share": s.share} for s in shares(bench.pointwise(), base, gap) if s.share > 0.01
+        )
         if causes or structured
         else (),
         closed=closure.closed if has_mean else (1.0 if causes else None),
@@ -174,7 +178,7 @@ def _mean_cause(cause: MeanCause, group: Sequence[Rival], state: Selection, clos
     other = Explained(state.bench.absorbed, state.bench.whitened)
     for columns in rest:
         other = other.extended(columns)
-    left = project(other.basis, tangent)
+    left = other.without(tangent)
     covariance = np.linalg.pinv(left.T @ left, rcond=1e-9, hermitian=True)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * cause.fit.scale
     parameters: dict[str, Estimate] = {name: Estimate(getattr(effect, name), None, "name") for name in effect.choices()}
@@ -249,11 +253,12 @@ def _channels(
 def cannot_tell(state: Selection, without: Sequence[str]) -> tuple[dict[str, str], ...]:
     """The effects that the recording cannot show: those the calibration absorbs, and those it has no data for."""
     found = []
-    base = Explained(state.bench.absorbed, state.bench.whitened)
+    rough = state.scanner.rough.bench
+    base = Explained(rough.absorbed, rough.whitened)
     for candidate in state.candidates:
         if candidate.effect.tone or candidate.effect.searched(state.bench.base) != [{}]:
             continue
-        if state.scanner.best(candidate, base).score.visible <= ABSORBED:
+        if state.scanner.visible(candidate, base) <= ABSORBED:
             why = "the calibration absorbs it on this maneuver"
             found.append({"effect": candidate.effect.name, "where": candidate.where, "why": why})
     for effect in EFFECTS.values():

@@ -40,7 +40,7 @@ def shares(bench: Bench, explained: Explained, gap: float) -> list[Share]:
         explained: residual of the base fit, whitened.
         gap: whitened squared gap.
     """
-    count = len(bench.base)
+    count = bench.count
     halves = (np.arange(count) * _BLOCKS // count) % 2
     totals: dict[str, float] = {}
     for index, column in enumerate(bench.columns):

@@ -136,6 +136,8 @@ class Effect(ABC):
     #: Where a tone lies [Hz], as pairs of bounds; empty: anywhere.
     bands: ClassVar[tuple[tuple[float, float], ...]] = ()
 
+    #: True where the change varies from sample to sample of a sweep, so that means over neighbours hide it.
+    rapid: ClassVar[bool] = False
     #: Of a noise effect: True where its variance follows time (the slope of the signal), False where it has a spectrum.
     adds_in_time: ClassVar[bool] = False
 

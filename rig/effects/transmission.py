@@ -107,6 +107,7 @@ class HarmonicDriveError(Effect):
     stage = Stage.TRANSMISSION
     places = SWEPT_JOINTS
     requires = ("joints",)
+    rapid = True
 
     amplitude_rad: float = parameter("rad", 3e-4, lower=-0.1, upper=0.1)
     phase_rad: float = phase()

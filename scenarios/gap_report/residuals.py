@@ -157,7 +157,7 @@ def _with_noise(bench: Bench, causes: Sequence[Effect], after: Array) -> Bench:
         if effect.kind is Kind.NOISE:
             explained = Explained(np.empty((bench.size, 0)), bench.whiten(after))  # the calibration is refitted already
             offer = fit_effect(type(effect), effect.where, bench, explained)
-            bench = bench if offer is None else offer.applied(bench)
+            bench = bench if offer is None else bench.stepped(offer.steps(bench))
     return bench
 
 

@@ -112,11 +112,11 @@ def _bench(arm: Arm, t: Array, q: Array) -> Bench:
     rig = load(_SCENARIO).rig
     start = Signals(t=t, arm=arm, q_encoder=q, temperature=rig.environment.temperature(t))
     base = rig.pipeline.expected(start, np.random.default_rng(0))
-    whiteners = tuple(ChannelNoise(sigma**2).whitener(1.0 / _SAMPLING_HZ) for sigma in rig.acquisition.noise_V)
+    floor = tuple(ChannelNoise(sigma**2) for sigma in rig.acquisition.noise_V)
     noisy = base.volts + np.asarray(rig.acquisition.noise_V) * np.random.default_rng(0).standard_normal(
         base.volts.shape
     )
-    return Bench(base, rig.pipeline, noisy, whiteners, np.ones_like(noisy), np.ones(len(CHANNELS)))
+    return Bench(base, rig.pipeline, noisy, floor, np.ones_like(noisy), floor)
 
 
 def _change(effect: Effect, bench: Bench) -> EffectChange:

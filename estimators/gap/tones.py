@@ -1,0 +1,106 @@
+"""Sines in time of unknown frequency: one Fourier transform of the residual under each envelope."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.bench import Bench
+from estimators.gap.candidates import Candidate
+from estimators.gap.score import Explained, Score, evidence
+
+Array = NDArray[np.float64]
+
+#: A tone is searched above this many times the fastest joint's rate: below, the arm's own motion fills the spectrum.
+_HARMONICS: Final = 3.0
+#: So many peaks of a spectrum are scored exactly.
+_PEAKS: Final = 3
+#: A tone slower than this many cycles a recording is a drift.
+_DRIFT: Final = 4.0
+#: Sums that a wave is polished on.
+_SUMS: Final = 64
+
+
+def envelopes(candidate: Candidate, bench: Bench) -> Array:
+    """(n, 6, m) what a tone multiplies [recorded unit], for each strength and spanning direction."""
+    parts: list[Array] = []
+    for span in candidate.effect.spanning():
+        if not np.any(np.asarray(span["phase_rad"]) == 0.0):
+            parts += candidate.derivatives(bench, {**span, "freq_Hz": 0.0})
+    return np.asarray(np.nan_to_num(np.stack(parts, axis=2)))
+
+
+def best_tone(
+    candidate: Candidate, bench: Bench, explained: Explained, raw: Array, worthwhile: float, lowest_Hz: float = 0.0
+) -> tuple[Score, float, int]:
+    """The best frequency: its score, the frequency [Hz], and how many were tried.
+
+    Args:
+        raw: the candidate's envelopes.
+        worthwhile: evidence below which the transform's own, rougher score will do.
+        lowest_Hz: no tone below this.
+    """
+    count = bench.count
+    sigma = np.array([whitener.sigma for whitener in bench.whiteners])
+    shown = (raw / sigma[:, None] * bench.weights[:, :, None])[:, bench.columns]
+    shown = shown[:, :, np.einsum("ncj,ncj->j", shown, shown) > 0]
+    residual = explained.residual.reshape(len(bench.columns), count)
+    seen = np.einsum("cn,ncj->jn", residual, shown)
+    inverse = np.linalg.pinv(np.einsum("nci,ncj->ij", shown, shown))
+    power = _power(np.fft.rfft(seen, n=2 * count, axis=1), inverse)
+    frequency: Array = np.arange(count + 1) / (2.0 * count * bench.interval_s)
+    allowed = _allowed(candidate, bench, frequency) & (frequency >= lowest_Hz)
+    if not allowed.any():
+        return Score(0.0, 0, np.zeros(0), 0.0), 0.0, 1
+    tried = int(allowed.sum()) // 2
+    peaks = sorted(np.flatnonzero(allowed), key=lambda index: -power[index])[:_PEAKS]
+    polished = [_polished(seen, inverse, bench.t, float(frequency[peak])) for peak in peaks]
+    highest, at_Hz = max(polished)
+    rank = 2 * shown.shape[2]
+    if evidence(highest, rank) - 2.0 * np.log(tried) < worthwhile:
+        return Score(highest, rank, np.zeros(0), 1.0), at_Hz, tried
+    turns = 2.0 * np.pi * at_Hz * bench.base.t[:, None]
+    waves = [part * wave(turns) for wave in (np.sin, np.cos) for part in np.moveaxis(raw, 2, 0)]
+    return explained.score(bench.whiten_changes(waves)), at_Hz, tried
+
+
+def _power(spectra: NDArray[np.complex128], inverse: Array) -> Array:
+    """What waves explain of a residual: from its transforms (j, f) under each envelope, and the inverse Gram matrix."""
+    return np.asarray(2.0 * np.real(np.einsum("jf,jk,kf->f", spectra.conj(), inverse, spectra)))
+
+
+def _polished(seen: Array, inverse: Array, t: Array, frequency: float) -> tuple[float, float]:
+    """The most that a frequency near one of the transform's explains, and that frequency [Hz].
+
+    Turned back by the transform's frequency the wave is slow: sums over a few blocks keep it.
+    """
+    whole = seen.shape[1] // _SUMS * _SUMS
+    slow = (seen * np.exp(-2j * np.pi * frequency * t))[:, :whole].reshape(len(seen), _SUMS, -1).sum(axis=2)
+    middles = t[:whole].reshape(_SUMS, -1).mean(axis=1)
+    around = np.linspace(-0.5, 0.5, 41) / (t[-1] - t[0])
+    power = _power(slow @ np.exp(-2j * np.pi * np.outer(middles, around)), inverse)
+    best = int(np.argmax(power))
+    return float(power[best]), frequency + float(around[best])
+
+
+def _allowed(candidate: Candidate, bench: Bench, frequency: Array) -> NDArray[np.bool_]:
+    """Where a tone may appear in the sampled signal: its bands folded by the sampling."""
+    resolution = 1.0 / (bench.count * bench.interval_s)
+    if not candidate.effect.bands:
+        return (frequency > _HARMONICS * _fastest_turn(bench)) & (frequency < 0.5 / bench.interval_s - resolution)
+    allowed = np.zeros(len(frequency), dtype=bool)
+    for low, high in candidate.effect.bands:
+        fine = np.arange(low, high, 0.25 * resolution) * bench.interval_s
+        folded = np.abs(fine - np.round(fine)) / bench.interval_s
+        allowed[np.unique(np.clip(np.round(folded / frequency[1]).astype(int), 0, len(frequency) - 1))] = True
+    return allowed & (frequency > _DRIFT * resolution)
+
+
+def _fastest_turn(bench: Bench) -> float:
+    """[Hz] the rate of the fastest joint; one tenth of the band where joints are not known."""
+    if bench.base.q_encoder is None:
+        return 0.05 / bench.interval_s
+    speed = np.abs(np.gradient(bench.base.q_encoder, bench.base.t, axis=0))
+    return float(np.median(speed, axis=0).max() / (2.0 * np.pi))
