@@ -336,3 +336,24 @@ def paper(output: Path, draws: int, workers: int | None, cluster: str | None, as
 
     show(paper_report(made.comparison))
     click.echo(f"\n{made.files[0]}: written, with {len(made.files) - 1} pictures")
+
+
+@study.command(short_help="A rig whose gap looks like the paper's.")
+@click.option("-o", "--output", type=PATH, required=True, metavar="FOLDER", help="Gets gap.md and its picture.")
+@json_option
+def gap(output: Path, as_json: bool) -> None:
+    """Hold the gap of Renk et al. against that of the scenario renk2005-gap: fit errors, scatter, diagnosis.
+
+    \b
+    Example:
+      rig study gap -o docs
+    """
+    from scenarios.studies.paper.twin_page import make_gap_page
+
+    with progress_bar("the paper's gap"):
+        files = make_gap_page(output)
+    if as_json:
+        print_json({"files": files})
+        return
+    for path in files:
+        click.echo(f"{path}: written")

@@ -92,7 +92,7 @@ def _consistency(comparison: Comparison, summary: Summary) -> Iterator[str]:
         " to be off at 6,656, and looks like a bias."
     )
     yield ""
-    yield from _markdown(
+    yield from markdown(
         ("figure", "fit", "noise", "samples", "parameter", "off by at most", "bound there", "as close as that in"),
         [_one_draw(draw) for draw in comparison.one_draws],
     )
@@ -118,7 +118,7 @@ def _cells(summary: Summary) -> Iterator[str]:
     ]
     yield "Every k-th sample:"
     yield ""
-    yield from _markdown(
+    yield from markdown(
         ("fit", "noise", "parameter", "samples", "bias / its error", "bound", "RMSE / bound", "coverage of 95 %"),
         rows,
     )
@@ -190,7 +190,7 @@ def _rows(rows: Sequence[Row]) -> Iterator[str]:
         )
         for row in rows
     ]
-    yield from _markdown(("", "unit", "published", "the rig", "verdict"), table)
+    yield from markdown(("", "unit", "published", "the rig", "verdict"), table)
 
 
 def _misfits(comparison: Comparison) -> Iterator[str]:
@@ -205,7 +205,7 @@ def _misfits(comparison: Comparison) -> Iterator[str]:
     yield ""
     yield f"![Fit errors and their noise-like part]({FOLDER}/misfit.png)"
     yield ""
-    yield from _markdown(
+    yield from markdown(
         ("channel", "noise, arm locked", "fit error", "noise-like [95 %]", "systematic", "noise-like share"),
         [
             (
@@ -225,14 +225,15 @@ def _text(title: str, statements: Iterable[Statement]) -> Iterator[str]:
     yield f"## {title}"
     yield ""
     rows = [(one.about, one.says, one.finds, "yes" if one.holds else "**no**") for one in statements]
-    yield from _markdown(("about", "it says", "the numbers say", "holds"), rows)
+    yield from markdown(("about", "it says", "the numbers say", "holds"), rows)
 
 
 def _of(statements: Iterable[Statement], paper: str) -> list[Statement]:
     return [one for one in statements if one.paper == paper]
 
 
-def _markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """The lines of a table."""
     yield f"| {' | '.join(header)} |"
     yield f"|{' --- |' * len(header)}"
     for row in rows:
