@@ -138,6 +138,8 @@ class Effect(ABC):
 
     #: True where the change varies from sample to sample of a sweep, so that means over neighbours hide it.
     rapid: ClassVar[bool] = False
+    #: True where it depends on the samples before or beside a reading, so that these must lie close.
+    remembers: ClassVar[bool] = False
     #: Of a noise effect: True where its variance follows time (the slope of the signal), False where it has a spectrum.
     adds_in_time: ClassVar[bool] = False
 

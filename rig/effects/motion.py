@@ -27,6 +27,7 @@ class MotionAcceleration(Effect):
     """
 
     name = "motion_acceleration"
+    remembers = True
     stage = Stage.POSE
     places = ("accelerometer",)
     requires = ("position",)

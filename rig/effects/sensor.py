@@ -73,6 +73,7 @@ class Hysteresis(Effect):
     """
 
     name = "hysteresis"
+    remembers = True
     stage = Stage.INPUT
     places = CHANNELS
 
@@ -97,6 +98,7 @@ class SensorLag(Effect):
     """
 
     name = "sensor_lag"
+    remembers = True
     stage = Stage.VOLTS
     places = SENSORS
 

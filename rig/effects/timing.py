@@ -22,6 +22,7 @@ class Latency(Effect):
     """
 
     name = "latency"
+    remembers = True
     stage = Stage.INPUT
     places = ("acquisition", *SENSORS)
 

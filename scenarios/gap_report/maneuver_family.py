@@ -23,13 +23,15 @@ _COLUMN_M: Final = 0.15
 _CHECKED: Final = 200
 #: A joint is swept over at most this share of its range, so that no limit is touched.
 _SHARE: Final = 0.97
-_SPEEDS: Final = (0.25, 0.5, 2.0, 4.0)
+_SPEEDS: Final = (0.25, 0.5, 2.0, 4.0, 16.0)
 #: Angles [deg] to which a locked joint is moved from where it was.
 _ELSEWHERE: Final = (-60.0, -30.0, 30.0, 60.0, 90.0)
 #: A sweep's passes and a maneuver's stops are so many, or fewer in a short time: so slow a joint [deg/s], so long a
 #: stop with the way to it [s].
 _PASSES: Final = (15, 7)
 _SLOW_DEG_S: Final = 12.0
+#: The fastest roll that is tried [deg/s].
+_FAST_DEG_S: Final = 120.0
 _POSES: Final = 30
 _STOP_S: Final = 4.0
 
@@ -112,7 +114,7 @@ def family(reach: Reach, recorded: TorusSweep | StaticPoses) -> Iterator[TorusSw
         yield made
     if sweep is not None:
         yield from _variants(reach, sweep)
-    for seed, (spread, held) in enumerate(itertools.product((0.5, 1.0), (0.1, 0.5))):
+    for seed, (spread, held) in enumerate(itertools.product((0.5, 1.0), (0.1, 0.5, 0.9))):
         yield _stops(reach, recorded.duration_s, recorded.rate_Hz, seed, spread, held)
 
 
@@ -162,9 +164,12 @@ def _variants(reach: Reach, sweep: TorusSweep) -> Iterator[TorusSweep]:
     for index, angle in itertools.product(range(len(sweep.locked_deg)), _ELSEWHERE):
         yield from _other(sweep, locked_deg=_with(sweep.locked_deg, index, sweep.locked_deg[index] + angle))
     for factor in _SPEEDS:
-        yield from _other(sweep, yaw_passes=max(1, round(factor * sweep.yaw_passes)))
-        yield from _other(sweep, pitch_passes=max(1, round(factor * sweep.pitch_passes)))
-        yield from _other(sweep, roll_deg_per_s=factor * sweep.roll_deg_per_s)
+        yaw, pitch = (max(1, round(factor * passes)) for passes in (sweep.yaw_passes, sweep.pitch_passes))
+        roll = factor * sweep.roll_deg_per_s
+        yield from _other(sweep, yaw_passes=yaw)
+        yield from _other(sweep, pitch_passes=pitch)
+        yield from _other(sweep, roll_deg_per_s=roll)
+        yield from _other(sweep, yaw_passes=yaw, pitch_passes=pitch, roll_deg_per_s=min(roll, _FAST_DEG_S))
     for share in (0.3, 0.6):
         yield from _other(sweep, yaw_range_deg=share * sweep.yaw_range_deg)
         yield from _other(sweep, pitch_range_deg=share * sweep.pitch_range_deg)

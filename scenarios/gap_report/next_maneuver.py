@@ -30,6 +30,8 @@ Joint = TorusSweep | StaticPoses
 #: Samples of a maneuver while maneuvers are compared, and when the best one's promise is made.
 _COMPARED: Final = 250
 _PROMISED: Final = 1800
+#: The same where an effect remembers, whose samples must lie close.
+_CLOSE: Final = 7000
 #: Rows of the recording to which the rivals are fitted.
 _FITTED: Final = 7000
 #: A pair that no maneuver separates by this noncentrality, five standard deviations, is told as such.
@@ -153,12 +155,13 @@ def next_maneuver(
     assert isinstance(played, TorusSweep | StaticPoses)
     search = _Search(residuals, rig, groups, reach)
     same = _lasting(played, played.duration_s if minutes is None else 60.0 * minutes)
-    search.most_acceleration = max(_QUASI_STATIC, 1.2 * search.acceleration(same))
-    if (found := search.best(same)) is not None:
-        return found
-    search.most_acceleration = np.inf  # what slow maneuvers do not separate, faster ones may
-    fast = search.best(same)
-    return None if fast is None else replace(fast, felt=True)
+    slow = max(_QUASI_STATIC, 1.2 * search.acceleration(same))
+    search.most_acceleration = np.inf if search.remembers else slow  # what remembers shows at speed only
+    found = search.best(same)
+    if found is None and not search.remembers:  # what slow maneuvers do not separate, faster ones may
+        search.most_acceleration = np.inf
+        found = search.best(same)
+    return None if found is None else replace(found, felt=search.acceleration(found.maneuver) > slow)
 
 
 @dataclass(frozen=True)
@@ -238,6 +241,7 @@ class _Search:
     Attributes:
         most_acceleration: the arm's own acceleration allowed, in standard deviations of the accelerometer over all
             readings.
+        remembers: whether an effect depends on the samples before a reading.
     """
 
     def __init__(
@@ -248,6 +252,8 @@ class _Search:
         self._environment = residuals.calibrated.environment if rig is None else rig.rig.environment
         self._warm = residuals.recording.temperature is not None
         self._groups = groups
+        effects = [effect for group in groups for each in group for effect in each.effects]
+        self.remembers = any(effect.remembers for effect in effects)
         self._reach = reach
         self.most_acceleration = np.inf
 
@@ -260,7 +266,7 @@ class _Search:
         worth = [float(table[within].min()) for table in tables]
         chosen, value = allowed[int(np.argmax(worth))], max(worth)
         tried = len(allowed)
-        for step in _STEPS:
+        for step in _STEPS[: 1 if self.remembers else None]:
             for other in neighbours(self._reach, chosen, step):
                 if self._allowed(other):
                     tried += 1
@@ -304,7 +310,7 @@ class _Search:
 
     def _signals(self, maneuver: Joint, samples: int) -> tuple[Signals, int]:
         count = round(maneuver.duration_s * maneuver.rate_Hz)
-        stride = max(1, count // samples)
+        stride = max(1, count // (_CLOSE if self.remembers else samples))
         motion = maneuver.trajectory(np.arange(0, count, stride) / maneuver.rate_Hz)
         temperature = self._environment.temperature(motion.t) if self._warm else None
         return Signals(
