@@ -30,8 +30,6 @@ Joint = TorusSweep | StaticPoses
 #: Samples of a maneuver while maneuvers are compared, and when the best one's promise is made.
 _COMPARED: Final = 250
 _PROMISED: Final = 1800
-#: The same where an effect remembers, whose samples must lie close.
-_CLOSE: Final = 7000
 #: Rows of the recording to which the rivals are fitted.
 _FITTED: Final = 7000
 #: A pair that no maneuver separates by this noncentrality, five standard deviations, is told as such.
@@ -155,13 +153,13 @@ def next_maneuver(
     assert isinstance(played, TorusSweep | StaticPoses)
     search = _Search(residuals, rig, groups, reach)
     same = _lasting(played, played.duration_s if minutes is None else 60.0 * minutes)
-    slow = max(_QUASI_STATIC, 1.2 * search.acceleration(same))
-    search.most_acceleration = np.inf if search.remembers else slow  # what remembers shows at speed only
-    found = search.best(same)
+    search.most_acceleration = max(_QUASI_STATIC, 1.2 * search.acceleration(same))
+    found = None if search.remembers else search.best(same)
     if found is None and not search.remembers:  # what slow maneuvers do not separate, faster ones may
         search.most_acceleration = np.inf
-        found = search.best(same)
-    return None if found is None else replace(found, felt=search.acceleration(found.maneuver) > slow)
+        fast = search.best(same)
+        found = None if fast is None else replace(fast, felt=True)
+    return found
 
 
 @dataclass(frozen=True)
@@ -183,7 +181,7 @@ def next_step(
         minutes: how long it may take; None: as long as the recording.
     """
     found = next_maneuver(diagnosis, residuals, rig, minutes)
-    advice = noise_advice(diagnosis)
+    advice = " ".join(filter(None, [speed_advice(diagnosis), noise_advice(diagnosis)]))
     if found is None:
         if residuals.bench.base.arm is None:
             advice = "Without joint angles no maneuver can be proposed: record tool poses that differ more, or faster."
@@ -221,6 +219,25 @@ def interval_words(size: float, low: float, high: float | None) -> str:
     if high is None or not np.isfinite(high):
         return f"at least {max(low, 0.0):.0f}"
     return f"{size:.0f} ({max(low, 0.0):.0f}-{high:.0f})"
+
+
+def speed_advice(diagnosis: Diagnosis) -> str:
+    """What tells effects apart that depend on the samples before a reading; empty where there are none.
+
+    Their difference is of second order in speed, which samples thinned for a search do not resolve.
+    """
+    named = [
+        (cause.effect, [cause.effect, *(each["effect"] for each in cause.equivalent)])
+        for cause in diagnosis.causes
+        if cause.equivalent
+    ]
+    contested = [effect for effect, group in named if any(EFFECTS[each].remembers for each in group)]
+    if not contested:
+        return ""
+    return (
+        f"{', '.join(each.replace('_', ' ') for each in contested)}: only fast motion that is sampled closely tells a"
+        " delay from a filter: sweep as fast as the arm may, at the board's full rate."
+    )
 
 
 def noise_advice(diagnosis: Diagnosis) -> str:
@@ -266,7 +283,7 @@ class _Search:
         worth = [float(table[within].min()) for table in tables]
         chosen, value = allowed[int(np.argmax(worth))], max(worth)
         tried = len(allowed)
-        for step in _STEPS[: 1 if self.remembers else None]:
+        for step in _STEPS:
             for other in neighbours(self._reach, chosen, step):
                 if self._allowed(other):
                     tried += 1
@@ -310,7 +327,7 @@ class _Search:
 
     def _signals(self, maneuver: Joint, samples: int) -> tuple[Signals, int]:
         count = round(maneuver.duration_s * maneuver.rate_Hz)
-        stride = max(1, count // (_CLOSE if self.remembers else samples))
+        stride = max(1, count // samples)
         motion = maneuver.trajectory(np.arange(0, count, stride) / maneuver.rate_Hz)
         temperature = self._environment.temperature(motion.t) if self._warm else None
         return Signals(
