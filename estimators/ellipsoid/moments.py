@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.ellipsoid._small import eigh
-from estimators.ellipsoid.monomials import EXPONENTS, FLAT, PAIRS, TERMS, fill, quadratic_form
+from estimators.ellipsoid.monomials import EXPONENTS, FLAT, PAIRS, TERMS, multiply_out, quadratic_form
 from estimators.ellipsoid.shape import Ellipsoid
 from rig.errors import RigError
 
 Array = NDArray[np.float64]
 
-#: Samples at a time: two tables of 9 and 8 rows of 8,192 doubles are about a core's second-level cache.
+#: Samples at a time: 19 rows of 8,192 doubles are about a core's second-level cache.
 BLOCK: Final = 8192
 #: The noise of y may differ by this share between directions before the weights' own noise is looked at; its effect is
 #: the square of this share, of the bias that it adds to.
@@ -69,35 +69,46 @@ class Moments:
         noise = (frame.whitening * variances) @ frame.whitening
         values = eigh(noise)[0]
         wobbly = bool(values[2] - values[0] > _ISOTROPIC * values[2])
-        form = quadratic_form(4.0 * noise)
-        both = np.array([_TRACE, form])
-        bent = quadratic_form(16.0 * noise @ noise) if wobbly else form
-        origin = (frame.whitening @ frame.center)[:, None]
+        # |y|^2, its variance, and what of it the noise of the weights needs, as forms in the quadratic monomials
+        forms = [_TRACE, quadratic_form(4.0 * noise)]
+        if wobbly:
+            forms.append(quadratic_form(16.0 * noise @ noise))
+        to_forms = np.array(forms)
+        to_sphere = np.concatenate([frame.whitening, (frame.whitening @ -frame.center)[:, None]], axis=1)
         size = -(-n // max(-(-n // BLOCK), 1))
-        sums, first, drift = np.zeros(_SUMS), np.zeros(TERMS), np.zeros(TERMS)
+        sums, first = np.zeros((_WEIGHTED, TERMS)), np.zeros(TERMS)
         second = largest = fourth = 0.0
         for start in range(0, n, max(size, 1)):
             stop = min(start + size, n)
-            rows, weighted = work_tables(stop - start)
-            fill(readings[start:stop], frame.whitening, origin, rows)
-            square, spread = both @ rows[3:]
-            weight = square / spread
+            table = _work_table()[:, : stop - start]
+            weighted, rows, values_of_forms = table[:_WEIGHTED], table[_ROWS], table[_FORMS][: len(forms)]
+            table[_RAW] = readings[start:stop].T
+            np.matmul(to_sphere, table[_RAW_AND_ONE], out=rows[1:4])
+            multiply_out(rows[1:])
+            np.matmul(to_forms, rows[4:], out=values_of_forms)
+            square, spread = values_of_forms[:2]
+            weight = np.divide(square, spread, out=weighted[0])
             if wobbly:
-                drift += _with_constant(rows, 1.0 - weight * (bent @ rows[3:]) / spread)
+                drifting = np.divide(values_of_forms[2], spread, out=weighted[5])
+                drifting *= weight
+                np.subtract(1.0, drifting, out=drifting)
             if counts is not None:
-                first += _with_constant(rows, weight)
+                first += rows @ weight
                 second += float((weight / counts[start:stop]).sum())
                 weight *= counts[start:stop]
-            sums += products(rows, weight, weighted)
+            np.multiply(rows[1], weight, out=weighted[1])
+            np.multiply(rows[4:7], weight, out=weighted[2:5])
+            used = _WEIGHTED if wobbly else _WEIGHTED - 1
+            sums[:used] += weighted[:used] @ rows.T
             square -= 1.0
             square *= square
             square *= weight
             largest = max(largest, float(square.max()))
             fourth += float(square @ square)
-        gram = sums[WHERE]
+        gram = sums.take(_WHERE)
         if counts is None:
             first, second = gram[0], float(gram[0, 0])
-        return cls(frame, noise.take(FLAT), n, gram, first, second, drift, largest, fourth)
+        return cls(frame, noise.take(FLAT), n, gram, first, second, sums[5], largest, fourth)
 
     def __add__(self, other: Moments) -> Moments:
         """The moments of both sets of samples.
@@ -120,59 +131,39 @@ class Moments:
         )
 
 
-def products(rows: Array, weight: Array, weighted: Array) -> Array:
-    """The 35 sums of w times monomials of degree four and less, some of them twice, in one product of 8 by 8 rows.
-
-    Of the 10 x 10 products of monomials these are enough: (1, y1, quadratic) by (y2, y3, quadratic), and the sums of w
-    and w y1.
-
-    Args:
-        rows: (9, n) as of ``monomials.fill``. weight: (n,).
-        weighted: (8, n) to work in.
-
-    Returns:
-        (66,); ``WHERE`` finds the products of two monomials in it.
-    """
-    weighted[0] = weight
-    np.multiply(rows[0], weight, out=weighted[1])
-    np.multiply(rows[3:], weight, out=weighted[2:])
-    sums = np.empty(_SUMS)
-    np.matmul(weighted, rows[1:].T, out=sums[2:].reshape(8, 8))
-    sums[0] = weight.sum()
-    sums[1] = rows[0] @ weight
-    return sums
-
-
-def work_tables(size: int) -> tuple[Array, Array]:
-    """(9, size), (8, size) to work in, of a thread's own and overwritten by its next call.
+def _work_table() -> Array:
+    """(19, BLOCK) to work in, of a thread's own and overwritten by its next call; see ``_ROWS``.
 
     New ones would cost as much as the sums over a small recording: their pages have to be mapped and cleared.
     """
-    tables: Array | None = getattr(_LOCAL, "tables", None)
-    if tables is None:
-        tables = _LOCAL.tables = np.empty(17 * BLOCK)
-    elif size > BLOCK:
-        tables = np.empty(17 * size)
-    return tables[: 9 * size].reshape(9, size), tables[9 * size : 17 * size].reshape(8, size)
-
-
-def _with_constant(rows: Array, weight: Array) -> Array:
-    """(10,) the sums of all monomials times a weight (n,)."""
-    return np.concatenate([[weight.sum()], rows @ weight])
+    table: Array | None = getattr(_LOCAL, "table", None)
+    if table is None:
+        # Rows a power of two apart would share their places in the caches.
+        table = _LOCAL.table = np.empty((19, BLOCK + 72))
+        table[_ROWS.start] = 1.0
+    return table
 
 
 def _where() -> NDArray[np.intp]:
-    """(10, 10): the place of the sum of z_i z_j in ``products``."""
-    left = (EXPONENTS[0], EXPONENTS[1], *EXPONENTS[4:])
-    right = EXPONENTS[2:]
-    places = {EXPONENTS[0]: 0, EXPONENTS[1]: 1}
+    """(10, 10): the place of the sum of w z_i z_j among w (1, y1, y1^2, y2^2, y3^2) times all monomials.
+
+    These hold all of the products of two monomials, at half the arithmetic.
+    """
+    left = (EXPONENTS[0], EXPONENTS[1], *EXPONENTS[4:7])
+    places = {}
     for i, a in enumerate(left):
-        for j, b in enumerate(right):
-            places[(a[0] + b[0], a[1] + b[1], a[2] + b[2])] = 2 + len(right) * i + j
+        for j, b in enumerate(EXPONENTS):
+            places[(a[0] + b[0], a[1] + b[1], a[2] + b[2])] = TERMS * i + j
     return np.array([[places[(a[0] + b[0], a[1] + b[1], a[2] + b[2])] for b in EXPONENTS] for a in EXPONENTS])
 
 
 _LOCAL: Final = threading.local()
-_SUMS: Final = 66
+#: Rows of the work table: weights times (1, y1, y1^2, y2^2, y3^2) and those of the drift; the ten monomials, of which
+#: the first is one; the forms. The readings lie beside the constant, where weighted monomials will be.
+_WEIGHTED: Final = 6
+_RAW: Final = slice(3, 6)
+_RAW_AND_ONE: Final = slice(3, 7)
+_ROWS: Final = slice(6, 16)
+_FORMS: Final = slice(16, 19)
 _TRACE: Final = np.array([float(i == j) for i, j in PAIRS])
-WHERE: Final = _where()
+_WHERE: Final = _where()

@@ -55,14 +55,6 @@ def quadratic_form(matrix: Array) -> Array:
     return np.asarray(matrix.take(FLAT) * _DOUBLE)
 
 
-def fill(readings: Array, whitening: Array, origin: Array, rows: Array) -> None:
-    """The monomials (9, n) without the constant of y = whitening V - origin, for readings V (n, 3)."""
-    y = rows[:3]
-    np.matmul(whitening, readings.T, out=y)
-    y -= origin
-    multiply_out(rows)
-
-
 def multiply_out(rows: Array) -> None:
     """The quadratic monomials, rows 3 to 8, of y, rows 0 to 2."""
     y = rows[:3]
@@ -75,7 +67,9 @@ def table(readings: Array, whitening: Array, center: Array) -> Array:
     """(10, n) all monomials of y = whitening (V - center), for readings V (n, 3)."""
     rows = np.empty((TERMS, len(readings)))
     rows[0] = 1.0
-    fill(readings, whitening, (whitening @ center)[:, None], rows[1:])
+    np.matmul(whitening, readings.T, out=rows[1:4])
+    rows[1:4] -= (whitening @ center)[:, None]
+    multiply_out(rows[1:])
     return rows
 
 
