@@ -16,7 +16,8 @@ import pytest
 import estimators
 import scenarios
 from estimators.gap.bench import Columns, project
-from estimators.gap.colour import ChannelNoise, fit_floor, held
+from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.colour import fit_floor, held
 from estimators.gap.score import Explained, evidence
 from rig.effects import make_effect
 from rig.errors import RefusedFit, RigError

@@ -13,7 +13,7 @@ from diagnosed_recordings import backlash, by_hand, cause, recorded
 from scipy.stats import binom, chi2
 
 from estimators.gap import Diagnosis, Estimate
-from estimators.gap.colour import ChannelNoise
+from estimators.gap.channel_noise import ChannelNoise
 from rig.effects import make_effect
 from rig.recording import Recording
 from scenarios.gap_report import GapResiduals, diagnosis_tables, gap_residuals, page, summary_table

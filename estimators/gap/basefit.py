@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.gap.bench import Bench, known
-from estimators.gap.colour import ChannelNoise, fit_floor, held
+from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.colour import fit_floor, held
 from estimators.noise import held_poses
 from estimators.pipeline import calibrate
 from rig.arm import Arm

@@ -18,7 +18,7 @@ from scipy.fft import dct, idct
 from scipy.linalg import qr
 
 from estimators.gap.blocks import block_means, block_poses, neighbours
-from estimators.gap.colour import ChannelNoise, Whitener
+from estimators.gap.channel_noise import ChannelNoise, Whitener
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.directions import tangent_basis
 from rig.effects import Effect
@@ -41,6 +41,13 @@ class Step:
     column: int
     factor: Array
     in_time: bool
+
+    def shortened(self, count: int) -> Step:
+        """For means over neighbouring samples: the step's lowest frequencies, or the mean of its factors."""
+        if not self.in_time:
+            return Step(self.column, self.factor[:count], in_time=False)
+        factor = self.factor[: len(self.factor) // count * count].reshape(count, -1).mean(axis=1)
+        return Step(self.column, factor, in_time=True)
 
     def __call__(self, white: Array) -> Array:
         """Whitened values (..., count)."""
@@ -175,7 +182,7 @@ class Bench:
         found: list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Array] | None] = []
         for whitener, weights in zip(self.whiteners, self.weights.T, strict=True):
             gap, kept = np.flatnonzero(weights == 0.0), np.flatnonzero(weights > 0.0)
-            if whitener.phi == 0.0 or not gap.size or not kept.size:
+            if whitener.white or not gap.size or not kept.size:
                 found.append(None)
                 continue
             right = np.searchsorted(kept, gap)
@@ -277,7 +284,8 @@ class Bench:
         raised = block_means((kept * self.weights).T, block).T / np.maximum(share, 1e-12)
         noises = tuple(noise.averaged(block, self.interval_s) for noise in self.noises)
         samples = self.samples * block
-        return replace(self, noises=noises, weights=raised * np.sqrt(share), block=block, samples=samples)
+        steps = tuple(step.shortened(len(share)) for step in self.steps)
+        return replace(self, noises=noises, weights=raised * np.sqrt(share), block=block, samples=samples, steps=steps)
 
     def coarse(self) -> Bench:
         """Means over as many neighbouring samples as turn little, each with the rig evaluated once."""

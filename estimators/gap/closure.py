@@ -48,11 +48,12 @@ class Closure:
     rms_after: Array
 
 
-def close(bench: Bench, fits: Sequence[Fitted], remainder: float, rng: np.random.Generator) -> Closure:
+def close(bench: Bench, misfit: Array, fits: Sequence[Fitted], remainder: float, rng: np.random.Generator) -> Closure:
     """Cross-validated closure of a set of mean causes.
 
     Args:
-        bench: base fit.
+        bench: base fit, around the calibration with the causes in place.
+        misfit: (n, 6) [recorded unit] residual of the base fit without them.
         fits: the causes.
         remainder: whitened square of what is left that is not noise, over all readings.
         rng: of the bootstrap.
@@ -87,6 +88,7 @@ def close(bench: Bench, fits: Sequence[Fitted], remainder: float, rng: np.random
     gains = np.array([gain[:, block].sum() for block in blocks])
     kept = use.reshape(channels, count)
     gap = bench.left_over(change) if effects else np.zeros_like(bench.residual)
+    after_all = bench.left_over(bench.residual - change) if effects else misfit
     strengths = base_noise(design.shape[1] - base_size)
     size = float(np.sum(project(bench.absorbed, target) ** 2))
     rest = max(remainder, 0.0) + strengths
@@ -108,8 +110,8 @@ def close(bench: Bench, fits: Sequence[Fitted], remainder: float, rng: np.random
         by_channel[column] = own / max(own + part, 1e-300)
         seen = kept[index]
         recorded = np.flatnonzero(np.repeat(seen, bench.block))
-        rms_before[column] = np.sqrt(np.mean(bench.residual[recorded, column] ** 2))
-        rms_after[column] = np.sqrt(np.mean((bench.residual - gap)[recorded, column] ** 2))
+        rms_before[column] = np.sqrt(np.mean(misfit[recorded, column] ** 2))
+        rms_after[column] = np.sqrt(np.mean(after_all[recorded, column] ** 2))
     whole = np.arange(_BLOCKS)
     low, high = np.percentile(samples, [2.5, 97.5])
     return Closure(before, after, share(whole), float(low), float(high), by_channel, rms_before, rms_after)

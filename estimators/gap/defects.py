@@ -6,7 +6,7 @@ Each is told from the readings themselves. What is found is left out of everythi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,8 @@ from scipy.stats import binom, norm
 
 from estimators.gap.bench import Bench
 from rig.channels import CHANNELS
+from rig.effects import Effect
+from rig.pipeline import Pipeline
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -97,7 +99,9 @@ def clipping(bench: Bench, column: int) -> Defect | None:
         step = _step(values)
         below = sign * values > level - max(1.5 * step, 1e-3 * sigma)
         expected = float((below & ~piled).sum())  # on a lattice the next level, else a thousandth of the noise
-        if piled.sum() < _PILED or piled.sum() < _DENSER * max(expected, 0.5):
+        log_p = float(binom.logsf(piled.sum() - 1, len(values), max(expected, 1.0) / len(values)))
+        many = piled.sum() >= _PILED and piled.sum() >= _DENSER * max(expected, 0.5)
+        if not many or log_p > np.log(SIGNIFICANT):
             continue
         affected = np.zeros_like(bench.readings, dtype=bool)
         affected[:, column] = sign * bench.base.volts[:, column] > level - 3.0 * sigma
@@ -106,7 +110,6 @@ def clipping(bench: Bench, column: int) -> Defect | None:
         gap = np.zeros(len(CHANNELS))
         gap[column] = sigma * np.sqrt(lost.mean())
         parameters = {"level": (sign * level, sigma / piled.sum(), "V")}
-        log_p = float(binom.logsf(piled.sum() - 1, len(values), max(expected, 0.5) / len(values)))
         return Defect("saturation", CHANNELS[column], parameters, affected | _piled(bench, column, piled), log_p, gap)
     return None
 
@@ -174,7 +177,25 @@ def outliers(bench: Bench) -> Defect | None:
     return Defect("outliers", "acquisition", parameters, affected, log_p, size / np.sqrt(len(bench.base)))
 
 
-def masked(bench: Bench, defects: list[Defect]) -> Bench:
+def explained_away(
+    bench: Bench, defects: Sequence[Defect], pipeline: Pipeline, effects: Sequence[Effect]
+) -> list[Defect]:
+    """The defects that are left once causes are known: a motion's peaks look like spikes until it is.
+
+    Args:
+        bench: of single samples, nothing left out. defects: those found before.
+        pipeline, effects: the calibration with the causes in place, and these.
+    """
+    if not effects or not any(defect.effect == "outliers" for defect in defects):
+        return list(defects)
+    others = [defect for defect in defects if defect.effect != "outliers"]
+    base = pipeline.expected(bench.base, np.random.default_rng(0))
+    volts = replace(pipeline, effects=tuple(effects)).carried(base, np.random.default_rng(0)).volts
+    again = outliers(replace(masked(bench, others), readings=bench.readings - volts + bench.base.volts))
+    return others if again is None else [*others, again]
+
+
+def masked(bench: Bench, defects: Sequence[Defect]) -> Bench:
     """The bench with the affected readings left out."""
     for defect in defects:
         bench = bench.without(defect.affected)

@@ -16,8 +16,8 @@ from estimators.gap import verdict
 from estimators.gap.basefit import all_readings, estimated_floor, learn_floor, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.blocks import block_size
-from estimators.gap.colour import ChannelNoise
-from estimators.gap.defects import find_defects, lattice, masked
+from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.defects import explained_away, find_defects, lattice, masked
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.fast_tones import fast_tones
 from estimators.gap.select import select
@@ -33,6 +33,8 @@ PathLike = str | os.PathLike[str]
 
 #: Fewer samples than this tell no gap from noise.
 FEWEST = 200
+#: Where known causes leave less than this share of the defective readings, these are looked at anew.
+_FEWER = 0.7
 
 
 def diagnose(
@@ -85,9 +87,14 @@ def _diagnosed(
     bench = set_up(recording, floor, arm)
     defects = find_defects(bench, step)
     block = block_size(len(recording), interval)
-    tones, clean = fast_tones(masked(bench, defects), block, without)
-    clean = clean.averaged(block)
-    state = select(clean.pointwise(), without, progress)
+    while True:
+        tones, clean = fast_tones(masked(bench, defects), block, without)
+        clean = clean.averaged(block)
+        state = select(clean.pointwise(), without, progress)
+        left = explained_away(bench, defects, state.bench.pipeline, [cause.fit.effect for cause in state.causes])
+        if sum(int(each.affected.sum()) for each in left) >= _FEWER * sum(int(each.affected.sum()) for each in defects):
+            break
+        defects = left
     result = verdict.conclude(recording, clean, state, [*defects, *tones], without, floor, source)
     if maneuver2 is not None:
         second = maneuver2 if isinstance(maneuver2, Recording) else read_recording(maneuver2)

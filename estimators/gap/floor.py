@@ -1,7 +1,7 @@
 """How well the floor is known: the likelihood of a sweep's spectrum under a floor that was learned at rest.
 
-A floor has a white part, a coloured part and the coloured part's time. The recording at rest tells each of them as well
-as its periodogram does; a spectrum of the sweep is judged with these three free, weighed by that likelihood.
+A floor has a white part, and coloured parts each with a time. The recording at rest tells all of these as well as its
+periodogram does; a spectrum of the sweep is judged with them free, weighed by that likelihood.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from estimators.gap.colour import ChannelNoise
+from estimators.gap.channel_noise import ChannelNoise
 
 Array = NDArray[np.float64]
 
@@ -24,6 +24,8 @@ _ALIKE: Final = 0.03
 _STEP: Final = 0.05
 #: Bounds of the logarithms of white part, coloured part and time, about what was learned.
 _WHITE, _COLOURED, _TIME = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5)
+#: Twice a gain below which it is not worth a search.
+_NOTHING: Final = 4.0
 #: Bounds of an added spectrum's logarithm, as a share of the floor at its largest.
 _ADDED: Final = (float(np.log(1e-5)), float(np.log(1e8)))
 
@@ -32,40 +34,55 @@ _ADDED: Final = (float(np.log(1e-5)), float(np.log(1e8)))
 class Parts:
     """A floor's spectrum at some frequencies, as shares of a reference.
 
+    A point (1 + 2 k,) moves it: the logarithm of the white part, then for each of k coloured parts that of its size and
+    that of its time.
+
     Attributes:
-        white, coloured: (b,) of the two parts.
-        slope: (b,) derivative of the coloured part's logarithm with respect to that of its time.
+        white: (b,). coloured: (k, b).
+        slopes: (k, b) derivative of a coloured part's logarithm with respect to that of its time.
         fixed: what noise that was named already adds.
     """
 
     white: Array
     coloured: Array
-    slope: Array
+    slopes: Array
     fixed: Array | float = 0.0
 
     def at(self, point: Array) -> Array:
-        """(b,) with the logarithms of white part, coloured part and time moved by ``point`` (3,)."""
-        own = np.exp(point[0]) * self.white + np.exp(point[1] + point[2] * self.slope) * self.coloured
-        return np.asarray(own + self.fixed)
+        """(b,)."""
+        return np.asarray(np.exp(point[0]) * self.white + self._moved(point).sum(axis=0) + self.fixed)
 
     def gradient(self, point: Array) -> Array:
-        """(3, b) derivatives of ``at``."""
-        coloured = np.exp(point[1] + point[2] * self.slope) * self.coloured
-        return np.stack([np.exp(point[0]) * self.white, coloured, coloured * self.slope])
+        """(1 + 2 k, b) derivatives of ``at``."""
+        moved = self._moved(point)
+        each = np.stack([moved, moved * self.slopes], axis=1).reshape(-1, len(self.white))
+        return np.vstack([np.exp(point[0]) * self.white, each])
+
+    def times(self, factor: Array, fixed: Array | float = 0.0) -> Parts:
+        """Times a factor (b,)."""
+        return Parts(self.white * factor, self.coloured * factor, self.slopes, fixed)
+
+    def _moved(self, point: Array) -> Array:
+        return np.asarray(np.exp(point[1::2, None] + point[2::2, None] * self.slopes) * self.coloured)
 
 
 def parts(noise: ChannelNoise, frequency: Array, interval_s: float) -> Parts:
     """The spectrum of a channel's noise [recorded unit^2] at frequencies (b,) [cycles a sample]."""
-    white = np.full_like(frequency, noise.white)
-    if noise.coloured == 0.0:
-        return Parts(white, np.zeros_like(white), np.zeros_like(white))
-    low, middle, high = (
-        noise.folded + noise.coloured * _exponential(frequency, np.exp(-interval_s / (noise.tau_s * np.exp(step))))
-        for step in (-_STEP, 0.0, _STEP)
-    )
-    tiny = 1e-9 * noise.coloured
-    slope = (np.log(np.maximum(high, tiny)) - np.log(np.maximum(low, tiny))) / (2.0 * _STEP)
-    return Parts(white, np.maximum(middle, tiny), slope)
+    coloured, slopes = [], []
+    total = sum(size for size, _ in noise.parts)
+    for size, tau_s in noise.parts:
+        low, middle, high = (
+            np.maximum(
+                size / total * noise.folded
+                + size * _exponential(frequency, np.exp(-interval_s / (tau_s * np.exp(step)))),
+                1e-9 * size,
+            )
+            for step in (-_STEP, 0.0, _STEP)
+        )
+        coloured.append(middle)
+        slopes.append((np.log(high) - np.log(low)) / (2.0 * _STEP))
+    shape = (len(coloured), len(frequency))
+    return Parts(np.full_like(frequency, noise.white), np.reshape(coloured, shape), np.reshape(slopes, shape))
 
 
 def _exponential(frequency: Array, decay: float) -> Array:
@@ -80,8 +97,8 @@ class Learned:
 
     @property
     def free(self) -> int:
-        """How many of white part, coloured part and time there are."""
-        return 1 if self.noise.coloured == 0.0 else 3
+        """The length of a point."""
+        return 1 + 2 * len(self.noise.parts)
 
     @cached_property
     def _at_rest(self) -> tuple[Array, Parts]:
@@ -92,18 +109,17 @@ class Learned:
         middles = np.asarray(0.5 * (edges[1:] + edges[:-1]) / (2.0 * ordinates), dtype=float)
         interval_s = max(self.noise.duration_s, 1e-12) / self.noise.samples
         found = parts(self.noise, middles, interval_s)
-        total = found.white + found.coloured
-        return counts, Parts(found.white / total, found.coloured / total, found.slope)
+        return counts, found.times(1.0 / found.at(np.zeros(self.free)))
 
     def penalty(self, point: Array) -> tuple[float, Array]:
-        """Minus twice the log likelihood of the recording at rest, from its largest; and its gradient (3,).
+        """Minus twice the log likelihood of the recording at rest, from its largest; and its gradient.
 
         Channels that share the shape of their noise tell of it together; each tells of its own size alone.
         """
         if self.free == 1:
             samples = float(self.noise.samples)
             value = samples * (point[0] + np.exp(-point[0]) - 1.0)
-            return float(value), np.array([samples * (1.0 - np.exp(-point[0])), 0.0, 0.0])
+            return float(value), np.array([samples * (1.0 - np.exp(-point[0]))])
         counts, shares = self._at_rest
         total, slopes = shares.at(point), shares.gradient(point)
         value = 2.0 * float(counts @ (np.log(total) + 1.0 / total - 1.0))
@@ -131,12 +147,22 @@ class Spectrum:
     power: Array
     counts: Array
 
+    @cached_property
     def alone(self) -> tuple[Array, float]:
-        """The floor (3,) that is likeliest without anything added, and minus twice the log likelihood."""
-        return self._likeliest(np.zeros_like(self.power), np.zeros(3))
+        """The floor's point that is likeliest without anything added, and minus twice the log likelihood."""
+        nothing = np.zeros_like(self.power)
+
+        def loss(point: Array) -> tuple[float, Array]:
+            value, gradient = self._loss(np.array([*point, -np.inf]), nothing)
+            return value, gradient[:-1]
+
+        found = minimize(loss, np.zeros(self.learned.free), jac=True, method="L-BFGS-B", bounds=self._bounds)
+        return np.asarray(found.x), float(found.fun)
 
     def added(self, unit: Array) -> tuple[float, float, float]:
         """The variance x that makes the squares likeliest under floor + x unit: x, twice the gain, its deviation.
+
+        Where the score at zero promises next to nothing it is not searched: the promise is returned.
 
         Args:
             unit: (b,) what variance one adds.
@@ -145,7 +171,17 @@ class Spectrum:
         if largest <= 0.0:
             return 0.0, 0.0, np.inf
         relative = unit / largest
-        start, nothing = self.alone()
+        start, nothing = self.alone
+        floor = self.floor.at(start)
+        score = float(
+            relative @ ((self.counts - self.power / floor) / floor)
+        )  # of the loss: below zero where more fits
+        curvature = 1.0 / self._spread(start, 0.0, relative) ** 2
+        if score >= 0.0:
+            return 0.0, 0.0, np.inf
+        promise = 0.25 * score**2 / curvature
+        if promise < _NOTHING:
+            return -0.5 * score / curvature / largest, promise, 1.0 / np.sqrt(curvature) / largest
         best, least = np.array([*start, 0.0]), np.inf
         for exponent in (-3.0, 2.0, 7.0):
             value = self._loss(np.array([*start, exponent]), relative)[0]
@@ -156,18 +192,21 @@ class Spectrum:
         gain = nothing - float(found.fun)
         if gain <= 0.0:
             return 0.0, 0.0, np.inf
-        point, ratio = found.x[:3], float(np.exp(found.x[3]))
+        ratio = float(np.exp(found.x[-1]))
+        return ratio / largest, gain, self._spread(found.x[:-1], ratio, relative) / largest
+
+    def _spread(self, point: Array, ratio: float, relative: Array) -> float:
+        """Standard deviation of what is added, with the floor free."""
         total = self.floor.at(point) + ratio * relative
         slopes = np.vstack([self.floor.gradient(point), relative]) / total
         information = 0.5 * (slopes * self.counts) @ slopes.T
-        for index in range(self.learned.free):
-            step = np.zeros(3)
+        free = self.learned.free
+        for index in range(free):
+            step = np.zeros(free)
             step[index] = 1e-3
             ahead, behind = self.learned.penalty(point + step)[1], self.learned.penalty(point - step)[1]
-            information[:3, index] += 0.25 * (ahead - behind) / 1e-3
-        kept = [*range(self.learned.free), 3]
-        spread = float(np.sqrt(np.linalg.pinv(information[np.ix_(kept, kept)], hermitian=True)[-1, -1]))
-        return ratio / largest, gain, spread / largest
+            information[:free, index] += 0.25 * (ahead - behind) / 1e-3
+        return float(np.sqrt(np.linalg.pinv(information, hermitian=True)[-1, -1]))
 
     def misfit(self, bands: int, fewest: float) -> tuple[float, int]:
         """How far the squares are from the likeliest floor, and it from what was learned: chi-square and its degrees.
@@ -175,7 +214,7 @@ class Spectrum:
         Args:
             bands: of frequency, of equal ratio. fewest: squares that a band must hold to be looked at.
         """
-        point, _ = self.alone()
+        point, _ = self.alone
         penalty = self.learned.penalty(point)[0]
         edges = np.geomspace(1.0, float(self.counts.sum()) + 1.0, bands + 1)
         band = np.searchsorted(edges, np.cumsum(self.counts), side="left")
@@ -185,25 +224,17 @@ class Spectrum:
         deviance = many * (ratio - 1.0 - np.log(np.maximum(ratio, 1e-12)))
         return float(deviance[kept].sum()) + penalty, int(kept.sum())
 
-    def _likeliest(self, unit: Array, start: Array) -> tuple[Array, float]:
-        def loss(point: Array) -> tuple[float, Array]:
-            value, gradient = self._loss(np.array([*point, -np.inf]), unit)
-            return value, gradient[:3]
-
-        found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=self._bounds)
-        return np.asarray(found.x), float(found.fun)
-
     @property
     def _bounds(self) -> list[tuple[float, float]]:
-        return [_WHITE, _COLOURED, _TIME] if self.learned.free == 3 else [_WHITE, (0.0, 0.0), (0.0, 0.0)]
+        return [_WHITE, *[_COLOURED, _TIME] * (self.learned.free // 2)]
 
     def _loss(self, point: Array, unit: Array) -> tuple[float, Array]:
-        added = float(np.exp(point[3]))
-        total = self.floor.at(point[:3]) + added * unit
-        penalty, pull = self.learned.penalty(point[:3])
+        added = float(np.exp(point[-1]))
+        total = self.floor.at(point[:-1]) + added * unit
+        penalty, pull = self.learned.penalty(point[:-1])
         slope = (self.counts - self.power / total) / total
         value = float(self.counts @ np.log(total) + np.sum(self.power / total)) + penalty
-        return value, np.array([*(self.floor.gradient(point[:3]) @ slope + pull), added * float(unit @ slope)])
+        return value, np.array([*(self.floor.gradient(point[:-1]) @ slope + pull), added * float(unit @ slope)])
 
 
 def groups(count: int, first: int) -> NDArray[np.intp]:

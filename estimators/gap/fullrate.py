@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench
+from estimators.gap.rebase import around
 from estimators.gap.refine import started
 from estimators.gap.score import Explained
 from estimators.gap.select import MeanCause, Selection, with_mean
@@ -29,6 +30,8 @@ def at_every_sample(state: Selection, bench: Bench) -> Selection:
     full = replace(bench, steps=state.bench.steps)
     if full.block == 1:
         return state
+    if state.bench.pipeline is not bench.pipeline:
+        full = around(full, state.bench.pipeline)
     calibrated = Explained(full.absorbed, full.whitened)
     causes = [
         _unfolded(cause, full, calibrated) if cause.fit.candidate.effect.tone else cause for cause in state.causes

@@ -54,14 +54,15 @@ class Periodogram:
         frequency = 2.0 * np.pi * _sums(group, number) / (many * length)
         return cls(length, frequency, _sums(group, power.sum(axis=0)), many * len(pieces))
 
-    def loss(self, share: float, decay: float) -> float:
+    def loss(self, parts: Sequence[tuple[float, float]]) -> float:
         """Minus twice the log likelihood, up to a constant, at the most likely variance.
 
         Args:
-            share: of the variance that is exponentially correlated; the rest is white.
-            decay: its correlation from sample to sample.
+            parts: of the exponentially correlated noise, the share of the variance and the correlation from sample to
+                sample; the rest is white.
         """
-        expected = (1.0 - share) + share * self.exponential(decay)
+        expected = sum((share * self.exponential(decay) for share, decay in parts), start=np.zeros_like(self.power))
+        expected = expected + (1.0 - sum(share for share, _ in parts))
         total = float(self.counts.sum())
         scale = float(np.sum(self.power / expected)) / total
         return 2.0 * (total * float(np.log(max(scale, 1e-300))) + float(self.counts @ np.log(expected)))

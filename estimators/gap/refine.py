@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 #: Shapes that a fit cannot move smoothly: found by the scan and kept.
 _FIXED = ("at_s", "order")
+#: Strengths are held near zero by a prior of so many typical sizes, inverted: what the calibration absorbs stays there.
+_HELD = 1e-2
 #: Values of a phase that are tried before it is fitted.
 _PHASES = np.arange(8) * np.pi / 4.0
 
@@ -149,11 +151,14 @@ def refit(fits: Sequence[Fitted], bench: Bench) -> tuple[list[Fitted], Explained
             for each, first, last in zip(fits, sizes[:-1], sizes[1:], strict=True)
         ]
 
+    held = _HELD * np.concatenate([np.full(item.size, float(item.strength)) for each in fits for item in each.free])
+
     def left(point: Array) -> Array:
         effects = [each.effect for each in moved(point)]
-        return bench.whitened - project(bench.absorbed, bench.whiten(bench.change(effects)))
+        white = bench.whitened - project(bench.absorbed, bench.whiten(bench.change(effects)))
+        return np.concatenate([white, held * point])
 
-    found = least_squares(left, start, method="trf", x_scale="jac", diff_step=1e-4, max_nfev=12, ftol=1e-7, xtol=1e-7)
+    found = least_squares(left, start, method="trf", x_scale="jac", diff_step=1e-4, max_nfev=12, ftol=1e-6, xtol=1e-6)
     fits = moved(found.x if 2.0 * found.cost <= float(left(start) @ left(start)) else start)
     return fits, explained_by(fits, bench)
 

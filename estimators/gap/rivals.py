@@ -7,11 +7,12 @@ its equivalents. A richer effect that only contains the cause, and explains no m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimators.gap.bench import Columns
+from estimators.gap.converge import converged
 from estimators.gap.refine import Fitted, refit, started
 from estimators.gap.scan import Offer
 from estimators.gap.score import Explained, evidence
@@ -37,6 +38,8 @@ class Rival:
         effect, where: its name and place.
         evidence: twice the log Bayes factor in that place.
         statistic, rank: chi-square and degrees of freedom.
+        fit, offer: its parameters, and what it offered in the scan; of a noise effect there are none.
+        cosine: between what it explains and what the cause does, whitened, with the calibration projected out.
     """
 
     label: str
@@ -47,6 +50,7 @@ class Rival:
     rank: int
     fit: Fitted | None = None
     offer: Offer | None = None
+    cosine: float = 1.0
 
     def exact(self, own: Rival) -> bool:
         """Whether it explains the same, to the last bit of evidence: no data of this maneuver could split the two."""
@@ -69,6 +73,7 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
             found.append(rival)
     exact = [_linear(offer) for offer in offers[_REFITTED:] if offer.evidence > own.evidence - MARGIN]
     kept = [rival for rival in [*found, *exact] if not _contains(rival, own)]
+    kept = [replace(rival, cosine=_cosine(rival, own, state, explained)) for rival in kept]
     return [own, *sorted(kept, key=lambda rival: -rival.evidence)]
 
 
@@ -109,6 +114,14 @@ def noise_rivals(state: Selection, offer: NoiseOffer, without: Sequence[str]) ->
     return [own, *(_noise(each) for each in others)]
 
 
+def _cosine(rival: Rival, own: Rival, state: Selection, explained: Explained) -> float:
+    assert rival.offer is not None
+    assert own.fit is not None
+    fits = [rival.fit or started(rival.offer, state.bench, explained), own.fit]
+    one, other = (explained.without(state.bench.whiten(state.bench.change([fit.effect]))) for fit in fits)
+    return float(abs(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-12))
+
+
 def _contains(rival: Rival, own: Rival) -> bool:
     return rival.rank > own.rank and rival.statistic < own.statistic + _NESTED * (rival.rank - own.rank)
 
@@ -127,10 +140,10 @@ def _noise(offer: NoiseOffer) -> Rival:
 def _stand_in(state: Selection, offer: Offer, fits: list[Fitted], explained: Explained, fit: Fitted | None) -> Rival:
     """An offer refitted together with the other causes."""
     fit = started(offer, state.bench, explained) if fit is None else fit
-    refitted, after = refit([*fits, fit], state.bench)
+    refitted, after, bench = converged([*fits, fit], state.bench)
     before = float(explained.residual @ explained.residual)
     statistic = before - float(after.residual @ after.residual)
-    tangent = refitted[-1].tangent(state.bench, [each.effect for each in refitted[:-1]])
+    tangent = refitted[-1].tangent(bench, [each.effect for each in refitted[:-1]])
     rank = max(1, explained.score(Columns(tangent, 0)).rank)
     strength = evidence(statistic, rank) - 2.0 * float(np.log(offer.searched)) * (rank <= offer.score.rank)
     effect = offer.candidate.effect.name

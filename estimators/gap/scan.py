@@ -140,7 +140,9 @@ class Scanner:
         """The scanner of the bench with further steps of whitening."""
         fine = self.fine.stepped(steps)
         rough = (
-            fine if self.rough is self.fine else self.rough.stepped([_shortened(step, self.rough) for step in steps])
+            fine
+            if self.rough is self.fine
+            else self.rough.stepped([step.shortened(self.rough.bench.count) for step in steps])
         )
         return Scanner(rough, fine, self._envelopes)
 
@@ -199,15 +201,6 @@ def _stepped(columns: Columns, bench: Bench, steps: Sequence[Step]) -> Columns:
             values = values if values is not columns.values else values.copy(order="F")
             values[first : first + bench.count] = step(values[first : first + bench.count].T).T
     return Columns(values, columns.first)
-
-
-def _shortened(step: Step, look: Look) -> Step:
-    """A step for means over neighbouring samples: its lowest frequencies, or the mean of its factors."""
-    count = look.bench.count
-    if not step.in_time:
-        return Step(step.column, step.factor[:count], in_time=False)
-    factor = step.factor[: len(step.factor) // count * count].reshape(count, -1).mean(axis=1)
-    return Step(step.column, factor, in_time=True)
 
 
 def _statistics(grams: Array, moments: Array, scale: Array) -> Array:

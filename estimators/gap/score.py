@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 from scipy.stats import chi2
 
 from estimators.gap.bench import Columns, orthonormal, project
@@ -61,7 +60,7 @@ def evidence(statistic: float, rank: int) -> float:
 def solve(gram: Array, moment: Array, length: Array) -> Score:
     """The score from projected Gram matrix Z'MZ (m, m), Z'Mr (m,) and the columns' unprojected lengths (m,)."""
     length = np.maximum(length, 1e-100)
-    values, vectors = eigh(gram / np.outer(length, length), check_finite=False)
+    values, vectors = np.linalg.eigh(gram / np.outer(length, length))
     kept = values > ABSORBED**2
     visible = float(np.sqrt(max(values[-1], 0.0)))
     if not kept.any():

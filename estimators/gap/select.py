@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, Columns
 from estimators.gap.candidates import Candidate, all_candidates
-from estimators.gap.refine import Fitted, explained_by, refit, started
+from estimators.gap.converge import converged
+from estimators.gap.rebase import around
+from estimators.gap.refine import Fitted, explained_by, started
 from estimators.gap.scan import Offer, Scanner
 from estimators.gap.score import Explained, evidence
 from estimators.gap.stochastic import NoiseOffer, noise_offers
@@ -174,9 +176,12 @@ def preference(candidate: Candidate, bench: Bench) -> tuple[bool, int]:
 
 def with_mean(state: Selection, causes: Sequence[MeanCause]) -> Selection:
     """The selection with these mean causes, refitted together."""
-    fits, explained = refit([cause.fit for cause in causes], state.bench)
+    fits, explained, bench = converged([cause.fit for cause in causes], state.bench)
+    if bench is not state.bench:
+        quiet = Scanner.of(around(state.quiet.fine.bench, bench.pipeline))
+        state = replace(state, bench=bench, quiet=quiet, scanner=Scanner.of(bench))
     fresh = [replace(cause, fit=fit) for cause, fit in zip(causes, fits, strict=True)]
-    return replace(state, causes=tuple(weighed(fresh, state.bench, explained)), explained=explained)
+    return replace(state, causes=tuple(weighed(fresh, bench, explained)), explained=explained)
 
 
 def with_noise(state: Selection, offer: NoiseOffer) -> Selection:

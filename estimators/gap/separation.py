@@ -19,7 +19,7 @@ from scipy.stats import norm
 
 from estimators.gap.bench import Bench, known, orthonormal, project
 from estimators.gap.candidates import Candidate, all_candidates
-from estimators.gap.colour import ChannelNoise
+from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.diagnosis import Cause, Diagnosis
 from estimators.gap.refine import Fitted, explained_by, refit, started
 from estimators.gap.scan import Scanner

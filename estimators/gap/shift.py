@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.calibration import Calibration
 from estimators.gap.bench import Bench
-from estimators.gap.colour import ChannelNoise
+from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.select import Selection
 from estimators.pipeline import calibrate
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER

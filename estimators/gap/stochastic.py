@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from estimators.gap.bench import Bench, Step
 from estimators.gap.blocks import block_means
-from estimators.gap.floor import Learned, Parts, Spectrum, groups, parts
+from estimators.gap.floor import Learned, Spectrum, groups, parts
 from estimators.gap.score import Explained, evidence
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Kind
@@ -189,24 +189,21 @@ def spectrum(bench: Bench, explained: Explained, column: int) -> Spectrum:
     floor = parts(noise, np.bincount(group, frequency) / many, bench.interval_s)
     middle = np.bincount(group, response) / many
     named = 1.0 - np.bincount(group, _named(bench, column, len(frequency))) / many
-    whitened = Parts(floor.white * middle, floor.coloured * middle, floor.slope, named)
+    whitened = floor.times(middle, named)
     squares: Array = np.asarray(np.bincount(group, power), dtype=float)
     return Spectrum(Learned(bench.floor[column]), whitened, squares, many.astype(float))
 
 
 def whitened_response(bench: Bench, column: int, frequency: Array) -> Array:
     """What the whitening does to a spectrum at the frequencies of the cosine transform [cycles a sample]."""
-    whitener = bench.whiteners[column]
-    turn = np.exp(-2j * np.pi * frequency)
-    alive = bench.weights[:, column] > 0
-    weight = float(np.mean(bench.weights[alive, column] ** 2)) if alive.any() else 1.0
-    response = weight * np.abs((1.0 - whitener.phi * turn) / (1.0 + whitener.theta * turn) / whitener.sigma) ** 2
+    response = bench.whiteners[column].response(frequency)
     return np.asarray(response * _named(bench, column, len(frequency)))
 
 
 def _named(bench: Bench, column: int, count: int) -> Array:
-    """(count,) the share of the whitened spectrum that noise which was named already leaves to the floor."""
-    share = np.ones(count)
+    """(count,) the share of the whitened spectrum that noise which is known already leaves to the floor."""
+    alive = bench.weights[:, column] > 0
+    share = np.full(count, np.mean(bench.weights[alive, column] ** 2) if alive.any() else 1.0)
     for step in bench.steps:
         if step.column == column:
             share = share * (np.mean(step.factor**2) if step.in_time else step.factor[-count:] ** 2)

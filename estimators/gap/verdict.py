@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, project
+from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.closure import Closure, close
-from estimators.gap.colour import ChannelNoise
 from estimators.gap.defects import Defect
 from estimators.gap.diagnosis import Cause, Channel, Diagnosis, Estimate, Verdict
 from estimators.gap.fullrate import at_every_sample
+from estimators.gap.rebase import around
 from estimators.gap.remainder import Finding, findings, significant
 from estimators.gap.rivals import Rival, noise_rivals, settled
 from estimators.gap.score import ABSORBED, Explained
@@ -31,6 +32,8 @@ Array = NDArray[np.float64]
 
 #: A remainder of less than this share of what the causes explain leaves their name standing.
 SMALL = 0.03
+#: Cosine above which what two causes explain is of one shape.
+ALIKE = 0.95
 #: Three causes where one would do are a sign that the true one is not in the catalogue: each must hold its own.
 _SEVERAL, _COMPARABLE = 3, 0.1
 
@@ -76,7 +79,14 @@ def conclude(
     structured = bool(left) or bool(nameless)
     unknown = bool(nameless) or (bool(left) and (bool(state.noises) or remainder > SMALL * max(explained, 0.0)))
     unknown = unknown or not credible(state, groups)
-    closure = close(bench, [cause.fit for cause in state.causes], remainder if left else 0.0, np.random.default_rng(0))
+    settled_bench = bench if state.bench.pipeline is bench.pipeline else around(bench, state.bench.pipeline)
+    closure = close(
+        settled_bench,
+        bench.residual,
+        [cause.fit for cause in state.causes],
+        remainder if left else 0.0,
+        np.random.default_rng(0),
+    )
     causes = [_mean_cause(cause, group, state, closure) for cause, group in zip(state.causes, groups, strict=True)]
     causes += [_noise_cause(offer, group) for offer, group in zip(state.noises, noise_groups, strict=True)]
     causes += [_defect_cause(defect) for defect in named]
@@ -107,7 +117,7 @@ def conclude(
         closed_on="held-out blocks",
         remainder="structured" if structured else "noise",
         remainder_follows=_remainder_follows(left, nameless, remainder),
-        calibration_shift=calibration_shift(recording, bench, state, floor) if has_mean else {},
+        calibration_shift=calibration_shift(recording, settled_bench, state, floor) if has_mean else {},
         cannot_tell=cannot_tell(state, without),
         next=None,
         floor=source,
@@ -137,16 +147,15 @@ def credible(state: Selection, groups: Sequence[Sequence[Rival]]) -> bool:
     """Whether several causes together are an explanation, or the shape of one that is not in the catalogue.
 
     One cause is. Several are invented, more likely than not, where the same effect is needed at two places, where
-    rivals
-    explain nearly but not exactly as much as a cause in its place, or where three are needed of which one is noise or
-    small beside the strongest.
+    rivals of another shape explain nearly as much as a cause in its place, or where three are needed of which one is
+    noise or small beside the strongest.
     """
     if state.count < 2:
         return True
     names = [cause.fit.candidate.effect.name for cause in state.causes]
     if len(set(names)) < len(names):
         return False
-    if any(not rival.exact(group[0]) for group in groups for rival in group[1:]):
+    if any(not rival.exact(group[0]) and rival.cosine < ALIKE for group in groups for rival in group[1:]):
         return False
     if state.count < _SEVERAL:
         return True
@@ -252,15 +261,15 @@ def _channels(
 
 def cannot_tell(state: Selection, without: Sequence[str]) -> tuple[dict[str, str], ...]:
     """The effects that the recording cannot show: those the calibration absorbs, and those it has no data for."""
-    found = []
     rough = state.scanner.rough.bench
     base = Explained(rough.absorbed, rough.whitened)
+    told: dict[tuple[str, str], bool] = {}  # of several sources, say, one that shows is enough
     for candidate in state.candidates:
-        if candidate.effect.tone or candidate.effect.searched(state.bench.base) != [{}]:
-            continue
-        if state.scanner.visible(candidate, base) <= ABSORBED:
-            why = "the calibration absorbs it on this maneuver"
-            found.append({"effect": candidate.effect.name, "where": candidate.where, "why": why})
+        if not candidate.effect.tone and candidate.effect.searched(state.bench.base) == [{}]:
+            place = candidate.effect.name, candidate.where
+            told[place] = told.get(place, False) or state.scanner.visible(candidate, base) > ABSORBED
+    why = "the calibration absorbs it on this maneuver"
+    found = [{"effect": name, "where": where, "why": why} for (name, where), seen in told.items() if not seen]
     for effect in EFFECTS.values():
         lacking = effect.lacking(state.bench.base)
         if lacking and effect.name not in without:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import periodogram
 
-from estimators.gap.colour import ChannelNoise
+from estimators.gap.channel_noise import ChannelNoise
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
 from scenarios.gap_report.residuals import GapResiduals
@@ -80,10 +80,7 @@ def density(values: Array, interval_s: float) -> tuple[Array, Array]:
 
 def floor_density(floor: ChannelNoise, frequency: Array, interval_s: float) -> Array:
     """One-sided power density (m,) [unit^2/Hz] of a channel's floor at frequencies (m,) [Hz], sampled."""
-    whitener = floor.whitener(interval_s)
-    turn = np.exp(-2j * np.pi * frequency * interval_s)
-    shape = np.abs((1.0 + whitener.theta * turn) / (1.0 - whitener.phi * turn)) ** 2
-    return np.asarray(2.0 * interval_s * whitener.sigma**2 * shape)
+    return np.asarray(2.0 * interval_s / floor.whitener(interval_s).response(frequency * interval_s))
 
 
 def named_density(causes: Sequence[Effect], column: int, frequency: Array, interval_s: float) -> Array:

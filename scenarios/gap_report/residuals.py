@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.basefit import all_readings, estimated_floor, fitted_pipeline, learn_floor, set_up
 from estimators.gap.bench import Bench
-from estimators.gap.colour import ChannelNoise
+from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import find_defects, lattice, masked
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.score import Explained

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench
-from estimators.gap.colour import ChannelNoise
+from estimators.gap.channel_noise import ChannelNoise
 from rig.arm import Arm
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind, Parameter, Stage, apply_stage

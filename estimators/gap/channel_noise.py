@@ -1,0 +1,159 @@
+"""A channel's noise: white plus first-order Gauss-Markov parts, at any sampling, and the filter that whitens it.
+
+White noise plus an exponentially correlated part is the two-term model behind an Allan deviation's slope and hump
+(IEEE Std 952, annex C); a second, slower part follows a spectrum that falls less steeply. Sampled at any rate the sum
+is an autoregressive moving average, so what a locked recording at one rate teaches holds at the sweep's rate: the model
+carries autocovariances over, never filter coefficients.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+Array = NDArray[np.float64]
+
+#: Innovations are taken once the filter's memory of its start is below this share.
+_FORGOTTEN = 0.01
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """A channel's noise.
+
+    Attributes:
+        white: variance of the white part [V^2].
+        coloured: variance of the exponentially correlated part [V^2]; zero for white noise.
+        tau_s: its correlation time [s].
+        samples: how many samples it was learned from.
+        duration_s: how long these lasted [s].
+        folded: of the coloured parts, what means over blocks of samples make look white [V^2]; may be below zero.
+        sharing: how many channels told the shares and times of the coloured parts.
+        slow, slow_tau_s: variance [V^2] and correlation time [s] of a second coloured part; zero for none.
+    """
+
+    white: float
+    coloured: float = 0.0
+    tau_s: float = 1.0
+    samples: int = 0
+    duration_s: float = 0.0
+    folded: float = 0.0
+    sharing: int = 1
+    slow: float = 0.0
+    slow_tau_s: float = 1.0
+
+    @property
+    def parts(self) -> tuple[tuple[float, float], ...]:
+        """Variance [V^2] and time [s] of each coloured part."""
+        both = ((self.coloured, self.tau_s), (self.slow, self.slow_tau_s))
+        return tuple(part for part in both if part[0] > 0.0)
+
+    def samples_at(self, interval_s: float) -> float:
+        """How many samples at another rate tell as much of the noise as those it was learned from.
+
+        Of white noise every sample tells alike; of coloured noise only what lies within the other rate's band.
+        """
+        return min(float(self.samples), self.duration_s / interval_s) if self.parts else float(self.samples)
+
+    @property
+    def variance(self) -> float:
+        """[V^2]."""
+        return self.white + self.folded + self.coloured + self.slow
+
+    def autocovariance(self, lag_s: Array) -> Array:
+        """[V^2] at lags [s]."""
+        lag = np.abs(np.asarray(lag_s, dtype=float))
+        coloured = sum((size * np.exp(-lag / tau_s) for size, tau_s in self.parts), start=np.zeros_like(lag))
+        return np.asarray(coloured + np.where(lag == 0.0, self.white + self.folded, 0.0))
+
+    def averaged(self, block: int, interval_s: float) -> ChannelNoise:
+        """The noise of means over blocks of so many samples.
+
+        Means of an exponentially correlated process keep its correlation from block to block; what their variance has
+        beyond that of such a process, or lacks, looks white.
+        """
+        folded, across = self.folded / block, []
+        for size, tau_s in ((self.coloured, self.tau_s), (self.slow, self.slow_tau_s)):
+            decay = float(np.exp(-interval_s / tau_s))
+            lags = np.arange(1, block)
+            own = (block + 2.0 * float(np.sum((block - lags) * decay**lags))) / block**2
+            across.append(
+                size * float(np.sum(decay ** np.arange(block)) * np.sum(decay ** -np.arange(block))) / block**2
+            )
+            folded += size * own - across[-1]
+        return replace(self, white=self.white / block, folded=folded, coloured=across[0], slow=across[1])
+
+    def whitener(self, interval_s: float) -> Whitener:
+        """The filter that turns this noise, sampled every ``interval_s`` [s], into white noise of variance one.
+
+        The autoregressive polynomial is the product of the parts' own; the moving average is the spectral factor of
+        what is left, the one with its roots outside the unit circle (Box and Jenkins 1976, section A4.1).
+        """
+        decays = [float(np.exp(-interval_s / tau_s)) for _, tau_s in self.parts]
+        factors = [np.array([-decay, 1.0 + decay**2, -decay]) for decay in decays]  # (1 - d z)(1 - d / z)
+        left = (self.white + self.folded) * _product(factors)
+        for index, ((size, _), decay) in enumerate(zip(self.parts, decays, strict=True)):
+            others = _product(factors[:index] + factors[index + 1 :])
+            left = left + size * (1.0 - decay**2) * np.pad(others, 1)
+        ma = np.ones(1)
+        if decays:
+            roots = np.roots(np.where(np.abs(left) < 1e-15 * np.abs(left).max(), 0.0, left))
+            ma = np.real(_expanded([1.0 / root for root in roots if abs(root) > 1.0]))
+        ar = np.real(_expanded(decays))
+        at_zero = left.sum() / ma.sum() ** 2  # both sides at z = 1
+        return Whitener(tuple(map(float, ar)), tuple(map(float, ma)), float(np.sqrt(at_zero)))
+
+
+def _product(polynomials: list[Array]) -> Array:
+    return reduce(np.convolve, polynomials, np.ones(1))
+
+
+def _expanded(roots: list[float]) -> NDArray[np.complex128]:
+    """The coefficients of (1 - r1 L)(1 - r2 L)..."""
+    return np.asarray(
+        reduce(np.convolve, [np.array([1.0, -root], dtype=complex) for root in roots], np.ones(1, complex))
+    )
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """ar(L) y = sigma ma(L) e: from noise y to white noise e of variance one; L is the lag.
+
+    Attributes:
+        ar, ma: coefficients of 1, L, L^2.
+        sigma: [V].
+    """
+
+    ar: tuple[float, ...]
+    ma: tuple[float, ...]
+    sigma: float
+
+    @property
+    def white(self) -> bool:
+        """Whether it only scales."""
+        return len(self.ar) == 1
+
+    def __call__(self, values: Array) -> Array:
+        """Whiten along the last axis; the samples in which the filter still remembers its start become zero."""
+        if self.white:
+            return values / self.sigma
+        white = lfilter(np.array(self.ar) / self.sigma, self.ma, values)
+        white[..., : self.start] = 0.0
+        return np.asarray(white)
+
+    def response(self, frequency: Array) -> Array:
+        """What it does to a spectrum at frequencies [cycles a sample]."""
+        lag = np.exp(-2j * np.pi * frequency)
+        return np.asarray(np.abs(np.polyval(self.ar[::-1], lag) / np.polyval(self.ma[::-1], lag) / self.sigma) ** 2)
+
+    @property
+    def start(self) -> int:
+        """The first sample whose innovation counts."""
+        if self.white:
+            return 0
+        memory = max(np.abs(np.roots(self.ma)), default=0.0) if len(self.ma) > 1 else 0.0
+        return len(self.ar) - 1 + int(np.ceil(np.log(_FORGOTTEN) / np.log(np.clip(memory, 1e-12, 1.0 - 1e-12))))

@@ -1,0 +1,66 @@
+"""The calibration moved to where it belongs once the causes are known.
+
+The bench takes the calibration's freedom to first order. A strong cause can have pushed the calibration further than
+that: then the bench is set up anew around the calibration with the causes in place, by Gauss-Newton steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.bench import Bench, known
+from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.directions import tangent_basis
+from rig.effects import Effect
+from rig.pipeline import Pipeline
+from rig.sensor import TriaxialSensor
+
+Array = NDArray[np.float64]
+
+#: Directions of the calibration's parameters that move the readings by less than this share are left alone.
+_FELT: Final = 1e-6
+
+
+def rebased(bench: Bench, effects: Sequence[Effect]) -> Bench:
+    """The bench around the calibration that fits best, to first order, with these effects in place."""
+    scale = np.linalg.norm(bench.tangent, axis=0)
+    scale[scale == 0.0] = np.inf
+    target = bench.whiten(bench.residual - bench.change(effects))
+    gram = (bench.tangent / scale).T @ (bench.tangent / scale)
+    step = np.linalg.pinv(gram, rcond=_FELT, hermitian=True) @ ((bench.tangent / scale).T @ target) / scale
+    return around(bench, _stepped(bench.pipeline, step))
+
+
+def around(bench: Bench, pipeline: Pipeline) -> Bench:
+    """The bench with another calibration."""
+    base = pipeline.expected(bench.base, np.random.default_rng(0))
+    return replace(bench, pipeline=pipeline, base=known(replace(base, known_links=None)))
+
+
+def _stepped(pipeline: Pipeline, step: Array) -> Pipeline:
+    """The pipeline with its parameters moved, in the order of ``Bench.raw_tangent``."""
+    environment = pipeline.environment
+    sensors: dict[str, TriaxialSensor] = {}
+    first = 0
+    for name, sensor in pipeline.sensors.items():
+        count = len(range(6)[COLUMNS_OF[name]])
+        own = step[first : first + 4 * count].reshape(count, 4)
+        field = environment.gravity if name == ACCELEROMETER else environment.magnetic
+        direction = field / np.linalg.norm(field)
+        direction = direction + step[first + 4 * count : first + 4 * count + 2] @ tangent_basis(direction)
+        x, y, z = (float(each) for each in direction / np.linalg.norm(direction))
+        axes = np.stack([axis + move @ tangent_basis(axis) for axis, move in zip(sensor.axes, own[:, 2:], strict=True)])
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        sensitivity = np.maximum(np.asarray(sensor.sensitivity) + own[:, 0], 1e-9)
+        sensors[name] = TriaxialSensor.from_axes(sensitivity, np.asarray(sensor.offset) + own[:, 1], axes)
+        if name == ACCELEROMETER:
+            environment = replace(environment, gravity_direction=(x, y, z))
+        else:
+            environment = replace(environment, magnetic_direction=(x, y, z))
+        first += 4 * count + 2
+    return Pipeline(environment, sensors.get(ACCELEROMETER), sensors.get(MAGNETOMETER))
