@@ -43,8 +43,7 @@ def first_ellipsoid(
         counts: (n,) how many samples each reading is the mean of.
     """
     n = len(readings)
-    weight = np.ones(n) if counts is None else counts
-    middle = weight @ readings / weight.sum()
+    middle = np.add.reduce(readings) / n if counts is None else counts @ readings / counts.sum()
     away = readings - middle
     spread = math.sqrt(np.vdot(away, away) / n)
     if not spread > 0.0:

@@ -122,19 +122,20 @@ def solve(moments: Moments, parameters: int, known: bool) -> Optimum | None:
     quadric = np.concatenate([_MINUS_ONE, inner @ (right - added[free, 0] + variance * moments.drift[free])])
     if own:
         # The optimum's residuals are a little smaller: to first order in what that changes.
-        change = balance.solve(quadric)[0] - variance
-        quadric[1:] += change * (inner @ (once[free, used] @ quadric + moments.drift[free]))
+        less = balance.solve(quadric)[0] - variance
+        quadric[1:] += less * (inner @ (once[free, used] @ quadric + moments.drift[free]))
     own_variance, squares = balance.solve(quadric)
     variance = own_variance if own else variance
     found = Quadric.of(moments.frame, -1.0, quadric[1:])
     if found is None or not variance > 0.0:
         return None
     derivative = found.derivative(moments.frame, parameters) @ inner
+    change = quadric - _SPHERE[used]
     curved = curvature_in_products(moments.gram, moments.first, float(moments.noise[:3].sum()) / 3.0)
     meat = information + variance * curved[free, free]
     return Optimum(
         found.ellipsoid,
-        math.sqrt(np.square(quadric - _SPHERE[used]).sum()),
+        math.sqrt(np.vdot(change, change)),
         variance,
         squares,
         squares <= balance.floor,

@@ -23,7 +23,7 @@ from rig.errors import RigError
 
 Array = NDArray[np.float64]
 
-#: Samples at a time: 19 rows of 8,192 doubles are about a core's second-level cache.
+#: Samples at a time: 16 rows of 8,192 doubles are about a core's second-level cache.
 BLOCK: Final = 8192
 #: The noise of y may differ by this share between directions before the weights' own noise is looked at; its effect is
 #: the square of this share, of the bias that it adds to.
@@ -74,37 +74,39 @@ class Moments:
         if wobbly:
             forms.append(quadratic_form(16.0 * noise @ noise))
         to_forms = np.array(forms)
-        to_sphere = np.concatenate([frame.whitening, (frame.whitening @ -frame.center)[:, None]], axis=1)
+        to_sphere = np.empty((3, 4))
+        to_sphere[:, :3], to_sphere[:, 3] = frame.whitening, frame.whitening @ -frame.center
         size = -(-n // max(-(-n // BLOCK), 1))
-        sums, first = np.zeros((_WEIGHTED, TERMS)), np.zeros(TERMS)
+        used = 6 if wobbly else 5
+        sums, first = np.zeros((6, TERMS)), np.zeros(TERMS)
         second = largest = fourth = 0.0
         for start in range(0, n, max(size, 1)):
             stop = min(start + size, n)
             table = _work_table()[:, : stop - start]
-            weighted, rows, values_of_forms = table[:_WEIGHTED], table[_ROWS], table[_FORMS][: len(forms)]
+            rows, weighted = table[_ROWS], table[_WEIGHTED]
             table[_RAW] = readings[start:stop].T
             np.matmul(to_sphere, table[_RAW_AND_ONE], out=rows[1:4])
             multiply_out(rows[1:])
-            np.matmul(to_forms, rows[4:], out=values_of_forms)
-            square, spread = values_of_forms[:2]
+            np.matmul(to_forms, rows[4:], out=weighted[-3:][: len(forms)])
+            square, spread, drifting = weighted[-3:]
             weight = np.divide(square, spread, out=weighted[0])
-            if wobbly:
-                drifting = np.divide(values_of_forms[2], spread, out=weighted[5])
-                drifting *= weight
-                np.subtract(1.0, drifting, out=drifting)
             if counts is not None:
                 first += rows @ weight
                 second += float((weight / counts[start:stop]).sum())
+            if wobbly:
+                drifting /= spread
+                drifting *= weight
+                np.subtract(1.0, drifting, out=drifting)
+            if counts is not None:
                 weight *= counts[start:stop]
-            np.multiply(rows[1], weight, out=weighted[1])
-            np.multiply(rows[4:7], weight, out=weighted[2:5])
-            used = _WEIGHTED if wobbly else _WEIGHTED - 1
-            sums[:used] += weighted[:used] @ rows.T
             square -= 1.0
             square *= square
             square *= weight
             largest = max(largest, float(square.max()))
             fourth += float(square @ square)
+            np.multiply(rows[1], weight, out=weighted[1])
+            np.multiply(rows[4:7], weight, out=weighted[2:5])
+            sums[:used] += weighted[:used] @ rows.T
         gram = sums.take(_WHERE)
         if counts is None:
             first, second = gram[0], float(gram[0, 0])
@@ -132,14 +134,14 @@ class Moments:
 
 
 def _work_table() -> Array:
-    """(19, BLOCK) to work in, of a thread's own and overwritten by its next call; see ``_ROWS``.
+    """(16, BLOCK) to work in, of a thread's own and overwritten by its next call; see ``_ROWS``.
 
     New ones would cost as much as the sums over a small recording: their pages have to be mapped and cleared.
     """
     table: Array | None = getattr(_LOCAL, "table", None)
     if table is None:
         # Rows a power of two apart would share their places in the caches.
-        table = _LOCAL.table = np.empty((19, BLOCK + 72))
+        table = _LOCAL.table = np.empty((16, BLOCK + 72))
         table[_ROWS.start] = 1.0
     return table
 
@@ -158,12 +160,11 @@ def _where() -> NDArray[np.intp]:
 
 
 _LOCAL: Final = threading.local()
-#: Rows of the work table: weights times (1, y1, y1^2, y2^2, y3^2) and those of the drift; the ten monomials, of which
-#: the first is one; the forms. The readings lie beside the constant, where weighted monomials will be.
-_WEIGHTED: Final = 6
+#: Rows of the work table: weights times (1, y1, y1^2, y2^2, y3^2), and those of the drift; then the monomials, of which
+#: the first is one. In the place of the last three weighted rows are at first the readings, then the forms.
+_WEIGHTED: Final = slice(0, 6)
 _RAW: Final = slice(3, 6)
 _RAW_AND_ONE: Final = slice(3, 7)
 _ROWS: Final = slice(6, 16)
-_FORMS: Final = slice(16, 19)
 _TRACE: Final = np.array([float(i == j) for i, j in PAIRS])
 _WHERE: Final = _where()

@@ -30,53 +30,53 @@ class Residuals:
     s_k the variances of the channels' noise, the squared distance has the expectation sum s_k m_k^2 / count.
 
     Attributes:
-        squared: (n,) distances on the unit sphere, squared, times the count.
-        normal: (3, n) squared components of m [1 / recorded unit squared].
+        table: (4, n) the squared components of m [1 / recorded unit squared]; and the distances on the unit sphere,
+            squared, times the count.
     """
 
-    squared: Array
-    normal: Array
+    table: Array
 
     @classmethod
     def of(cls, readings: Array, ellipsoid: Ellipsoid, counts: Array | None = None) -> Self:
         """Of readings (n, 3) [recorded unit], which are means of ``counts`` (n,) samples."""
         y = ellipsoid.whitening @ readings.T
         y -= (ellipsoid.whitening @ ellipsoid.center)[:, None]
-        normal = ellipsoid.whitening @ y
+        table = np.empty((4, len(readings)))
+        normal, squared = table[:3], table[3]
+        np.matmul(ellipsoid.whitening, y, out=normal)
         normal *= normal
         y *= y
         square = _ONES @ y
-        squared = square - 1.0
+        np.subtract(square, 1.0, out=squared)
         squared *= squared
         squared *= square
         squared *= 0.25
         if counts is not None:
             squared *= counts
-        return cls(squared, normal)
+        return cls(table)
 
     def over(self, variances: Array) -> Array:
         """(n,) squared distances over their expectations, for variances (3,) of the noise [recorded unit squared]."""
-        return np.asarray(self.squared / (variances @ self.normal))
+        return np.asarray(self.table[3] / (variances @ self.table[:3]))
 
     def variances(self) -> Array | None:
         """(3,) of each channel's noise [recorded unit squared]; None where the readings do not tell.
 
         A regression of the squared distances on the squared normals, weighted by what they are expected to be.
         """
-        plain = _ONES @ self.normal
-        mean = float(self.squared.sum() / plain.sum())
+        normal = self.table[:3]
+        expected = _ONES @ normal  # up to a factor
+        mean = float(self.table[3].sum() / expected.sum())
         if not mean > 0.0:
             return None
-        variances = np.full(3, mean)
         for _ in range(2):
-            expected = variances @ self.normal
-            scaled = self.normal / expected
-            matrix = scaled @ scaled.T
-            values, vectors = eigh(matrix)
+            scaled = self.table / expected
+            products = scaled @ scaled.T
+            values, vectors = eigh(products[:3, :3])
             if values[2] > _CONDITION * values[0]:
                 return None
-            variances = (vectors / values) @ (scaled @ (self.squared / expected) @ vectors)
-            variances = np.maximum(variances, _QUIETEST * mean)
+            variances = np.maximum((vectors / values) @ (products[3, :3] @ vectors), _QUIETEST * mean)
             if variances.max() < _ALIKE * variances.min():
                 break
+            expected = variances @ normal
         return np.asarray(variances)

@@ -58,9 +58,9 @@ def usable(readings: Array) -> tuple[NDArray[np.intp] | None, Dropped]:
     Args:
         readings: (n, 3), one after the other in time.
     """
-    first = readings[:, 0]
+    first = readings[:, 0].copy()
     same = first[1:] == first[:-1]
-    if np.count_nonzero(first) == len(first) and not np.count_nonzero(same):
+    if first.all() and not same.any():
         return None, Dropped()
     again, zero = np.flatnonzero(same), np.flatnonzero(first == 0.0)
     again = again[(readings[again + 1, 1:] == readings[again, 1:]).all(axis=1)] + 1
