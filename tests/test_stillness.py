@@ -17,6 +17,7 @@ from estimators.stillness import (
     find_still,
     windowed_variance,
 )
+from estimators.stillness.variance import variance_by_half_windows, weighted_variance
 from rig.acquisition import Acquisition
 from rig.arm import Arm
 from rig.errors import RefusedFit, RigError
@@ -50,6 +51,19 @@ def test_the_variance_is_that_of_each_window(offset: float) -> None:
     assert found[1] == pytest.approx(4.0 * found[0], rel=1e-6)
     assert (found[0, :50] == found[0, 50]).all()
     assert (found[0, -50:] == found[0, -51]).all()
+
+
+@pytest.mark.parametrize("n", [101, 151, 200, 40_000])
+def test_sums_over_channels_and_half_windows_are_of_the_same_variances(n: int) -> None:
+    rng = np.random.default_rng(4)
+    window, half, weights = 101, 50, np.array([2.0, 0.1])
+    channels = [rng.normal(size=n) + 5.0 * np.sin(np.arange(n) / 700.0), 30.0 + 3.0 * rng.normal(size=n)]
+    wanted = windowed_variance(channels, window)
+    # 16,000 additions of squares below 4e3 round by some 1e-16 of their sum each, at worst all to the same side.
+    assert weighted_variance(channels, window, weights) == pytest.approx(weights @ wanted, abs=1e-12 * 4e3)
+    assert variance_by_half_windows(channels, window) == pytest.approx(
+        wanted[:, half : n - half : half], abs=1e-12 * 4e3
+    )
 
 
 @pytest.mark.parametrize("window", [100, 1, 101])

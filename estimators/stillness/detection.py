@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimators.stillness.stretches import Signals, mask_of, poses_of, split_where_it_drifts, stretches_of, sums_over
 from estimators.stillness.threshold import choose_threshold
-from estimators.stillness.variance import windowed_variance
+from estimators.stillness.variance import variance_by_half_windows, weighted_variance, windowed_variance
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Recording
@@ -36,9 +36,9 @@ SAME_POSE: Final = 3.0
 SAME_ANGLE: Final = 2e-3
 
 _SHORTEST: Final = 11  # samples of a window
-_WINDOWS_A_LENGTH: Final = 2  # taken for choosing the threshold
 _TREND_LIMIT: Final = 0.5
 _TREND_WINDOWS: Final = 400
+_BLOCK: Final = 8192  # samples of the pose that stay in the second-level cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,26 +113,23 @@ def find_still(
             f"{where}: never stands still: its pose turns faster than {speed_limit:g} rad/s all the time, expected"
             " poses held without motion"
         )
-    variance = windowed_variance(columns, window)
+    variance = variance_by_half_windows(columns, window)
     if given is not None:
         limits = np.repeat([given[sensor] for sensor in chosen if sensor in given], 3)
         if len(limits) != len(columns):
             raise RigError(f"{where}: threshold: found one of {', '.join(given)}, expected one of each of {chosen}")
-        activity = (variance / limits[:, None]).max(axis=0)
-        quiet = activity < 1.0
+        activity = (windowed_variance(columns, window) / limits[:, None]).max(axis=0)
         false_alarm = None
         rule = f"variance in {window} samples below {', '.join(f'{given[sensor]:g}' for sensor in chosen)}, as given"
     else:
-        step = max(1, window // _WINDOWS_A_LENGTH)
-        found = choose_threshold(variance[:, half : len(recording) - half : step], window)
-        weights = 1.0 / (found.floor * found.limit * len(columns))
-        activity = np.einsum("c,cn->n", weights, variance)  # not BLAS, whose second thread costs more than it gains
-        quiet = activity < 1.0
+        found = choose_threshold(variance, window)
+        activity = weighted_variance(columns, window, 1.0 / (found.floor * found.limit * len(columns)))
         false_alarm = found.false_alarm
         rule = (
             f"variance in {window} samples below {found.limit:.3g} times the floor of"
             f" {', '.join(f'{floor:.3g}' for floor in np.sqrt(found.floor))} (RMS of {', '.join(names)})"
         )
+    quiet = activity < 1.0
     if held is not None:
         quiet &= held
         rule += f"; speed below {speed_limit:g} rad/s"
@@ -144,11 +141,12 @@ def find_still(
             f"{where}: never stands still for {1.5 * window / recording.rate_Hz:.2g} s: expected poses held without"
             f" motion ({rule})"
         )
-    noise = np.sqrt(sums_over(list(variance), first, stop).sum(axis=1) / (stop - first).sum())
+    still = mask_of(len(recording), first, stop)
+    noise = np.sqrt(_while_still(variance, still, first, stop, half))
     groups = [Signals(columns, np.square(SAME_POSE * noise)), *_pose_signals(recording)]
     first, stop = split_where_it_drifts(groups, first, stop, window)
     return Stillness(
-        mask_of(len(recording), first, stop),
+        still,
         first,
         stop,
         poses_of(groups, first, stop),
@@ -188,6 +186,14 @@ def _given(recording: Recording, threshold: float | Mapping[str, float] | None, 
     return given
 
 
+def _while_still(variance: Array, still: Mask, first: NDArray[np.intp], stop: NDArray[np.intp], half: int) -> Array:
+    """(c,) the mean of ``variance_by_half_windows`` over the windows about still samples, one a stretch at least."""
+    windows = variance.shape[1]
+    chosen = still[half : half * (windows + 1) : half].copy()
+    chosen[np.clip(((first + stop) // 2 - half // 2) // half, 0, windows - 1)] = True
+    return np.asarray(variance[:, chosen].mean(axis=1))
+
+
 def _check_trend(columns: Sequence[Array], quiet: Mask, variance: Array, window: int, where: str) -> None:
     """Refuse where what seems to be the noise of a sensor at rest is a steady motion.
 
@@ -196,14 +202,15 @@ def _check_trend(columns: Sequence[Array], quiet: Mask, variance: Array, window:
     variance; and small for any noise whose memory is short against the window.
     """
     half = window // 2
-    centres = np.flatnonzero(quiet[half : len(quiet) - half : window]) * window
+    centres = np.flatnonzero(quiet[half : len(quiet) - half : 2 * half]) * 2 * half
     if not len(centres):
         return
     begins = centres[:: max(1, len(centres) // _TREND_WINDOWS)]
-    rows = begins[:, None] + np.arange(half)
-    steps = [np.square(values[rows + half + 1].mean(axis=1) - values[rows].mean(axis=1)).mean() for values in columns]
-    own = variance[:, begins + half].mean(axis=1)
-    found = float(np.mean(np.array(steps)[own > 0.0] / (3.0 * own[own > 0.0]))) if own.any() else 0.0
+    edges = begins[:, None] + np.array([0, half + 1])
+    halves = sums_over(columns, edges.ravel(), edges.ravel() + half).reshape(len(columns), -1, 2) / half
+    steps = np.square(halves[:, :, 1] - halves[:, :, 0])
+    own = variance[:, begins // half].mean(axis=1)
+    found = float(np.mean(steps.mean(axis=1)[own > 0.0] / (3.0 * own[own > 0.0]))) if own.any() else 0.0
     if found > _TREND_LIMIT:
         raise RefusedFit(
             f"{where}: never stands still: in its quietest windows of {window} samples a steady motion makes"
@@ -228,20 +235,24 @@ def _held(recording: Recording, half: int, speed_limit: float) -> Mask | None:
     """
     if recording.q is None and recording.tool_quaternion is None:
         return None
-    count = len(recording)
-    allowed = speed_limit * (recording.t[2 * half :] - recording.t[: count - 2 * half])
-    if recording.q is not None:
-        way, turned = np.zeros(count - 2 * half), np.empty(count - 2 * half)
-        for column in recording.q.T:
-            np.subtract(column[2 * half :], column[: count - 2 * half], out=turned)
-            np.maximum(way, np.abs(turned, out=turned), out=way)
-    else:
-        assert recording.tool_quaternion is not None
-        after, before = recording.tool_quaternion[2 * half :], recording.tool_quaternion[: count - 2 * half]
-        apart, opposite = np.square(after - before).sum(axis=1), np.square(after + before).sum(axis=1)
-        way = 2.0 * np.sqrt(np.minimum(apart, opposite))  # q and -q are the same rotation
+    count, t = len(recording), recording.t
+    slow = np.empty(count - 2 * half, dtype=bool)
+    for begin in range(0, len(slow), _BLOCK):
+        end = min(begin + _BLOCK, len(slow))
+        before, after = slice(begin, end), slice(begin + 2 * half, end + 2 * half)
+        if recording.q is not None:
+            way = np.zeros(end - begin)
+            for column in recording.q.T:
+                turned = column[after] - column[before]
+                np.maximum(way, np.abs(turned, out=turned), out=way)
+        else:
+            assert recording.tool_quaternion is not None
+            ahead, behind = recording.tool_quaternion[after], recording.tool_quaternion[before]
+            apart, opposite = np.square(ahead - behind).sum(axis=1), np.square(ahead + behind).sum(axis=1)
+            way = 2.0 * np.sqrt(np.minimum(apart, opposite))  # q and -q are the same rotation
+        np.less_equal(way, speed_limit * (t[after] - t[before]), out=slow[before])
     quiet = np.zeros(count + 2 * half + 1, dtype=np.int64)  # windows that begin 2 * half samples before, or earlier
-    np.cumsum(way <= allowed, out=quiet[2 * half + 1 : count + 1])
+    np.cumsum(slow, out=quiet[2 * half + 1 : count + 1])
     quiet[count + 1 :] = quiet[count]
     return np.asarray(quiet[2 * half + 1 :] > quiet[:count])
 

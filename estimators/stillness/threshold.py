@@ -62,13 +62,15 @@ def choose_threshold(variance: Array, window: int) -> Threshold:
     variance = np.maximum(variance, least[:, None])
     expected = np.sqrt(2.0 / (len(variance) * (window - 1)))
     floor = np.percentile(variance, 10.0, axis=1)
-    for _ in range(_PASSES):
+    settled: NDArray[np.bool_] | None = None
+    for turn in range(_PASSES + 1):
         activity = (variance / floor[:, None]).mean(axis=0)
         peak, width = _lowest_peak(activity, expected)
         quiet = activity < peak * np.exp(3.0 * width)
+        if turn == _PASSES or (settled is not None and (quiet == settled).all()):
+            break  # the floors are those of these windows already
+        settled = quiet
         floor = variance[:, quiet].mean(axis=1)
-    activity = (variance / floor[:, None]).mean(axis=0)
-    peak, width = _lowest_peak(activity, expected)
     limit = float(peak * np.exp(WIDTHS * width))
     freedom = 2.0 / width**2
     return Threshold(

@@ -1,4 +1,4 @@
-"""The variance of a signal in a sliding window, in one pass."""
+"""The variance of signals in a sliding window, in one pass: at each sample, at every half window, or summed up."""
 
 from __future__ import annotations
 
@@ -54,8 +54,67 @@ def windowed_variance(channels: Sequence[Array], window: int) -> Array:
             uniform_filter1d(yy, window, output=mm)
             m *= m
             mm -= m
-            np.maximum(mm[full], 0.0, out=result[channel, begin + half : begin + size - half])
-    result[:, half : count - half] *= window / (window - 1)
+            found = np.maximum(mm[full], 0.0, out=result[channel, begin + half : begin + size - half])
+            found *= window / (window - 1)
     result[:, :half] = result[:, half, None]
     result[:, count - half :] = result[:, count - half - 1, None]
+    return result
+
+
+def weighted_variance(channels: Sequence[Array], window: int, weights: Array) -> Array:
+    """(n,) the sum over channels of weights (c,) times ``windowed_variance``, at half its cost.
+
+    The weighted squares of all channels have one running sum.
+    """
+    count, half = len(channels[0]), window // 2
+    inside = count - 2 * half
+    result = np.empty(count)
+    scales = np.sqrt(weights * (window / (window - 1)))
+    work = np.empty((3, min(_BLOCK, inside) + 2 * half))
+    for begin in range(0, inside, _BLOCK):
+        size = min(_BLOCK, inside - begin) + 2 * half
+        y, mean, squares = work[:, :size]
+        squares[:] = 0.0
+        full = slice(half, size - half)
+        found = result[begin + half : begin + size - half]
+        found[:] = 0.0
+        for values, scale in zip(channels, scales, strict=True):
+            part = values[begin : begin + size]
+            np.subtract(part, part[size // 2], out=y)
+            y *= scale
+            uniform_filter1d(y, window, output=mean)
+            y *= y
+            squares += y
+            mean *= mean
+            found -= mean[full]
+        uniform_filter1d(squares, window, output=mean)
+        found += mean[full]
+        np.maximum(found, 0.0, out=found)
+    result[:half] = result[half]
+    result[count - half :] = result[count - half - 1]
+    return result
+
+
+def variance_by_half_windows(channels: Sequence[Array], window: int) -> Array:
+    """(c, m) ``windowed_variance`` at samples half, 2 half, .., with half = window // 2, as far as full windows go."""
+    count, half = len(channels[0]), window // 2
+    steps = (count - 1) // half  # halves, each followed by a sample at least
+    result = np.empty((len(channels), steps - 1))
+    means, squares = np.empty(steps), np.empty(steps)
+    size = max(1, _BLOCK // half)
+    about = np.empty((min(size, steps), half))
+    for variance, values in zip(result, channels, strict=True):
+        rows = values[: steps * half].reshape(steps, half)
+        for begin in range(0, steps, size):
+            part = slice(begin, min(begin + size, steps))
+            origin = rows[begin, 0]
+            y = np.subtract(rows[part], origin, out=about[: part.stop - begin])
+            mean = np.einsum("ij->i", y) / half
+            squares[part] = np.vecdot(y, y) - half * mean * mean
+            means[part] = mean + origin
+        # both halves of each window, and the sample after them, about the mean of the halves (Chan et al., 1983)
+        middle = 0.5 * (means[1:] + means[:-1])
+        between = 0.5 * half * np.square(means[1:] - means[:-1])
+        last = np.square(values[2 * half :: half][: steps - 1] - middle) * (2 * half / window)
+        variance[:] = np.maximum(squares[1:] + squares[:-1] + between + last, 0.0) / (window - 1)
     return result
