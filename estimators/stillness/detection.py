@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.stillness.stretches import Signals, mask_of, poses_of, split_where_it_drifts, stretches_of, sums_over
+from estimators.stillness.stretches import Signals, mask_of, split_where_it_drifts, stretches_of, sums_over
 from estimators.stillness.threshold import choose_threshold
 from estimators.stillness.variance import variance_by_half_windows, weighted_variance, windowed_variance
 from rig.channels import ACCELEROMETER, CHANNELS_OF
@@ -144,12 +144,12 @@ def find_still(
     still = mask_of(len(recording), first, stop)
     noise = np.sqrt(_while_still(variance, still, first, stop, half))
     groups = [Signals(columns, np.square(SAME_POSE * noise)), *_pose_signals(recording)]
-    first, stop = split_where_it_drifts(groups, first, stop, window)
+    first, stop, pose = split_where_it_drifts(groups, first, stop, window)
     return Stillness(
         still,
         first,
         stop,
-        poses_of(groups, first, stop),
+        pose,
         names,
         noise,
         window,

@@ -51,51 +51,50 @@ def sums_over(columns: Sequence[Array], first: Rows, stop: Rows) -> Array:
     return np.array([np.add.reduceat(values, edges)[::2] for values in columns])
 
 
-def split_where_it_drifts(groups: Sequence[Signals], first: Rows, stop: Rows, window: int) -> tuple[Rows, Rows]:
+def split_where_it_drifts(groups: Sequence[Signals], first: Rows, stop: Rows, window: int) -> tuple[Rows, Rows, Rows]:
     """Cut stretches that drift, where a window's mean is no longer near that of the first window since the last cut.
 
     Args:
         groups: signals, any of which can tell poses apart.
         first, stop: (s,) the stretches.
-        window: samples.
+        window: samples; the last of a stretch is longer, by what is left.
+
+    Returns:
+        First samples, ends, and the numbers of the poses of the stretches after the cuts: the next one at a cut, and
+        where the mean of the stretch is not where the one before was.
     """
-    whole = (stop - first) // window
-    begins, counts = first[whole > 1], whole[whole > 1]
-    if not len(begins):
-        return first, stop
-    stretch = np.repeat(np.arange(len(begins)), counts)
-    place = np.concatenate([[0], np.cumsum(counts)[:-1]])  # of each stretch's first window among all windows
-    starts = begins[stretch] + window * (np.arange(len(stretch)) - place[stretch])
-    drifting = np.zeros(len(begins), dtype=bool)
-    tracks = []
-    for group in groups:
-        means = sums_over(group.columns, starts, starts + window) / window
-        tracks.append((group, means))
-        lowest, highest = (bound.reduceat(means, place, axis=1) for bound in (np.minimum, np.maximum))
+    counts = np.maximum((stop - first) // window, 1)
+    place = np.concatenate([[0], np.cumsum(counts)])  # of each stretch's first window among all windows
+    begins = np.repeat(first - window * place[:-1], counts) + window * np.arange(place[-1])
+    ends = begins + window
+    ends[place[1:] - 1] = stop
+    lengths = ends - begins
+    tracks = [(group, sums_over(group.columns, begins, ends)) for group in groups]
+    drifting = np.zeros(len(first), dtype=bool)
+    for group, sums in tracks:
+        means = sums / lengths
+        lowest, highest = (bound.reduceat(means, place[:-1], axis=1) for bound in (np.minimum, np.maximum))
         drifting |= group.apart(lowest, highest)
     cuts: list[int] = []
     for number in np.flatnonzero(drifting).tolist():
-        reference, end = int(place[number]), int(place[number] + counts[number])
+        reference, end = int(place[number]), int(place[number + 1])
         while reference < end:
             rest = slice(reference, end)
             away = np.zeros(end - reference, dtype=bool)
-            for group, means in tracks:
-                away |= group.apart(means[:, rest], means[:, reference, None])
+            for group, sums in tracks:
+                means = sums[:, rest] / lengths[rest]
+                away |= group.apart(means, means[:, :1])
             if not away.any():
                 break
             reference += int(np.argmax(away))
-            cuts.append(int(starts[reference]))
-    added = np.array(cuts, dtype=np.intp)
-    return np.sort(np.concatenate([first, added])), np.sort(np.concatenate([stop, added]))
-
-
-def poses_of(groups: Sequence[Signals], first: Rows, stop: Rows) -> Rows:
-    """(s,) the number of each stretch's pose: the next one where its mean is not in the same place."""
-    new = first[1:] == stop[:-1]  # where it was cut
-    for group in groups:
-        means = sums_over(group.columns, first, stop) / (stop - first)
-        new |= group.apart(means[:, :-1], means[:, 1:]) if len(first) > 1 else False
-    return np.concatenate([[0], np.cumsum(new)]).astype(np.intp)
+            cuts.append(reference)
+    starts = np.sort(np.concatenate([place[:-1], np.array(cuts, dtype=np.intp)]))
+    new = np.isin(starts, cuts)
+    samples = np.add.reduceat(lengths, starts)
+    for group, sums in tracks:
+        means = np.add.reduceat(sums, starts, axis=1) / samples
+        new[1:] |= group.apart(means[:, :-1], means[:, 1:]) if len(starts) > 1 else False
+    return begins[starts], begins[starts] + samples, np.cumsum(new).astype(np.intp)
 
 
 def mask_of(count: int, first: Rows, stop: Rows) -> Mask:
