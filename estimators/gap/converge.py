@@ -13,7 +13,7 @@ from estimators.gap.score import Explained
 #: Benches set up anew at most.
 _ROUNDS: Final = 4
 #: Misfit (chi-square) by which a bench is off that is worth another.
-_OFF: Final = 0.5
+_OFF: Final = 1.0
 
 
 def converged(fits: Sequence[Fitted], bench: Bench) -> tuple[list[Fitted], Explained, Bench]:
@@ -26,5 +26,5 @@ def converged(fits: Sequence[Fitted], bench: Bench) -> tuple[list[Fitted], Expla
         if abs(float(left @ left) - float(explained.residual @ explained.residual)) < _OFF:
             break
         bench = fresh
-        fitted, explained = refit(fitted, bench)
+        fitted, explained = refit(fitted, bench, most=2)
     return fitted, explained, bench

@@ -132,10 +132,13 @@ def _tries(offer: Offer) -> list[dict[str, Value]]:
     return [{"phase_rad": float(phase)} for phase in _PHASES]
 
 
-def refit(fits: Sequence[Fitted], bench: Bench) -> tuple[list[Fitted], Explained]:
+def refit(fits: Sequence[Fitted], bench: Bench, most: int = 6) -> tuple[list[Fitted], Explained]:
     """All parameters of all effects together by nonlinear least squares; and what they leave.
 
     The calibration moves along its tangent, which is projected out.
+
+    Args:
+        most: evaluations at most, those for derivatives not counted.
     """
     fits = list(fits)
     if not fits:
@@ -158,7 +161,7 @@ def refit(fits: Sequence[Fitted], bench: Bench) -> tuple[list[Fitted], Explained
         white = bench.whitened - project(bench.absorbed, bench.whiten(bench.change(effects)))
         return np.concatenate([white, held * point])
 
-    found = least_squares(left, start, method="trf", x_scale="jac", diff_step=1e-4, max_nfev=12, ftol=1e-6, xtol=1e-6)
+    found = least_squares(left, start, method="trf", x_scale="jac", diff_step=1e-4, max_nfev=most, ftol=1e-6, xtol=1e-6)
     fits = moved(found.x if 2.0 * found.cost <= float(left(start) @ left(start)) else start)
     return fits, explained_by(fits, bench)
 

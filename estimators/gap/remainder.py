@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.stats import chi2, kurtosistest, norm
 
+from estimators.gap import coherent
 from estimators.gap.bench import Bench
 from estimators.gap.score import Explained, solve
 from estimators.gap.stochastic import NoiseOffer, spectrum
@@ -65,6 +66,7 @@ def findings(bench: Bench, explained: Explained, noises: Sequence[NoiseOffer] = 
     """
     raw = [
         *mean_tests(bench, explained),
+        *coherent_tests(bench, explained),
         *spectrum_tests(bench, explained),
         *variance_tests(bench, explained),
         *pair_tests(bench, explained),
@@ -91,11 +93,12 @@ def families(bench: Bench, column: int) -> dict[str, Array]:
         base.inputs[:, bench.columns] / base.references[bench.columns], bench.columns.index(column), axis=1
     )
     clock = (np.arange(count) + 0.5) / count
-    cosines = np.cos(np.pi * np.outer(clock, np.arange(1, _COSINES + 1)))
+    cosines = np.cos(np.pi * np.outer(clock, np.arange(1, 4 * _COSINES + 1)))
     rate = np.gradient(own, base.t)
     rate = rate / max(float(np.sqrt(np.mean(rate**2))), 1e-12)
     found = {
-        "time": cosines,
+        "time": cosines[:, :_COSINES],
+        "time, in detail": cosines[:, _COSINES:],
         "level": np.stack([own**2, own**3, own**4, own**5], axis=1),
         "time and level": cosines[:, :6] * own[:, None],
         "rate of change": np.stack([rate, np.abs(rate), rate**2, rate * own], axis=1),
@@ -170,6 +173,15 @@ def mean_tests(bench: Bench, explained: Explained) -> list[Finding]:
     for name, parts in total.items():
         statistic, rank = sum(part[0] for part in parts), sum(part[1] for part in parts)
         found.append(Finding(name, "all", statistic, rank, float(chi2.logsf(statistic, rank)) if rank else 0.0))
+    return found
+
+
+def coherent_tests(bench: Bench, explained: Explained) -> list[Finding]:
+    """Score tests of errors that all channels share."""
+    found = []
+    for name, changes in coherent.families(bench):
+        score = explained.score(bench.whiten_changes(changes))
+        found.append(Finding(name, "all", score.statistic, score.rank, score.log_p))
     return found
 
 

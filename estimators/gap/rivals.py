@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.gap.bench import Columns
+from estimators.gap.bench import Bench, Columns
 from estimators.gap.converge import converged
 from estimators.gap.refine import Fitted, refit, started
 from estimators.gap.scan import Offer
 from estimators.gap.score import Explained, evidence
 from estimators.gap.select import TIE, MeanCause, Selection, scanned, with_mean, without_noise
 from estimators.gap.stochastic import NoiseOffer, noise_offers
+from rig.effects import Effect
 
 #: Evidence (twice a log Bayes factor) by which a cause must beat a rival to be named alone: 20 to 1.
 MARGIN = 2.0 * float(np.log(20.0))
@@ -25,6 +26,8 @@ MARGIN = 2.0 * float(np.log(20.0))
 _REFITTED = 6
 #: A rival of more strengths must explain this much more to count beside the cause.
 _NESTED = 4.0
+#: A rival whose first refit is this share of the evidence away is not fitted to the end.
+_FAR = 0.15
 #: So often a cause gives way to a better rival.
 _SWAPS = 3
 
@@ -61,14 +64,16 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
     """The cause itself first, then all within the margin of it, the most evident first."""
     others = [each for each in state.causes if each is not cause]
     fits, explained = refit([each.fit for each in others], state.bench)
-    own = _stand_in(state, cause.offer, fits, explained, fit=cause.fit)
+    own = _own(state, cause, fits, explained)
     taken = {each.fit.candidate.label for each in state.causes}
     offers = [
-        offer for offer in scanned(state, fits, explained) if offer.candidate.label not in taken and offer.score.rank
+        offer
+        for offer in scanned(state, fits, explained)
+        if offer.candidate.label not in taken and offer.score.strengths.size
     ]
     found = []
     for offer in [offer for offer in offers if offer.evidence > own.evidence - 4.0 * MARGIN][:_REFITTED]:
-        rival = _stand_in(state, offer, fits, explained, fit=None)
+        rival = _stand_in(state, offer, fits, explained, worthwhile=own.evidence - _FAR * (own.evidence + MARGIN))
         if rival.evidence > own.evidence - MARGIN:
             found.append(rival)
     exact = [_linear(offer) for offer in offers[_REFITTED:] if offer.evidence > own.evidence - MARGIN]
@@ -77,13 +82,18 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
     return [own, *sorted(kept, key=lambda rival: -rival.evidence)]
 
 
-def settled(state: Selection) -> tuple[Selection, list[list[Rival]]]:
+def settled(state: Selection, worthwhile: bool = True) -> tuple[Selection, list[list[Rival]]]:
     """The selection in which no cause has a better rival, and the rivals of each.
 
     Forward selection takes the first cause before it knows the second: a cause that another would serve better in its
     place, now that all are known, gives way to it.
+
+    Args:
+        worthwhile: False where the causes are no explanation whatever their rivals: these are not looked for.
     """
     groups: list[list[Rival]] = []
+    if not worthwhile:
+        return state, [[_as_selected(cause)] for cause in state.causes]
     for swap in range(_SWAPS + 1):
         groups = [rivals(state, cause) for cause in state.causes]
         better = [
@@ -126,6 +136,11 @@ def _contains(rival: Rival, own: Rival) -> bool:
     return rival.rank > own.rank and rival.statistic < own.statistic + _NESTED * (rival.rank - own.rank)
 
 
+def _as_selected(cause: MeanCause) -> Rival:
+    effect, where = cause.fit.candidate.effect.name, cause.fit.candidate.where
+    return Rival(cause.fit.candidate.label, effect, where, cause.evidence, cause.statistic, cause.rank, cause.fit)
+
+
 def _linear(offer: Offer) -> Rival:
     effect = offer.candidate.effect.name
     score = offer.score
@@ -137,15 +152,26 @@ def _noise(offer: NoiseOffer) -> Rival:
     return Rival(offer.label, offer.effect.name, offer.effect.where, offer.evidence, offer.gain, offer.rank)
 
 
-def _stand_in(state: Selection, offer: Offer, fits: list[Fitted], explained: Explained, fit: Fitted | None) -> Rival:
-    """An offer refitted together with the other causes."""
-    fit = started(offer, state.bench, explained) if fit is None else fit
-    refitted, after, bench = converged([*fits, fit], state.bench)
-    before = float(explained.residual @ explained.residual)
-    statistic = before - float(after.residual @ after.residual)
-    tangent = refitted[-1].tangent(bench, [each.effect for each in refitted[:-1]])
-    rank = max(1, explained.score(Columns(tangent, 0)).rank)
+def _own(state: Selection, cause: MeanCause, fits: list[Fitted], explained: Explained) -> Rival:
+    """The cause in its own place: it is fitted already."""
+    return _weighed(cause.offer, cause.fit, [fit.effect for fit in fits], state.bench, explained, state.explained)
+
+
+def _stand_in(state: Selection, offer: Offer, fits: list[Fitted], explained: Explained, worthwhile: float) -> Rival:
+    """An offer refitted together with the other causes; the calibration as well where the evidence is worthwhile."""
+    refitted, after = refit([*fits, started(offer, state.bench, explained)], state.bench)
+    bench = state.bench
+    gain = float(explained.residual @ explained.residual) - float(after.residual @ after.residual)
+    if gain > worthwhile:
+        refitted, after, bench = converged(refitted, bench)
+    return _weighed(offer, refitted[-1], [fit.effect for fit in refitted[:-1]], bench, explained, after)
+
+
+def _weighed(
+    offer: Offer, fit: Fitted, others: list[Effect], bench: Bench, before: Explained, after: Explained
+) -> Rival:
+    statistic = float(before.residual @ before.residual) - float(after.residual @ after.residual)
+    rank = max(1, before.score(Columns(fit.tangent(bench, others), 0)).rank)
     strength = evidence(statistic, rank) - 2.0 * float(np.log(offer.searched)) * (rank <= offer.score.rank)
     effect = offer.candidate.effect.name
-    place = offer.candidate.where
-    return Rival(offer.candidate.label, effect, place, strength, statistic, rank, refitted[-1], offer)
+    return Rival(offer.candidate.label, effect, offer.candidate.where, strength, statistic, rank, fit, offer)

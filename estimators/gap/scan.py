@@ -146,6 +146,11 @@ class Scanner:
         )
         return Scanner(rough, fine, self._envelopes)
 
+    def around(self, bench: Bench) -> Scanner:
+        """The scanner of the bench around another calibration: the first look is not made anew."""
+        fine = Look(bench)
+        return Scanner(fine if self.rough is self.fine else self.rough, fine)
+
     def _smooth(self, candidate: Candidate) -> bool:
         return self.rough is not self.fine and not candidate.effect.tone and not candidate.effect.rapid
 

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench, Columns
+from estimators.gap.bench import Bench, Columns, project
+from estimators.gap.blocks import block_means
 from estimators.gap.candidates import Candidate, all_candidates
 from estimators.gap.converge import converged
 from estimators.gap.rebase import around
-from estimators.gap.refine import Fitted, explained_by, started
+from estimators.gap.refine import Fitted, started
 from estimators.gap.scan import Offer, Scanner
 from estimators.gap.score import Explained, evidence
 from estimators.gap.stochastic import NoiseOffer, noise_offers
@@ -29,9 +30,12 @@ SIGNIFICANT = float(np.log(5e-4))
 #: Smallest evidence (twice a log Bayes factor) of a cause: "very strong" (Kass and Raftery, JASA 90, 1995).
 STRONG = 10.0
 #: More causes than this at once are no explanation.
-MOST_CAUSES = 4
+MOST_CAUSES = 3
 #: Evidence by which two offers differ at most to be twins.
 TIE = 0.5
+#: Beyond this evidence a cause may stretch the calibration further than its tangent: effects that offer nearly as much
+#: are refitted too, so many of them.
+_STRETCHED, _NEAR, _TRIED = 500.0, 0.05, 2
 #: Where noise and a mean effect explain amounts that differ by less than this factor, both ways are followed.
 CONTESTED = 0.5
 
@@ -96,22 +100,21 @@ def select(bench: Bench, without: Sequence[str] = (), progress: Callable[[float]
     return _followed(start(bench, without), without, progress)
 
 
-def _followed(state: Selection, without: Sequence[str], progress: Callable[[float], None] | None) -> Selection:
+def _followed(
+    state: Selection, without: Sequence[str], progress: Callable[[float], None] | None, parting: bool = True
+) -> Selection:
     while state.count < MOST_CAUSES:
         if progress is not None:
             progress(state.count / MOST_CAUSES)
-        mean, noise = _mean_offer(state), _noise_offer(state, without)
-        if mean is None and noise is None:
+        means, noise = _mean_offers(state), _noise_offer(state, without)
+        if not means and noise is None:
             break
-        if mean is not None and noise is not None and not state.noises and _contested(mean, noise):
-            ways = [
-                _followed(_with_offer(state, mean), without, None),
-                _followed(with_noise(state, noise), without, None),
-            ]
-            return min(ways, key=cost)
+        mean = means[0] if means else None
+        if parting and mean is not None and noise is not None and not state.noises and _contested(mean, noise):
+            ways = [_with_offers(state, means), with_noise(state, noise)]
+            return min((_followed(way, without, None, parting=False) for way in ways), key=cost)
         if noise is None or (mean is not None and mean.evidence >= noise.evidence):
-            assert mean is not None
-            state = _with_offer(state, mean)
+            state = _with_offers(state, means)
         else:
             state = with_noise(state, noise)
     return pruned(state, without)
@@ -131,8 +134,11 @@ def cost(state: Selection) -> float:
     return misfit + paid + sum(offer.gain - offer.evidence for offer in state.noises)
 
 
-def _mean_offer(state: Selection) -> Offer | None:
-    """The mean effect to add next; of twins the likelier before the data."""
+def _mean_offers(state: Selection) -> list[Offer]:
+    """The mean effects to add next: one, or several of which only a refit can tell which is best.
+
+    Of exact twins the likelier before the data comes first.
+    """
     taken = {cause.fit.candidate.label for cause in state.causes}
     offers = [
         offer
@@ -140,17 +146,35 @@ def _mean_offer(state: Selection) -> Offer | None:
         if offer.candidate.label not in taken and offer.score.rank
     ]
     if not offers:
-        return None
+        return []
     twins = [offer for offer in offers if offer.evidence > offers[0].evidence - TIE]
     best = min(twins, key=lambda offer: preference(offer.candidate, state.bench))
-    return best if best.log_p + np.log(len(offers)) < SIGNIFICANT and best.evidence >= STRONG else None
+    if best.log_p + np.log(len(offers)) >= SIGNIFICANT or best.evidence < STRONG:
+        return []
+    near = [offer for offer in offers if offer.evidence > best.evidence * (1.0 - _NEAR) and offer.score.strengths.size]
+    several = best.evidence > _STRETCHED and len({offer.candidate.effect.name for offer in near}) > 1
+    kinds = {offer.candidate.effect.name: offer for offer in [*reversed(near), best]} if several else {}
+    return [best, *[offer for offer in kinds.values() if offer is not best][:_TRIED]]
 
 
 def scanned(state: Selection, fits: Sequence[Fitted], explained: Explained) -> list[Offer]:
     """The offers of all candidates beside fitted effects, the most evident first."""
     fine, rough = state.scanner.fine, state.scanner.rough
-    roughly = explained if rough is fine else explained_by(fits, rough.bench)
+    roughly = explained if rough is fine else _roughly(rough.bench, state.bench, fits)
     return state.scanner.scan(state.candidates, explained, roughly)
+
+
+def _roughly(rough: Bench, bench: Bench, fits: Sequence[Fitted]) -> Explained:
+    """What fitted effects leave on a bench, as means on the rougher one."""
+    size = bench.count // rough.count
+    left = bench.residual - bench.change([fit.effect for fit in fits])
+    means = np.stack([block_means(left[:, each], size, bench.weights[:, each] > 0) for each in range(6)], axis=1)
+    explained = Explained(rough.absorbed, project(rough.absorbed, rough.whiten(means)))
+    if not fits:
+        return explained
+    effects = [fit.effect for fit in fits]
+    tangents = [fit.tangent(rough, [other for other in effects if other is not fit.effect]) for fit in fits]
+    return explained.extended(np.hstack(tangents))
 
 
 def _noise_offer(state: Selection, without: Sequence[str]) -> NoiseOffer | None:
@@ -162,8 +186,13 @@ def _noise_offer(state: Selection, without: Sequence[str]) -> NoiseOffer | None:
     return offers[0]
 
 
-def _with_offer(state: Selection, offer: Offer) -> Selection:
-    return with_mean(state, [*state.causes, MeanCause(started(offer, state.bench, state.explained), offer)])
+def _with_offers(state: Selection, offers: Sequence[Offer]) -> Selection:
+    """With one more mean cause: of several offers the one that explains most once it is refitted."""
+    ways = []
+    for offer in offers:
+        fit = started(offer, state.bench, state.explained)
+        ways.append(with_mean(state, [*state.causes, MeanCause(fit, offer)]))
+    return min(ways, key=cost)
 
 
 def preference(candidate: Candidate, bench: Bench) -> tuple[bool, int]:
@@ -178,8 +207,9 @@ def with_mean(state: Selection, causes: Sequence[MeanCause]) -> Selection:
     """The selection with these mean causes, refitted together."""
     fits, explained, bench = converged([cause.fit for cause in causes], state.bench)
     if bench is not state.bench:
-        quiet = Scanner.of(around(state.quiet.fine.bench, bench.pipeline))
-        state = replace(state, bench=bench, quiet=quiet, scanner=Scanner.of(bench))
+        scanner = state.scanner.around(bench)
+        quiet = state.quiet.around(around(state.quiet.fine.bench, bench.pipeline)) if state.noises else scanner
+        state = replace(state, bench=bench, quiet=quiet, scanner=scanner)
     fresh = [replace(cause, fit=fit) for cause, fit in zip(causes, fits, strict=True)]
     return replace(state, causes=tuple(weighed(fresh, bench, explained)), explained=explained)
 

@@ -19,6 +19,8 @@ _HARMONICS: Final = 3.0
 _PEAKS: Final = 3
 #: A tone slower than this many cycles a recording is a drift.
 _DRIFT: Final = 4.0
+#: A tone of a known band is not looked for so near, in cycles a recording, to so many harmonics of a joint's rate.
+_WIDTH, _ORDERS = 1.5, 2
 #: Sums that a wave is polished on.
 _SUMS: Final = 64
 
@@ -90,17 +92,28 @@ def _allowed(candidate: Candidate, bench: Bench, frequency: Array) -> NDArray[np
     resolution = 1.0 / (bench.count * bench.interval_s)
     if not candidate.effect.bands:
         return (frequency > _HARMONICS * _fastest_turn(bench)) & (frequency < 0.5 / bench.interval_s - resolution)
+    if bench.base.q_encoder is not None:  # a turning joint makes sines of its own
+        rates = _turns(bench)
+        own = np.concatenate([rates[rates > resolution] * order for order in range(1, _ORDERS + 1)])
+        arm = np.abs(frequency[:, None] - own).min(axis=1, initial=np.inf) < _WIDTH * resolution
+    else:
+        arm = np.zeros(len(frequency), dtype=bool)
     allowed = np.zeros(len(frequency), dtype=bool)
     for low, high in candidate.effect.bands:
         fine = np.arange(low, high, 0.25 * resolution) * bench.interval_s
         folded = np.abs(fine - np.round(fine)) / bench.interval_s
         allowed[np.unique(np.clip(np.round(folded / frequency[1]).astype(int), 0, len(frequency) - 1))] = True
-    return allowed & (frequency > _DRIFT * resolution)
+    return np.asarray(allowed & (frequency > _DRIFT * resolution) & ~arm)
 
 
 def _fastest_turn(bench: Bench) -> float:
     """[Hz] the rate of the fastest joint; one tenth of the band where joints are not known."""
     if bench.base.q_encoder is None:
         return 0.05 / bench.interval_s
-    speed = np.abs(np.gradient(bench.base.q_encoder, bench.base.t, axis=0))
-    return float(np.median(speed, axis=0).max() / (2.0 * np.pi))
+    return float(_turns(bench).max())
+
+
+def _turns(bench: Bench) -> Array:
+    """(N,) [Hz] the rate of each joint."""
+    speed = np.abs(np.gradient(bench.base.encoder_angles, bench.base.t, axis=0))
+    return np.asarray(np.median(speed, axis=0) / (2.0 * np.pi))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from estimators.gap.bench import Bench, project
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.closure import Closure, close
+from estimators.gap.credible import credible, plausible
 from estimators.gap.defects import Defect
 from estimators.gap.diagnosis import Cause, Channel, Diagnosis, Estimate, Verdict
 from estimators.gap.fullrate import at_every_sample
@@ -32,10 +33,6 @@ Array = NDArray[np.float64]
 
 #: A remainder of less than this share of what the causes explain leaves their name standing.
 SMALL = 0.03
-#: Cosine above which what two causes explain is of one shape.
-ALIKE = 0.95
-#: Three causes where one would do are a sign that the true one is not in the catalogue: each must hold its own.
-_SEVERAL, _COMPARABLE = 3, 0.1
 
 
 def check_names(without: Sequence[str]) -> None:
@@ -67,7 +64,7 @@ def conclude(
         without: effects left out of the catalogue: their defects have no name.
         floor: noise of each channel. source: where it comes from.
     """
-    state, groups = settled(state)
+    state, groups = settled(state, plausible(state))
     noise_groups = [noise_rivals(state, offer, without) for offer in state.noises]
     pointwise, state = state.bench, at_every_sample(state, bench)
     left = significant(findings(pointwise, state.explained, state.noises))
@@ -77,7 +74,8 @@ def conclude(
     explained += sum(offer.gain for offer in state.noises)
     remainder = _excess(left)
     structured = bool(left) or bool(nameless)
-    unknown = bool(nameless) or (bool(left) and (bool(state.noises) or remainder > SMALL * max(explained, 0.0)))
+    several = state.count > 1 or bool(state.noises)
+    unknown = bool(nameless) or (bool(left) and (several or remainder > SMALL * max(explained, 0.0)))
     unknown = unknown or not credible(state, groups)
     settled_bench = bench if state.bench.pipeline is bench.pipeline else around(bench, state.bench.pipeline)
     closure = close(
@@ -141,26 +139,6 @@ def judged_elsewhere(result: Diagnosis, state: Selection, bench: Bench) -> Diagn
 def _excess(left: Sequence[Finding]) -> float:
     """Squared signal-to-noise of what is left: the largest of the overlapping tests."""
     return max((finding.excess for finding in left), default=0.0)
-
-
-def credible(state: Selection, groups: Sequence[Sequence[Rival]]) -> bool:
-    """Whether several causes together are an explanation, or the shape of one that is not in the catalogue.
-
-    One cause is. Several are invented, more likely than not, where the same effect is needed at two places, where
-    rivals of another shape explain nearly as much as a cause in its place, or where three are needed of which one is
-    noise or small beside the strongest.
-    """
-    if state.count < 2:
-        return True
-    names = [cause.fit.candidate.effect.name for cause in state.causes]
-    if len(set(names)) < len(names):
-        return False
-    if any(not rival.exact(group[0]) and rival.cosine < ALIKE for group in groups for rival in group[1:]):
-        return False
-    if state.count < _SEVERAL:
-        return True
-    sizes = [cause.statistic for cause in state.causes]
-    return not state.noises and state.count == _SEVERAL and min(sizes) > _COMPARABLE * max(sizes)
 
 
 def _remainder_follows(

@@ -1,0 +1,50 @@
+"""Whether several causes together are an explanation, or the shape of one that is not in the catalogue."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from estimators.gap.rivals import Rival
+from estimators.gap.select import Selection
+
+#: Cosine above which what two causes explain is of one shape.
+ALIKE = 0.95
+#: Three causes where one would do are a sign that the true one is not in the catalogue: each must hold its own.
+_SEVERAL, _COMPARABLE = 3, 0.1
+#: Effects that stand for one another where neither is the true one: of two at once, the weaker must hold this share.
+_KIN = (
+    {"bias_warmup", "bias_temperature", "bias_step", "bias_random_walk", "scale_temperature", "supply_ratiometric"},
+    {"latency", "sensor_lag", "hysteresis", "mains_hum", "vibration"},
+    {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron", "motor_current_field"},
+    {"joint_offset", "joint_scale", "joint_eccentricity", "joint_compliance", "base_rocking", "axis_misalignment"},
+)
+_OWN_SHARE = 0.25
+
+
+def plausible(state: Selection) -> bool:
+    """Whether causes hold together, whatever their rivals.
+
+    One does. Several are invented, more likely than not, where the same effect is needed at two places, where a weak
+    one is of the same kin as a strong one, or where three are needed of which one is noise or small beside the
+    strongest.
+    """
+    names = [cause.fit.candidate.effect.name for cause in state.causes]
+    if len(set(names)) < len(names):
+        return False
+    for one, other in itertools.combinations(state.causes, 2):
+        both = {one.fit.candidate.effect.name, other.fit.candidate.effect.name}
+        sizes = sorted([one.statistic, other.statistic])
+        if any(both <= kin for kin in _KIN) and sizes[0] < _OWN_SHARE * sizes[1]:
+            return False
+    if state.count < _SEVERAL:
+        return True
+    sizes = [cause.statistic for cause in state.causes]
+    return not state.noises and state.count == _SEVERAL and min(sizes) > _COMPARABLE * max(sizes)
+
+
+def credible(state: Selection, groups: Sequence[Sequence[Rival]]) -> bool:
+    """Whether causes are plausible, and no rival of another shape explains nearly as much in the place of one of
+    several."""
+    inexact = any(not rival.exact(group[0]) and rival.cosine < ALIKE for group in groups for rival in group[1:])
+    return plausible(state) and (state.count < 2 or not inexact)
