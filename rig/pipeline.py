@@ -72,7 +72,7 @@ class Pipeline:
     def carried(self, base: Signals, rng: np.random.Generator) -> Signals:
         """Signals that have been through every stage without effects, with the effects: what they leave alone is kept.
 
-        The same as ``expected`` to the last bit, and many times as fast where an effect changes little.
+        The same as ``expected`` to rounding, and many times as fast where an effect changes little.
         """
         signals = base
         for stage in Stage:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
+from estimators.gap.select import SIGNIFICANT
 from rig.effects import Effect
 from rig.errors import RigError
 from rig.threads import one_blas_thread
@@ -28,6 +29,9 @@ from scenarios.loader import load
 from scenarios.studies.executor import Workers
 
 Array = NDArray[np.float64]
+
+#: So many mean effects and places a sweep of three joints has, about.
+_CANDIDATES = 150.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class PowerStudy:
     where: str = "joint5"
     strengths: tuple[float, ...] = (4.0, 5.0, 6.0, 7.0, 8.0)
     draws: int = 4
-    false_alarm: float = 3e-3 / 150.0
+    false_alarm: float = float(np.exp(SIGNIFICANT)) / _CANDIDATES
     samples: int = 6656
     seed: int = 0
     scenario: str = "ann-arbor"

@@ -1,0 +1,118 @@
+"""The bench: quick changes, block means, tones, a calibration that a strong cause moved, errors all channels share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import estimators
+import scenarios
+from estimators.gap import coherent
+from estimators.gap.basefit import estimated_floor, set_up
+from estimators.gap.bench import Bench
+from estimators.gap.converge import converged
+from estimators.gap.remainder import findings, significant
+from estimators.gap.score import Explained
+from estimators.gap.select import start
+from rig.arm import Arm
+from rig.effects import EFFECTS, Kind, make_effect
+from rig.recording import Recording
+
+
+def recorded(seed: int, *effects: tuple[str, dict[str, object]], decimation: int = 100) -> Recording:
+    base = scenarios.load("ann-arbor")
+    rig = replace(base.rig, acquisition=replace(base.rig.acquisition, decimation=decimation))
+    return replace(base, rig=rig).with_effects([make_effect(*each) for each in effects]).simulate(seed=seed)
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return Arm.a465()
+
+
+@pytest.fixture(scope="module")
+def bench(arm: Arm) -> Bench:
+    run = recorded(1)
+    return set_up(run, estimated_floor(run, arm), arm)
+
+
+@pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if effect.kind is Kind.MEAN])
+def test_a_change_is_that_of_the_whole_pipeline(bench: Bench, name: str) -> None:
+    """What an effect leaves alone is kept; the rest equals the whole way to rounding of some volts."""
+    effect = EFFECTS[name]
+    choices = {key: names[0] for key, names in effect.choices().items()}
+    strengths = {
+        item.name: item.typical if item.size == 1 else (item.typical,) * item.size
+        for item in effect.parameters()
+        if item.strength
+    }
+    where = next(each for each in effect.places if each not in choices.values())
+    made = effect.from_mapping({"where": where, **choices, **strengths})
+    whole = replace(bench.pipeline, effects=(made,)).expected(bench.base, np.random.default_rng(0)).volts
+    np.testing.assert_allclose(bench.change([made]), whole - bench.base.volts, rtol=0.0, atol=1e-13)
+
+
+def test_block_means_at_mean_poses_are_block_means(arm: Arm) -> None:
+    """A smooth change at the mean pose of a few samples is the mean of the change, to second order in their turn."""
+    run = recorded(1, decimation=25)
+    full = set_up(run, estimated_floor(run, arm), arm)
+    blocks = full.averaged(4)
+    points = blocks.pointwise()
+    effect = make_effect("link_hard_iron", {"where": "link1", "field": (0.0, 0.02, 0.0)})
+    one, other = blocks.whiten(blocks.change([effect])), points.whiten(points.change([effect]))
+    turn = 4.0 * np.abs(np.diff(run.q, axis=0)).max()
+    assert np.linalg.norm(one - other) < turn**2 / 24.0 * 4.0 * np.linalg.norm(one)  # sinc, for orders up to two
+    assert np.linalg.norm(blocks.whiten(blocks.residual) - points.whiten(points.residual)) < 1e-6 * np.sqrt(points.size)
+
+
+def test_a_strong_cause_and_the_calibration_are_fitted_together(arm: Arm) -> None:
+    """A lag of a second turns the fitted axes by tenths of a radian; the lag is recovered all the same."""
+    tau_s = 1.0
+    run = recorded(2, ("sensor_lag", {"where": "accelerometer", "tau_s": tau_s}))
+    found = estimators.diagnose(run, arm=arm)
+    (cause,) = found.causes
+    names = {(cause.effect, cause.where), *((each["effect"], each["where"]) for each in cause.equivalent)}
+    assert ("sensor_lag", "accelerometer") in names
+    if cause.effect == "sensor_lag":
+        estimate = cause.parameters["tau_s"]
+        assert abs(estimate.value - tau_s) < 4.0 * estimate.std + 0.02 * tau_s  # the path is sampled, not continuous
+
+
+def test_convergence_leaves_a_good_bench_alone(bench: Bench) -> None:
+    fits, explained, same = converged([], bench)
+    assert same is bench
+    assert fits == []
+    np.testing.assert_array_equal(explained.residual, bench.whitened)
+
+
+def test_a_tone_faster_than_the_means_is_found_in_the_samples(arm: Arm) -> None:
+    frequency = 4.37
+    effect = ("vibration", {"where": "accelerometer", "freq_Hz": frequency, "amplitude_m_s2": 0.05})
+    run = recorded(3, effect, decimation=8)
+    assert len(run) > 16_384  # long enough for means of two samples
+    found = estimators.diagnose(run, arm=arm)
+    (cause,) = found.causes
+    assert (cause.effect, cause.where) == ("vibration", "accelerometer")
+    resolution = 1.0 / float(run.t[-1] - run.t[0])
+    assert abs(cause.parameters["freq_Hz"].value - frequency) < 0.5 * resolution
+
+
+def test_an_angle_error_that_no_effect_has_is_seen(bench: Bench) -> None:
+    """Half as large as what single channels need: signal-to-noise 12 over all channels, four waves along the sweep."""
+    clock = np.linspace(0.0, 1.0, len(bench.base))
+    change = bench.change([make_effect("joint_offset", {"where": "joint1", "offset_rad": 1e-4})]) / 1e-4
+    change = change * np.cos(6.0 * np.pi * clock)[:, None]
+    size = float(np.linalg.norm(Explained(bench.absorbed, bench.whitened).without(bench.whiten(change))))
+    shaken = replace(bench, readings=bench.readings + 12.0 / size * change)
+    left = significant(findings(shaken, start(shaken).explained))
+    assert any(finding.follows == "an error of joint1's angle" for finding in left)
+    assert not significant(findings(bench, start(bench).explained))
+
+
+def test_shared_errors_have_names_for_what_was_recorded(bench: Bench) -> None:
+    names = [name for name, _ in coherent.families(bench)]
+    assert "an error of joint6's angle" in names
+    assert "a turn of the magnetometer" in names
+    assert len(names) == len(set(names)) == 10

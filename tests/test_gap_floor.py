@@ -1,0 +1,119 @@
+"""The floor: noise of one and two colours, whitened, averaged over blocks, and how well it is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+from scipy.stats import chi2, kstest
+
+from estimators.gap.blocks import block_means, block_size
+from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.floor import Learned, Spectrum, parts
+from estimators.gap.periodogram import Periodogram
+
+DT = 0.25
+WHITE = ChannelNoise(2.0, samples=6000, duration_s=300.0)
+ONE = ChannelNoise(1.0, 1.0, 0.8, samples=6000, duration_s=300.0)
+TWO = ChannelNoise(1.0, 0.6, 0.5, samples=6000, duration_s=300.0, slow=0.4, slow_tau_s=6.0)
+
+
+def drawn(noise: ChannelNoise, count: int, interval_s: float, rng: np.random.Generator) -> np.ndarray:
+    """A stationary draw: every part started from its own distribution."""
+    total = np.sqrt(noise.white) * rng.standard_normal(count)
+    for size, tau_s in noise.parts:
+        decay = np.exp(-interval_s / tau_s)
+        drive = np.sqrt(size * (1.0 - decay**2)) * rng.standard_normal(count)
+        drive[0] = np.sqrt(size) * rng.standard_normal()
+        total += lfilter([1.0], [1.0, -decay], drive)
+    return total
+
+
+@pytest.mark.parametrize("noise", [WHITE, ONE, TWO])
+def test_the_whitener_whitens_the_covariance(noise: ChannelNoise) -> None:
+    count = 400
+    covariance = toeplitz(noise.autocovariance(DT * np.arange(count)))
+    whitener = noise.whitener(DT)
+    matrix = whitener(np.eye(count)).T
+    white = matrix @ covariance @ matrix.T
+    kept = slice(max(whitener.start, 1), None)
+    # the filter forgets its start to 1 %, whose square is left
+    np.testing.assert_allclose(white[kept, kept], np.eye(count)[kept, kept], atol=2e-3)
+
+
+@pytest.mark.parametrize("noise", [ONE, TWO])
+def test_the_response_is_one_over_the_spectrum(noise: ChannelNoise) -> None:
+    frequency = np.linspace(1e-3, 0.5, 200)
+    found = parts(noise, frequency, DT).at(np.zeros(1 + 2 * len(noise.parts)))
+    np.testing.assert_allclose(noise.whitener(DT).response(frequency) * found, 1.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [WHITE, ONE, TWO])
+@pytest.mark.parametrize("block", [2, 5, 20])
+def test_means_over_blocks_have_the_averaged_noise(noise: ChannelNoise, block: int) -> None:
+    count = 40
+    fine = toeplitz(noise.autocovariance(DT * np.arange(block * count)))
+    mean = np.kron(np.eye(count), np.full((1, block), 1.0 / block))
+    exact = mean @ fine @ mean.T
+    averaged = noise.averaged(block, DT).autocovariance(block * DT * np.arange(count))
+    np.testing.assert_allclose(averaged, exact[0], rtol=1e-9, atol=1e-12)
+
+
+def test_block_means_leave_out_what_is_not_kept() -> None:
+    values = np.arange(12.0)
+    kept = np.ones(12, dtype=bool)
+    kept[[0, 4, 5, 6, 7]] = False
+    np.testing.assert_allclose(block_means(values, 4, kept), [2.0, 0.0, 9.5])
+    assert block_size(6656, DT) == 1
+    assert 8 <= block_size(166_400, 0.01) <= 21
+
+
+def test_the_expected_periodogram_is_the_mean_of_many() -> None:
+    rng = np.random.default_rng(1)
+    decay, length, many = np.exp(-DT / 3.0), 256, 4000
+    segments = [drawn(ChannelNoise(1e-12, 1.0, 3.0), length, DT, rng) for _ in range(many)]
+    found = Periodogram.of(segments)
+    ratio = found.power / found.counts / found.exponential(decay)
+    # removing each segment's mean takes from the lowest frequency only; elsewhere a mean of exponentials: 5 sigma
+    assert np.all(np.abs(ratio[3:] - 1.0) < 5.0 / np.sqrt(found.counts[3:]) + 0.02)
+
+
+@pytest.mark.parametrize("noise", [WHITE, ONE, TWO])
+def test_noise_like_the_floor_is_no_excess(noise: ChannelNoise) -> None:
+    """Over 200 draws of the floor itself the gain of an added white part stays below its chi-square bound.
+
+    A one-sided chi-square of one degree of freedom exceeds 15.1 once in 20,000: 200 draws fail once in 100 runs.
+    """
+    rng = np.random.default_rng(2)
+    count = 2048
+    frequency = np.arange(1, count) / (2.0 * count)
+    shares = parts(noise, frequency, DT)
+    total = shares.at(np.zeros(1 + 2 * len(noise.parts)))
+    whitened = shares.times(1.0 / total)
+    gains = []
+    for _ in range(200):
+        spectrum = Spectrum(Learned(noise), whitened, rng.standard_normal(count - 1) ** 2, np.ones(count - 1))
+        gains.append(spectrum.added(1.0 / total)[1])
+    assert max(gains) < 15.1
+    assert np.mean(np.array(gains) > chi2.isf(0.1, 1)) < 0.1  # the floor's own uncertainty only lowers it
+
+
+def test_an_excess_on_a_coloured_floor_is_measured() -> None:
+    """The added variance is recovered within its own deviation: 40 draws, their pulls standard normal."""
+    rng = np.random.default_rng(3)
+    count, extra = 4096, 0.5
+    frequency = np.arange(1, count) / (2.0 * count)
+    shares = parts(ONE, frequency, DT)
+    total = shares.at(np.zeros(3))
+    pulls = []
+    for _ in range(40):
+        power = (1.0 + extra / total) * rng.standard_normal(count - 1) ** 2
+        found, gain, spread = Spectrum(Learned(ONE), shares.times(1.0 / total), power, np.ones(count - 1)).added(
+            1.0 / total
+        )
+        assert gain > 10.0
+        # the floor is the truth here, not learned: its freedom widens the deviation, so that pulls are narrower
+        pulls.append((found - extra) / spread)
+    assert np.abs(np.mean(pulls)) < 4.0 / np.sqrt(40)
+    assert kstest(np.array(pulls), "norm").statistic < 0.4
