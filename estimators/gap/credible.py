@@ -16,10 +16,9 @@ _SEVERAL, _COMPARABLE = 3, 0.1
 _KIN = (
     {"bias_warmup", "bias_temperature", "bias_step", "bias_random_walk", "scale_temperature", "supply_ratiometric"},
     {"latency", "sensor_lag", "hysteresis", "mains_hum", "vibration"},
-    {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron", "motor_current_field"},
-    {"joint_offset", "joint_scale", "joint_eccentricity", "joint_compliance", "base_rocking", "axis_misalignment"},
+    {"field_gradient", "base_dipole", "link_soft_iron"},
 )
-_OWN_SHARE = 0.25
+_OWN_SHARE = 0.1
 
 
 def plausible(state: Selection) -> bool:

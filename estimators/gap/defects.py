@@ -142,7 +142,7 @@ def _step(values: Array, grid: float = 0.0) -> float:
     if len(levels) > 0.7 * len(values) or len(levels) < 3:
         return 0.0
     differences = np.diff(levels)
-    smallest = float(np.median(differences[differences < 1.5 * differences.min()]))
+    smallest = float(np.mean(differences[differences < 1.5 * differences.min()]))
     numbers = np.concatenate([[0.0], np.cumsum(np.round(differences / smallest))])
     slope, start = np.polyfit(numbers, levels, 1)
     off = float(np.abs(levels - start - slope * numbers).max())

@@ -32,7 +32,7 @@ from rig.recording import Recording
 Array = NDArray[np.float64]
 
 #: A remainder of less than this share of what the causes explain leaves their name standing.
-SMALL = 0.03
+SMALL = 0.005
 
 
 def check_names(without: Sequence[str]) -> None:
