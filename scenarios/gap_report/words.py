@@ -113,7 +113,8 @@ def closed_words(diagnosis: Diagnosis) -> str:
     if diagnosis.closed_low is None or diagnosis.closed_high is None:
         return percent(diagnosis.closed)
     low, high = (percent(value).removesuffix(" %") for value in (diagnosis.closed_low, diagnosis.closed_high))
-    return f"{percent(diagnosis.closed)} ({low}–{high})"
+    closed = percent(diagnosis.closed)
+    return closed if low == high == closed.removesuffix(" %") else f"{closed} ({low}–{high})"
 
 
 def sentence(diagnosis: Diagnosis) -> str:
