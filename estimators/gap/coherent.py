@@ -14,15 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench
+from estimators.gap.score import Explained, Score
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.effects import make_effect
 from rig.effects.base import JOINTS
+from rig.effects.transmission import smooth_sign
 
 Array = NDArray[np.float64]
 
 #: A joint whose angle varies less [rad] is locked.
 _LOCKED: Final = 0.05
-#: Courses: cosines of time, harmonics of each moving joint.
+#: Courses: cosines of time; harmonics of each moving joint, and its direction.
 _TIMES, _ORDERS = 8, 2
 #: Angle [rad] at which derivatives are taken.
 _STEP: Final = 1e-5
@@ -40,6 +42,13 @@ def families(bench: Bench) -> Iterator[tuple[str, list[Array]]]:
         yield f"a turn of the {name}", _times(_turns(bench, name), courses)
 
 
+def of_one_joint(bench: Bench, explained: Explained) -> Score:
+    """The best score of an error of one joint's angle."""
+    names = families(bench)
+    scores = [explained.score(bench.whiten_changes(changes)) for name, changes in names if "angle" in name]
+    return max(scores, key=lambda score: score.evidence, default=Score(0.0, 0, np.zeros(0), 0.0))
+
+
 def _courses(bench: Bench) -> Array:
     """(n, m) from one on: time, then the moving joints."""
     count = len(bench.base)
@@ -50,6 +59,7 @@ def _courses(bench: Bench) -> Array:
         for joint in moving:
             angles = [order * q[:, joint] for order in range(1, _ORDERS + 1)]
             found += [wave(angle) for angle in angles for wave in (np.cos, np.sin)]
+            found.append(smooth_sign(bench.base.joint_velocity[:, joint]))
     return np.stack(found, axis=1)
 
 

@@ -5,8 +5,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
+from estimators.gap.bench import Bench
+from estimators.gap.coherent import of_one_joint
 from estimators.gap.rivals import Rival
+from estimators.gap.score import Explained
 from estimators.gap.select import Selection
+from rig.effects.base import Stage
 
 #: Cosine above which what two causes explain is of one shape.
 ALIKE = 0.95
@@ -19,6 +23,8 @@ _KIN = (
     {"field_gradient", "base_dipole", "link_soft_iron"},
 )
 _OWN_SHARE = 0.1
+#: An error of one joint that has this share of the evidence of several causes may well be what they stand for.
+_AS_MUCH = 0.9
 
 
 def plausible(state: Selection) -> bool:
@@ -42,8 +48,19 @@ def plausible(state: Selection) -> bool:
     return not state.noises and state.count == _SEVERAL and min(sizes) > _COMPARABLE * max(sizes)
 
 
-def credible(state: Selection, groups: Sequence[Sequence[Rival]]) -> bool:
-    """Whether causes are plausible, and no rival of another shape explains nearly as much in the place of one of
-    several."""
+def credible(state: Selection, groups: Sequence[Sequence[Rival]], bench: Bench) -> bool:
+    """Whether causes are plausible, and nothing of another shape explains nearly as much.
+
+    Of several, no rival in the place of one; and where none of them acts on a joint, no error of one joint's angle in
+    the place of all.
+
+    Args:
+        bench: of the base fit, each mean with the rig evaluated once.
+    """
+    stages = {cause.fit.candidate.effect.stage for cause in state.causes}
+    if len(state.causes) > 1 and Stage.TRANSMISSION not in stages and bench.base.q_encoder is not None:
+        joint = of_one_joint(bench, Explained(bench.absorbed, bench.whitened))
+        if joint.evidence > _AS_MUCH * sum(cause.evidence for cause in state.causes):
+            return False
     inexact = any(not rival.exact(group[0]) and rival.cosine < ALIKE for group in groups for rival in group[1:])
     return plausible(state) and (state.count < 2 or not inexact)

@@ -192,7 +192,8 @@ def _with_offers(state: Selection, offers: Sequence[Offer]) -> Selection:
     for offer in offers:
         fit = started(offer, state.bench, state.explained)
         ways.append(with_mean(state, [*state.causes, MeanCause(fit, offer)]))
-    return min(ways, key=cost)
+    least = min(cost(way) for way in ways)
+    return next(way for way in ways if cost(way) < least + TIE)  # of twins the likelier before the data
 
 
 def preference(candidate: Candidate, bench: Bench) -> tuple[bool, int]:

@@ -76,7 +76,7 @@ def conclude(
     structured = bool(left) or bool(nameless)
     several = state.count > 1 or bool(state.noises)
     unknown = bool(nameless) or (bool(left) and (several or remainder > SMALL * max(explained, 0.0)))
-    unknown = unknown or not credible(state, groups)
+    unknown = unknown or not credible(state, groups, bench.pointwise())
     settled_bench = bench if state.bench.pipeline is bench.pipeline else around(bench, state.bench.pipeline)
     closure = close(
         settled_bench,
