@@ -16,7 +16,7 @@ from estimators.gap.converge import converged
 from estimators.gap.refine import Fitted, refit, started
 from estimators.gap.scan import Offer
 from estimators.gap.score import Explained, evidence
-from estimators.gap.select import TIE, MeanCause, Selection, scanned, with_mean, without_noise
+from estimators.gap.select import BETTER, TIE, MeanCause, Selection, scanned, with_mean, without_noise
 from estimators.gap.stochastic import NoiseOffer, noise_offers
 from rig.effects import Effect
 
@@ -28,8 +28,6 @@ _REFITTED = 6
 _NESTED = 4.0
 #: A rival whose first refit is this share of the evidence away is not fitted to the end.
 _FAR = 0.15
-#: Evidence by which a rival must be better to take a cause's place: beyond what unfinished refits differ by.
-_BETTER = 3.0
 #: So often a cause gives way to a better rival.
 _SWAPS = 3
 
@@ -101,7 +99,7 @@ def settled(state: Selection, worthwhile: bool = True) -> tuple[Selection, list[
         better = [
             (max(group[1:], key=lambda rival: rival.evidence), index)
             for index, group in enumerate(groups)
-            if len(group) > 1 and max(rival.evidence for rival in group[1:]) > group[0].evidence + _BETTER
+            if len(group) > 1 and max(rival.evidence for rival in group[1:]) > group[0].evidence + BETTER
         ]
         if not better:
             break

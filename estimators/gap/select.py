@@ -36,6 +36,8 @@ TIE = 0.5
 #: Beyond this evidence a cause may stretch the calibration further than its tangent: effects that offer nearly as much
 #: are refitted too, so many of them.
 _STRETCHED, _NEAR, _TRIED = 500.0, 0.05, 2
+#: Evidence by which one refit must be better than another: beyond what unfinished ones differ by.
+BETTER = 3.0
 #: Where noise and a mean effect explain amounts that differ by less than this factor, both ways are followed.
 CONTESTED = 0.5
 
@@ -193,7 +195,7 @@ def _with_offers(state: Selection, offers: Sequence[Offer]) -> Selection:
         fit = started(offer, state.bench, state.explained)
         ways.append(with_mean(state, [*state.causes, MeanCause(fit, offer)]))
     least = min(cost(way) for way in ways)
-    return next(way for way in ways if cost(way) < least + TIE)  # of twins the likelier before the data
+    return next(way for way in ways if cost(way) < least + BETTER)  # of twins the likelier before the data
 
 
 def preference(candidate: Candidate, bench: Bench) -> tuple[bool, int]:
