@@ -13,10 +13,10 @@ from scenarios.plots.style import new_figure, save, style
 
 #: In this order along a bar, with its colour: by how good an answer it is.
 _KINDS: Final = {
-    "right": "#2E7D4F",
-    "honest, but not the whole truth": "#A8C97F",
+    "right": "#0072B2",
+    "honest, but not the whole truth": "#8CC8EE",
     "missed": "#C9C9C9",
-    "confidently wrong": "#B3261E",
+    "confidently wrong": "#D55E00",
 }
 _GROUPS: Final = (("none",), ("absorbed",), ("one",), ("two",), ("form",), (MECHANICS,), ("outside",), (WITHHELD,))
 
