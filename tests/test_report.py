@@ -16,7 +16,11 @@ from scenarios.comparison import compare, units
 from scenarios.report import effect_record, plus_minus, shortened, with_sigma
 
 
-@pytest.mark.parametrize("name", [name for name in scenarios.names() if not name.startswith("camps")])  # no attitude
+# Without an attitude (camps) or with effects the calibration does not model (renk2005-gap) there is no truth to meet.
+MODELLED = [name for name in scenarios.names() if not name.startswith("camps") and not scenarios.load(name).rig.effects]
+
+
+@pytest.mark.parametrize("name", MODELLED)
 def test_three_lines_of_python_recover_the_truth(name: str) -> None:
     scenario = scenarios.load(name)
     calibration = estimators.calibrate(scenario.simulate(seed=0))
