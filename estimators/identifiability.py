@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimators._small import eigh
 from estimators.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ class Told:
         """Of a matrix (p, p)."""
         diagonal = information.diagonal()
         scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        eigenvalues, vectors = np.linalg.eigh(scale[:, None] * information * scale)
+        eigenvalues, vectors = eigh(scale[:, None] * information * scale)
         told = eigenvalues > NULL_EIGENVALUE
         spread = scale[:, None] * vectors[:, told]
         condition = float(eigenvalues[-1] / eigenvalues[0]) if told.all() else np.inf

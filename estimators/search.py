@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import leastsq
 from scipy.spatial import cKDTree
 
+from estimators._small import eigh, least_squares
 from estimators.statistics import Statistics
 from rig.directions import tangent_basis
 
@@ -35,6 +36,8 @@ MOST_STARTS = 24
 #: Eigenvalues of the rotations' covariance below this share of the largest are rounding: sums of entries of order one
 #: are good to some 1e-15 of n.
 RANK_TOLERANCE = 1e-13
+#: Of residuals, over the standard deviation of the readings: they are differences of such.
+_ROUNDING = 8.0 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class Compressed:
         cross = statistics.cross[:9] / n - np.outer(mean_rotation, mean)
         mean_square = statistics.square.diagonal() / n
         variance = np.maximum(mean_square - mean * mean, 0.0)
-        values, vectors = np.linalg.eigh(covariance)
+        values, vectors = eigh(covariance)
         kept = values > RANK_TOLERANCE * max(values[-1], 1.0)
         root = np.sqrt(values[kept])
         vectors = vectors[:, kept]
@@ -188,8 +191,7 @@ def refine(problem: Compressed, field: Array, weights: Array) -> Solution:
     The channels' m_k start at their linear optimum.
     """
     descent = _Descent(problem, field, weights)
-    axes = np.linalg.lstsq(descent.for_axes(field), problem.target, rcond=None)[0]
-    start = np.concatenate([np.zeros(2), axes.ravel()])
+    start = np.concatenate([np.zeros(2), descent.axes(field).ravel()])
     if problem.target.size < len(start):
         return descent.solution(start)
     # full_output keeps MINPACK from warning that it has reached the last digit, which is what is asked of it.
@@ -217,49 +219,62 @@ class _Descent:
         self._field = field
         self._basis = tangent_basis(field)
         self._root = np.sqrt(weights / weights.max())
-        r, c = problem.target.shape
+        r, c = self._shape = problem.target.shape
         # f @ this, as (r, 3), are the rows that belong to m.
         self._by_field = np.ascontiguousarray(problem.rows.reshape(r, 3, 3).swapaxes(0, 1).reshape(3, 3 * r))
         self._jacobian = np.zeros((r, c, 2 + 3 * c))
-        self._shape = (r, c)
-
-    def for_axes(self, f: Array) -> Array:
-        """The equations (r, 3) for m_k, given a field direction."""
-        return np.asarray(f @ self._by_field).reshape(-1, 3)
+        self._by_axes = np.einsum("rkik->rik", self._jacobian[:, :, 2:].reshape(r, c, 3, c))  # a view: m_k by its own k
+        self._at = (math.nan, math.nan)
+        self._direction = (field, 1.0, problem.rows)
 
     def residual(self, x: Array) -> Array:
         """(r c,)."""
-        f, _ = self._direction(x)
-        error = self.for_axes(f) @ x[2:].reshape(3, -1) - self._problem.target
-        return np.asarray(error * self._root).ravel()
+        _, _, for_axes = self._towards(x)
+        error = for_axes @ x[2:].reshape(3, -1)
+        error -= self._problem.target
+        error *= self._root
+        return np.asarray(error.ravel())
 
     def derivative(self, x: Array) -> Array:
         """(r c, 2 + 3 c); overwritten by the next call."""
         r, c = self._shape
-        f, length = self._direction(x)
+        f, length, for_axes = self._towards(x)
         turned = (self._basis - (self._basis @ f)[:, None] * f) / length
         by_tangent = (turned @ self._by_field).reshape(2, r, 3) @ x[2:].reshape(3, c)
-        self._jacobian[:, :, :2] = by_tangent.transpose(1, 2, 0) * self._root[:, None]
-        for_axes = self.for_axes(f)
-        for k in range(c):
-            self._jacobian[:, k, 2 + k :: c] = for_axes * self._root[k]
+        np.multiply(by_tangent.transpose(1, 2, 0), self._root[:, None], out=self._jacobian[:, :, :2])
+        np.multiply(for_axes[:, :, None], self._root, out=self._by_axes)
         return self._jacobian.reshape(r * c, -1)
 
     def step(self, x: Array) -> Array | None:
-        """One step of Gauss-Newton; None where it would make the cost larger."""
+        """One step of Gauss-Newton; None where it would make the cost larger, beyond what rounding does."""
         error = self.residual(x)
-        moved = x - np.linalg.lstsq(self.derivative(x), error, rcond=None)[0]
+        moved = x - least_squares(self.derivative(x), error)
         after = self.residual(moved)
-        return moved if after @ after <= (error @ error) * (1.0 + 1e-12) else None
+        before = math.sqrt(error @ error)
+        rounding = 1e-12 * before + _ROUNDING * math.sqrt(self._problem.variance.sum())
+        return moved if math.sqrt(after @ after) <= before + rounding else None
 
     def solution(self, x: Array) -> Solution:
         """What x stands for, with the residuals it leaves."""
-        f, _ = self._direction(x)
+        f, _, for_axes = self._towards(x)
         m = x[2:].reshape(3, -1)
-        error = self.for_axes(f) @ m - self._problem.target
+        error = for_axes @ m - self._problem.target
         return Solution(f, m.T.copy(), self._problem.floor + (error * error).sum(axis=0))
 
-    def _direction(self, x: Array) -> tuple[Array, float]:
-        moved = self._field + x[:2] @ self._basis
-        length = math.sqrt(moved @ moved)
-        return moved / length, length
+    def axes(self, f: Array) -> Array:
+        """(3, c) the best m_k, as columns, of a field direction (3,)."""
+        return least_squares((f @ self._by_field).reshape(-1, 3), self._problem.target)
+
+    def _towards(self, x: Array) -> tuple[Array, float, Array]:
+        """The field direction of x, its length before it was made a unit vector, and the equations (r, 3) for m_k.
+
+        Kept until another is asked for: residuals, derivatives and the solution are wanted at the same place.
+        """
+        at = (float(x[0]), float(x[1]))
+        if at != self._at:
+            moved = self._field + x[:2] @ self._basis
+            length = math.sqrt(moved @ moved)
+            f = moved / length
+            self._direction = f, length, (f @ self._by_field).reshape(-1, 3)
+            self._at = at
+        return self._direction

@@ -27,25 +27,30 @@ Array = NDArray[np.float64]
 ROTATION_TERMS = 10
 #: Samples summed at a time: 16 rows of 4,096 doubles are 512 KiB and stay in a core's second-level cache.
 BLOCK = 4096
+#: Beyond them: rows a power of two apart would share their places in the caches.
+_APART = 72
 
-# Products of a unit quaternion (w, x, y, z) in the order of ``_fill_quaternion``: ww, xx, yy, zz, wx, wy, wz, xy, xz,
-# yz. Row i holds entry i of [vec R, 1] in terms of them; the matrix is invertible, so sums over one give sums over the
+# Products of a unit quaternion (w, x, y, z) in the order of ``_fill_quaternion``: wy, wz, xy, xz, yz, wx, ww, xx, yy,
+# zz. Row i holds entry i of [vec R, 1] in terms of them; the matrix is invertible, so sums over one give sums over the
 # other.
+_ELEMENTS = ((0, 2), (0, 3), (1, 2), (1, 3), (2, 3), (0, 1), (0, 0), (1, 1), (2, 2), (3, 3))
 _FROM_QUATERNION = np.array(
     [
-        [1, 1, -1, -1, 0, 0, 0, 0, 0, 0],
-        [0, 0, 0, 0, 0, 0, -2, 2, 0, 0],
-        [0, 0, 0, 0, 0, 2, 0, 0, 2, 0],
-        [0, 0, 0, 0, 0, 0, 2, 2, 0, 0],
-        [1, -1, 1, -1, 0, 0, 0, 0, 0, 0],
-        [0, 0, 0, 0, -2, 0, 0, 0, 0, 2],
-        [0, 0, 0, 0, 0, -2, 0, 0, 2, 0],
-        [0, 0, 0, 0, 2, 0, 0, 0, 0, 2],
-        [1, -1, -1, 1, 0, 0, 0, 0, 0, 0],
-        [1, 1, 1, 1, 0, 0, 0, 0, 0, 0],
+        [0, 0, 0, 0, 0, 0, 1, 1, -1, -1],
+        [0, -2, 2, 0, 0, 0, 0, 0, 0, 0],
+        [2, 0, 0, 2, 0, 0, 0, 0, 0, 0],
+        [0, 2, 2, 0, 0, 0, 0, 0, 0, 0],
+        [0, 0, 0, 0, 0, 0, 1, -1, 1, -1],
+        [0, 0, 0, 0, 2, -2, 0, 0, 0, 0],
+        [-2, 0, 0, 2, 0, 0, 0, 0, 0, 0],
+        [0, 0, 0, 0, 2, 2, 0, 0, 0, 0],
+        [0, 0, 0, 0, 0, 0, 1, -1, -1, 1],
+        [0, 0, 0, 0, 0, 0, 1, 1, 1, 1],
     ],
     dtype=float,
 )
+# Products of two of the first five are products of two others, one of them among the last five: wy wz = ww yz.
+_IMPLIED = 5
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,7 @@ class Statistics:
             rows[:9] = table[start:stop].T
             rows[9] = 1.0
 
-        return cls._sum(len(table), fill, readings)
+        return cls._of(len(table), _summed(len(table), fill, readings))
 
     @classmethod
     def from_quaternions(cls, quaternion: ArrayLike, *readings: ArrayLike) -> Self:
@@ -115,12 +120,18 @@ class Statistics:
             RigError: the lengths differ.
         """
         table = np.asarray(quaternion, dtype=float)
-        totals = cls._sum(len(table), lambda start, stop, rows: _fill_quaternion(table[start:stop], rows), readings)
+
+        def fill(start: int, stop: int, rows: Array) -> None:
+            _fill_quaternion(table[start:stop], rows)
+
+        total = _summed(len(table), fill, readings, _IMPLIED)
+        total[:_IMPLIED, :_IMPLIED] = total[_SAME]
+        products = cls._of(len(table), total)
         return cls(
-            totals.count,
-            _FROM_QUATERNION @ totals.gram @ _FROM_QUATERNION.T,
-            _FROM_QUATERNION @ totals.cross,
-            totals.square,
+            products.count,
+            _FROM_QUATERNION @ products.gram @ _FROM_QUATERNION.T,
+            _FROM_QUATERNION @ products.cross,
+            products.square,
         )
 
     @classmethod
@@ -142,30 +153,11 @@ class Statistics:
             rows[:9] = next(blocks)[1]
             rows[9] = 1.0
 
-        return cls._sum(len(table), fill, readings)
+        return cls._of(len(table), _summed(len(table), fill, readings))
 
     @classmethod
-    def _sum(cls, count: int, fill: Callable[[int, int, Array], None], readings: Sequence[ArrayLike]) -> Self:
-        """Sum blocks; ``fill(start, stop, rows)`` writes the ten rows (10, stop - start) of samples start to stop."""
-        tables = [np.asarray(values, dtype=float) for values in readings]
-        for table in tables:
-            if table.ndim != 2 or len(table) != count:
-                raise RigError(
-                    f"readings: found an array of shape {table.shape}, expected one row for each of {count} poses"
-                )
-        channels = sum(table.shape[1] for table in tables)
-        work = np.empty((ROTATION_TERMS + channels, BLOCK))
-        total = np.zeros((len(work), len(work)))
-        with one_blas_thread():
-            for start in range(0, count, BLOCK):
-                stop = min(start + BLOCK, count)
-                rows = work[:, : stop - start]
-                fill(start, stop, rows[:ROTATION_TERMS])
-                row = ROTATION_TERMS
-                for table in tables:
-                    rows[row : row + table.shape[1]] = table[start:stop].T
-                    row += table.shape[1]
-                total += rows @ rows.T
+    def _of(cls, count: int, total: Array) -> Self:
+        """From all products (10 + c, 10 + c)."""
         k = ROTATION_TERMS
         return cls(count, total[:k, :k].copy(), total[:k, k:].copy(), total[k:, k:].copy())
 
@@ -239,18 +231,71 @@ def wishart_root(rng: np.random.Generator, degrees: int, size: int) -> Array:
     return root
 
 
+def _summed(
+    count: int, fill: Callable[[int, int, Array], None], readings: Sequence[ArrayLike], implied: int = 0
+) -> Array:
+    """The products (10 + c, 10 + c) of ten rows and the readings, summed block by block.
+
+    Args:
+        count: n.
+        fill: ``fill(start, stop, rows)`` writes the ten rows (10, stop - start) of samples start to stop.
+        readings: (n, 3) each.
+        implied: rows whose products with one another are not summed, but left zero.
+
+    Raises:
+        RigError: the lengths differ.
+    """
+    tables = [np.asarray(values, dtype=float) for values in readings]
+    for table in tables:
+        if table.ndim != 2 or len(table) != count:
+            raise RigError(
+                f"readings: found an array of shape {table.shape}, expected one row for each of {count} poses"
+            )
+    size = ROTATION_TERMS + sum(table.shape[1] for table in tables)
+    work = np.empty((size, min(BLOCK, count) + _APART))
+    total = np.zeros((size, size))
+    # Not rows @ rows.T: of a symmetric product so narrow BLAS takes twice the time of a general one.
+    parts = [slice(implied, size)] if implied else [slice(0, size // 2), slice(size // 2, size)]
+    with one_blas_thread():
+        for start in range(0, count, BLOCK):
+            stop = min(start + BLOCK, count)
+            rows = work[:, : stop - start]
+            fill(start, stop, rows[:ROTATION_TERMS])
+            row = ROTATION_TERMS
+            for table in tables:
+                rows[row : row + table.shape[1]] = table[start:stop].T
+                row += table.shape[1]
+            for part in parts:
+                total[part] += rows[part] @ rows.T
+    total[:implied, implied:] = total[implied:, :implied].T
+    return total
+
+
 def _fill_quaternion(quaternion: Array, rows: Array) -> None:
     """The ten products of quaternions (b, 4), divided by their squared length, into rows (10, b)."""
     elements = quaternion.T
     if elements.strides[1] != elements.itemsize:
         elements = np.ascontiguousarray(elements)
-    np.multiply(elements, elements, out=rows[:4])
-    np.multiply(elements[0], elements[1:], out=rows[4:7])
-    np.multiply(elements[1], elements[2:], out=rows[7:9])
-    np.multiply(elements[2], elements[3], out=rows[9])
-    excess = rows[0] + rows[1]
-    excess += rows[2]
-    excess += rows[3]
+    np.multiply(elements[0], elements[2:], out=rows[:2])
+    np.multiply(elements[1], elements[2:], out=rows[2:4])
+    np.multiply(elements[2], elements[3], out=rows[4])
+    np.multiply(elements[0], elements[1], out=rows[5])
+    np.multiply(elements, elements, out=rows[6:])
+    excess = np.add.reduce(rows[6:])
     excess -= 1.0
     if excess @ excess > len(excess) * 1e-24:
         rows /= 1.0 + excess
+
+
+def _same_products() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Where each product of two of the first ``_IMPLIED`` products of elements stands among those that are summed."""
+    summed = {
+        tuple(sorted(_ELEMENTS[i] + _ELEMENTS[j])): (i, j)
+        for i in range(_IMPLIED, ROTATION_TERMS)
+        for j in range(ROTATION_TERMS)
+    }
+    places = np.array([[summed[tuple(sorted(a + b))] for b in _ELEMENTS[:_IMPLIED]] for a in _ELEMENTS[:_IMPLIED]])
+    return places[..., 0], places[..., 1]
+
+
+_SAME = _same_products()

@@ -45,10 +45,12 @@ def tangent_basis(direction: ArrayLike) -> Array:
     The branch-free construction of Duff et al., "Building an orthonormal basis, revisited" (2017): no direction is
     singular, unlike the derivative with respect to the two angles.
     """
-    x, y, z = np.moveaxis(np.asarray(direction, dtype=float), -1, 0)
+    vectors = np.asarray(direction, dtype=float)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
     b = x * y * a
-    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-    second = np.stack([b, sign + y * y * a, -y], axis=-1)
-    return np.stack([first, second], axis=-2)
+    basis = np.empty((*vectors.shape[:-1], 2, 3))
+    basis[..., 0, 0], basis[..., 0, 1], basis[..., 0, 2] = 1.0 + sign * x * x * a, sign * b, -sign * x
+    basis[..., 1, 0], basis[..., 1, 1], basis[..., 1, 2] = b, sign + y * y * a, -y
+    return basis

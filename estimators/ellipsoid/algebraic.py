@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.ellipsoid._small import eigh, solve
+from estimators._small import eigh, solve
 from estimators.ellipsoid.monomials import FREE, TERMS, multiply_out, noise_in_products
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
 

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.ellipsoid._small import eigh, inverse
+from estimators._small import eigh, inverse
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import FREE, PAIRS, curvature_in_products, noise_in_products
 from estimators.ellipsoid.shape import Ellipsoid, Quadric

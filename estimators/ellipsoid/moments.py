@@ -16,7 +16,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.ellipsoid._small import eigh
+from estimators._small import eigh
 from estimators.ellipsoid.monomials import EXPONENTS, FLAT, PAIRS, TERMS, multiply_out, quadratic_form
 from estimators.ellipsoid.shape import Ellipsoid
 from rig.errors import RigError

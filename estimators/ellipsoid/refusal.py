@@ -10,7 +10,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.ellipsoid._small import eigh
+from estimators._small import eigh
 from estimators.ellipsoid.likelihood import Optimum
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import FREE, symmetric, table

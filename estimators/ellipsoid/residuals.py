@@ -8,7 +8,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.ellipsoid._small import eigh
+from estimators._small import eigh
 from estimators.ellipsoid.shape import Ellipsoid
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.ellipsoid._small import eigh, inverse
+from estimators._small import eigh, inverse
 from estimators.ellipsoid.monomials import packed, symmetric
 
 Array = NDArray[np.float64]
