@@ -51,7 +51,8 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     silent = [CHANNELS[column] for column, channel in channels.items() if channel.variance == 0.0]
     if silent:
         raise RigError(f"{locked.origin or locked.name}: {silent[0]} is constant, expected its noise at rest")
-    fitted = dict(zip(channels, fit_floor(list(channels.values())), strict=True))
+    boards = [sensor for column in channels for sensor, own in COLUMNS_OF.items() if column in range(6)[own]]
+    fitted = dict(zip(channels, fit_floor(list(channels.values()), boards), strict=True))
     return tuple(fitted.get(column, ChannelNoise(np.nan)) for column in range(len(CHANNELS)))
 
 

@@ -9,16 +9,19 @@ carries autocovariances over, never filter coefficients.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, lru_cache, reduce
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular, toeplitz
 from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
-#: Innovations are taken once the filter's memory of its start is below this share.
+#: The filter has forgotten its start once its memory is below this share.
 _FORGOTTEN = 0.01
+#: So many samples at most are predicted exactly.
+_LONGEST = 512
 
 
 @dataclass(frozen=True)
@@ -88,24 +91,27 @@ class ChannelNoise:
         return replace(self, white=self.white / block, folded=folded, coloured=across[0], slow=across[1])
 
     def whitener(self, interval_s: float) -> Whitener:
-        """The filter that turns this noise, sampled every ``interval_s`` [s], into white noise of variance one.
+        """The filter that turns this noise, sampled every ``interval_s`` [s], into white noise of variance one."""
+        return _whitener(self, interval_s)
 
-        The autoregressive polynomial is the product of the parts' own; the moving average is the spectral factor of
-        what is left, the one with its roots outside the unit circle (Box and Jenkins 1976, section A4.1).
-        """
-        decays = [float(np.exp(-interval_s / tau_s)) for _, tau_s in self.parts]
-        factors = [np.array([-decay, 1.0 + decay**2, -decay]) for decay in decays]  # (1 - d z)(1 - d / z)
-        left = (self.white + self.folded) * _product(factors)
-        for index, ((size, _), decay) in enumerate(zip(self.parts, decays, strict=True)):
-            others = _product(factors[:index] + factors[index + 1 :])
-            left = left + size * (1.0 - decay**2) * np.pad(others, 1)
-        ma = np.ones(1)
-        if decays:
-            roots = np.roots(np.where(np.abs(left) < 1e-15 * np.abs(left).max(), 0.0, left))
-            ma = np.real(_expanded([1.0 / root for root in roots if abs(root) > 1.0]))
-        ar = np.real(_expanded(decays))
-        at_zero = left.sum() / ma.sum() ** 2  # both sides at z = 1
-        return Whitener(tuple(map(float, ar)), tuple(map(float, ma)), float(np.sqrt(at_zero)))
+
+@lru_cache(maxsize=128)
+def _whitener(noise: ChannelNoise, interval_s: float) -> Whitener:
+    """The autoregressive polynomial is the product of the parts' own; the moving average is the spectral factor of what
+    is left, the one with its roots outside the unit circle (Box and Jenkins 1976, section A4.1)."""
+    decays = [float(np.exp(-interval_s / tau_s)) for _, tau_s in noise.parts]
+    factors = [np.array([-decay, 1.0 + decay**2, -decay]) for decay in decays]  # (1 - d z)(1 - d / z)
+    left = (noise.white + noise.folded) * _product(factors)
+    for index, ((size, _), decay) in enumerate(zip(noise.parts, decays, strict=True)):
+        others = _product(factors[:index] + factors[index + 1 :])
+        left = left + size * (1.0 - decay**2) * np.pad(others, 1)
+    ma = np.ones(1)
+    if decays:
+        roots = np.roots(np.where(np.abs(left) < 1e-15 * np.abs(left).max(), 0.0, left))
+        ma = np.real(_expanded([1.0 / root for root in roots if abs(root) > 1.0]))
+    ar = np.real(_expanded(decays))
+    at_zero = left.sum() / ma.sum() ** 2  # both sides at z = 1
+    return Whitener(tuple(map(float, ar)), tuple(map(float, ma)), float(np.sqrt(at_zero)), noise, interval_s)
 
 
 def _product(polynomials: list[Array]) -> Array:
@@ -126,11 +132,14 @@ class Whitener:
     Attributes:
         ar, ma: coefficients of 1, L, L^2.
         sigma: [V].
+        noise, interval_s: what is whitened, and the interval between samples [s].
     """
 
     ar: tuple[float, ...]
     ma: tuple[float, ...]
     sigma: float
+    noise: ChannelNoise
+    interval_s: float
 
     @property
     def white(self) -> bool:
@@ -138,12 +147,26 @@ class Whitener:
         return len(self.ar) == 1
 
     def __call__(self, values: Array) -> Array:
-        """Whiten along the last axis; the samples in which the filter still remembers its start become zero."""
+        """Whiten along the last axis; while the filter remembers its start, by the exact errors of prediction."""
         if self.white:
             return values / self.sigma
         white = lfilter(np.array(self.ar) / self.sigma, self.ma, values)
-        white[..., : self.start] = 0.0
+        first = min(len(self._first), values.shape[-1])
+        white[..., :first] = values[..., :first] @ self._first[:first, :first].T
         return np.asarray(white)
+
+    def log_scale(self, count: int) -> float:
+        """The logarithm of the determinant of what turns so many samples of white noise into this noise."""
+        first = min(len(self._first), count)
+        return float((count - first) * np.log(self.sigma) - np.sum(np.log(np.diag(self._first)[:first])))
+
+    @cached_property
+    def _first(self) -> Array:
+        """(m, m) the inverse of the Cholesky factor of the first samples' covariance: its rows predict each sample
+        from those before it."""
+        lags: Array = self.interval_s * np.arange(float(min(self.start, _LONGEST)))
+        factor = cholesky(toeplitz(self.noise.autocovariance(lags)), lower=True) if len(lags) else np.zeros((0, 0))
+        return np.asarray(solve_triangular(factor, np.eye(len(lags)), lower=True))
 
     def response(self, frequency: Array) -> Array:
         """What it does to a spectrum at frequencies [cycles a sample]."""
@@ -152,7 +175,7 @@ class Whitener:
 
     @property
     def start(self) -> int:
-        """The first sample whose innovation counts."""
+        """The first sample at which the filter has forgotten its start."""
         if self.white:
             return 0
         memory = max(np.abs(np.roots(self.ma)), default=0.0) if len(self.ma) > 1 else 0.0

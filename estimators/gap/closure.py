@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, project
-from estimators.gap.refine import Fitted
+from estimators.gap.refine import Fitted, tangents
 from rig.channels import CHANNELS
 
 Array = NDArray[np.float64]
@@ -60,10 +60,7 @@ def close(bench: Bench, misfit: Array, fits: Sequence[Fitted], remainder: float,
     """
     count, channels = bench.count, len(bench.columns)
     effects = [fit.effect for fit in fits]
-    columns = [
-        fit.tangent(bench, [other for other in effects if other is not own])
-        for fit, own in zip(fits, effects, strict=True)
-    ]
+    columns = tangents(fits, bench)
     change = bench.replayed(effects)
     target = bench.whiten(change)
     residual = bench.whiten(bench.residual)

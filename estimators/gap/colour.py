@@ -17,8 +17,11 @@ from estimators.gap.periodogram import Periodogram
 Array = NDArray[np.float64]
 
 #: Twice the gain in log likelihood that two more parameters must bring before a part counts. The null distribution lies
-#: below chi-square with two degrees of freedom, whose tail here is 1e-4.
-COLOUR_THRESHOLD = 18.4
+#: below chi-square with two degrees of freedom, whose tail here is 0.7 %: a part that is not there costs little, since
+#: tests weigh how well it is known; one that was overlooked looks like noise that the sweep has and the bench had not.
+COLOUR_THRESHOLD = 10.0
+#: The same for a second part, on a floor that is known to be coloured: what two parameters are expected to gain, twice.
+SECOND_THRESHOLD = 4.0
 #: p-value below which channels do not share the shape of their noise.
 SHARED_AT = 1e-3
 #: The first steps of the search: a factor of e in the odds of a coloured share and in a correlation time.
@@ -39,11 +42,6 @@ class Held:
         return sum(len(segment) - 1 for segment in self.segments)
 
     @property
-    def shortest(self) -> int:
-        """Samples of the shortest segment."""
-        return min(len(segment) for segment in self.segments)
-
-    @property
     def variance(self) -> float:
         """About the means of the segments."""
         return sum(float(np.sum((segment - segment.mean()) ** 2)) for segment in self.segments) / self.count
@@ -59,22 +57,20 @@ class Held:
         return self.periodogram.loss([(size, float(np.exp(-self.interval_s / tau_s))) for size, tau_s in parts])
 
     def loss(self, point: Array) -> tuple[float, float]:
-        """Minus twice the log likelihood at a point of ``_shaped``, and the variance there."""
+        """Minus twice the restricted log likelihood at a point of ``_shaped``, up to a constant; the variance there.
+
+        The means of the segments are integrated out (Harville, Biometrika 61, 1974).
+        """
         whiten = _shaped(point, 1.0, self).whitener(self.interval_s)
-        if whiten.start > self.shortest // 4:  # all but a random walk: a segment is too short to tell
-            return np.inf, self.variance
-        squares, innovations = 0.0, 0
+        squares, spread = 0.0, 0.0
         for segment in self.segments:
-            inside = slice(whiten.start, None)
-            centred = segment - segment.mean()
-            y, one = whiten(centred)[inside], whiten(np.ones(len(segment)))[inside]
-            squares += float(y @ y - (y @ one) ** 2 / np.maximum(one @ one, 1e-300))
-            squares += float(
-                np.sum(centred[: whiten.start] ** 2)
-            )  # before the filter has started, by their own variance
-            innovations += len(y) - 1
+            many = len(segment)
+            y, one = whiten(np.stack([segment - segment.mean(), np.ones(many)]))
+            known = float(one @ one)
+            squares += float(y @ y) - float(y @ one) ** 2 / known
+            spread += 2.0 * whiten.log_scale(many) + float(np.log(known / many))
         scale = squares / self.count
-        return float(self.count * np.log(scale) + 2.0 * innovations * np.log(whiten.sigma)), scale
+        return float(self.count * np.log(scale)) + spread, scale
 
     @property
     def white(self) -> ChannelNoise:
@@ -91,31 +87,44 @@ def held(segments: Sequence[Array], interval_s: float) -> Held:
     return Held(tuple(np.asarray(each, dtype=float) for each in segments if len(each) > 1), interval_s)
 
 
-def fit_floor(channels: Sequence[Held]) -> list[ChannelNoise]:
+def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[ChannelNoise]:
     """The most likely noise of each channel: white where a coloured part does not pay for its two parameters.
 
-    Coloured channels of one board share the shape of their spectrum unless the data speak against it: then each keeps
-    its own. A shared shape is known better by the number of channels. A second coloured part must pay as well.
+    Coloured channels share the shape of their spectrum unless the data speak against it: all of them, else those of one
+    board. A shared shape is known better by the number of channels. A second coloured part must pay as well.
+
+    Args:
+        boards: what each channel sits on; one board by default.
     """
-    points: dict[int, Array] = {}
+    shapes: dict[int, Array] = {}
     for index, channel in enumerate(channels):
         if channel.variance > 0.0:
             point = _best([channel])
             if channel.count * float(np.log(channel.variance)) - channel.loss(point)[0] >= COLOUR_THRESHOLD:
-                points[index] = point
-    shared = False
-    if len(points) > 1:
-        common = _best([channels[index] for index in points])
-        lost = sum(channels[index].loss(common)[0] - channels[index].loss(point)[0] for index, point in points.items())
-        if shared := lost < chi2.isf(SHARED_AT, 2 * (len(points) - 1)):
-            points = dict.fromkeys(points, _with_second([channels[index] for index in points], common))
-    if not shared:
-        points = {index: _with_second([channels[index]], point) for index, point in points.items()}
-    sharing = len(points) if shared else 1
-    return [
-        replace(channel.at(points[index]), sharing=sharing) if index in points else channel.white
-        for index, channel in enumerate(channels)
-    ]
+                shapes[index] = _with_second([channel], point)
+    found: dict[int, ChannelNoise] = {}
+    boards = boards or [""] * len(channels)
+    of_board = [[index for index in shapes if boards[index] == board] for board in sorted(set(boards))]
+    for group in [list(shapes), *of_board]:
+        fresh = [index for index in group if index not in found]
+        common = _shared([channels[index] for index in fresh], [shapes[index] for index in fresh])
+        if common is not None:
+            found |= {index: replace(channels[index].at(common), sharing=len(fresh)) for index in fresh}
+    for index, shape in shapes.items():
+        found.setdefault(index, channels[index].at(shape))
+    return [found.get(index, channel.white) for index, channel in enumerate(channels)]
+
+
+def _shared(channels: Sequence[Held], shapes: Sequence[Array]) -> Array | None:
+    """The shape that several channels share, if what each loses by it is chance."""
+    if len(channels) < 2:
+        return None
+    common = _with_second(channels, _best(channels))
+    lost = sum(
+        channel.loss(common)[0] - channel.loss(shape)[0] for channel, shape in zip(channels, shapes, strict=True)
+    )
+    free = max(2, sum(map(len, shapes)) - len(common))
+    return common if lost < chi2.isf(SHARED_AT, free) else None
 
 
 def _best(channels: Sequence[Held]) -> Array:
@@ -139,7 +148,7 @@ def _with_second(channels: Sequence[Held], point: Array) -> Array:
     ]
     found, loss = _searched(channels, starts)
     before = sum(channel.rough_loss(point) for channel in channels)
-    return found if before - loss >= COLOUR_THRESHOLD else point
+    return found if before - loss >= SECOND_THRESHOLD else point
 
 
 def _span(channels: Sequence[Held]) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from estimators.gap.bench import Bench
-from estimators.gap.rebase import rebased
+from estimators.gap.rebase import around, rebased
 from estimators.gap.refine import Fitted, refit
 from estimators.gap.score import Explained
 
@@ -16,8 +16,23 @@ _ROUNDS: Final = 4
 _OFF: Final = 1.0
 
 
-def converged(fits: Sequence[Fitted], bench: Bench) -> tuple[list[Fitted], Explained, Bench]:
-    """The fitted effects, what they leave, and the bench that this holds on: the given one where it was good enough."""
+def smooth(fit: Fitted) -> bool:
+    """Whether an effect changes little from sample to sample."""
+    return not fit.candidate.effect.tone and not fit.candidate.effect.rapid
+
+
+def converged(
+    fits: Sequence[Fitted], bench: Bench, rough: Bench | None = None
+) -> tuple[list[Fitted], Explained, Bench]:
+    """The fitted effects, what they leave, and the bench that this holds on: the given one where it was good enough.
+
+    Args:
+        rough: the bench as means over neighbouring samples: effects that outlive these are fitted there first, which
+            leaves little to do.
+    """
+    if rough is not None and rough is not bench and all(smooth(fit) for fit in fits):
+        fits, _, fresh = converged(fits, rough)
+        bench = bench if fresh is rough else around(bench, fresh.pipeline)
     fitted, explained = refit(fits, bench)
     for _ in range(_ROUNDS if fitted else 0):
         effects = [fit.effect for fit in fitted]
@@ -26,5 +41,5 @@ def converged(fits: Sequence[Fitted], bench: Bench) -> tuple[list[Fitted], Expla
         if abs(float(left @ left) - float(explained.residual @ explained.residual)) < _OFF:
             break
         bench = fresh
-        fitted, explained = refit(fitted, bench, most=2)
+        fitted, explained = refit(fitted, bench, most=4)
     return fitted, explained, bench

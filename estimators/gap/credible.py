@@ -5,11 +5,16 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
+import numpy as np
+
 from estimators.gap.bench import Bench
+from estimators.gap.candidates import Candidate
 from estimators.gap.coherent import of_one_joint
 from estimators.gap.rivals import Rival
 from estimators.gap.score import Explained
-from estimators.gap.select import Selection
+from estimators.gap.select import MeanCause, Selection
+from rig.channels import COLUMNS_OF
+from rig.effects import Effect
 from rig.effects.base import Stage
 
 #: Cosine above which what two causes explain is of one shape.
@@ -22,7 +27,13 @@ _KIN = (
     {"latency", "sensor_lag", "hysteresis", "mains_hum", "vibration"},
     {"field_gradient", "base_dipole", "link_soft_iron"},
 )
+#: Sources of a field that varies with the arm: two of them together come close to most such fields.
+_SOURCES = {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron"}
 _OWN_SHARE = 0.1
+#: Cycles in a recording below which a tone is taken for a slow wave.
+_CYCLES = 50.0
+#: An effect of a sensor this evident shows in two axes at least, in this ratio.
+_EVIDENT, _ONE_AXIS = 200.0, 0.1
 #: An error of one joint that has this share of the evidence of several causes may well be what they stand for.
 _AS_MUCH = 0.9
 
@@ -30,15 +41,22 @@ _AS_MUCH = 0.9
 def plausible(state: Selection) -> bool:
     """Whether causes hold together, whatever their rivals.
 
-    One does. Several are invented, more likely than not, where the same effect is needed at two places, where a weak
-    one is of the same kin as a strong one, or where three are needed of which one is noise or small beside the
-    strongest.
+    One does, unless it is a slow wave that was taken for an alias, or the effect of a sensor that shows in one of its
+    axes alone. Several are invented, more likely than not, where the same effect is needed at two places, where two
+    bend the same joint or the same field, where a weak one is of the same kin as a strong one, or where three are
+    needed of which one is noise or small beside the strongest.
     """
     names = [cause.fit.candidate.effect.name for cause in state.causes]
-    if len(set(names)) < len(names):
+    if len(set(names)) < len(names) or any(_slow(cause, state.bench) for cause in state.causes):
+        return False
+    effects = [(cause.fit.effect, cause.evidence) for cause in state.causes]
+    effects += [(offer.effect, offer.evidence) for offer in state.noises]
+    if any(evident > _EVIDENT and _one_axis(effect) for effect, evident in effects):
         return False
     for one, other in itertools.combinations(state.causes, 2):
         both = {one.fit.candidate.effect.name, other.fit.candidate.effect.name}
+        if _one_organ(one.fit.candidate, other.fit.candidate) or both <= _SOURCES:
+            return False
         sizes = sorted([one.statistic, other.statistic])
         if any(both <= kin for kin in _KIN) and sizes[0] < _OWN_SHARE * sizes[1]:
             return False
@@ -46,6 +64,28 @@ def plausible(state: Selection) -> bool:
         return True
     sizes = [cause.statistic for cause in state.causes]
     return not state.noises and state.count == _SEVERAL and min(sizes) > _COMPARABLE * max(sizes)
+
+
+def _slow(cause: MeanCause, bench: Bench) -> bool:
+    """Whether a tone looks so slow, sampled, that a drift or the arm's own motion comes close to it."""
+    if not cause.fit.candidate.effect.tone:
+        return False
+    interval_s = bench.interval_s / bench.samples
+    cycles = float(vars(cause.fit.effect)["freq_Hz"]) * interval_s
+    return abs(cycles - round(cycles)) * float(np.ptp(bench.t)) / interval_s < _CYCLES
+
+
+def _one_axis(effect: Effect) -> bool:
+    """Whether an effect of a whole sensor is next to nothing in two of its axes."""
+    strengths = [item for item in effect.parameters() if item.strength]
+    if effect.where not in COLUMNS_OF or [item.size for item in strengths] != [3]:
+        return False
+    sizes = np.sort(np.abs(getattr(effect, strengths[0].name)))
+    return bool(sizes[1] < _ONE_AXIS * sizes[2])
+
+
+def _one_organ(one: Candidate, other: Candidate) -> bool:
+    return one.effect.stage is other.effect.stage is Stage.TRANSMISSION and one.where == other.where
 
 
 def credible(state: Selection, groups: Sequence[Sequence[Rival]], bench: Bench) -> bool:

@@ -90,7 +90,7 @@ def repeats(bench: Bench) -> Defect | None:
 
 
 def clipping(bench: Bench, column: int) -> Defect | None:
-    """A level at which one channel's readings pile up and beyond which there are none."""
+    """A level at which one channel's readings pile up and beyond which there are none though some were expected."""
     values = bench.readings[:, column]
     sigma = bench.whiteners[column].sigma
     for sign in (1.0, -1.0):
@@ -100,6 +100,8 @@ def clipping(bench: Bench, column: int) -> Defect | None:
         below = sign * values > level - max(1.5 * step, 1e-3 * sigma)
         expected = float((below & ~piled).sum())  # on a lattice the next level, else a thousandth of the noise
         log_p = float(binom.logsf(piled.sum() - 1, len(values), max(expected, 1.0) / len(values)))
+        above = norm.sf((level + 0.5 * step - sign * bench.base.volts[:, column]) / sigma)
+        log_p = max(log_p, -float(above.sum()))  # a signal that turns at a lattice's top level reaches none above it
         many = piled.sum() >= _PILED and piled.sum() >= _DENSER * max(expected, 0.5)
         if not many or log_p > np.log(SIGNIFICANT):
             continue

@@ -71,6 +71,7 @@ class Diagnosis:
         causes: empty for no gap; for "unknown" what could be named.
         channels: by name. follows: shares of the gap by what it follows.
         closed, closed_low, closed_high, closed_on: share of the squared gap that the causes close, its 95 % interval.
+        closed_elsewhere: the share of another maneuver's gap that they close there; None without one.
         remainder: "noise" or "structured". remainder_follows: what it follows then.
         calibration_shift: by parameter: before, after, and the difference in standard deviations.
         cannot_tell: effects that this recording cannot show, each with the reason.
@@ -97,6 +98,7 @@ class Diagnosis:
     next: Mapping[str, Any] | None
     floor: str
     warnings: tuple[str, ...] = ()
+    closed_elsewhere: float | None = None
 
     def to_json(self) -> Any:
         """The contract's object."""
@@ -117,6 +119,7 @@ class Diagnosis:
                     "low": self.closed_low,
                     "high": self.closed_high,
                     "on": self.closed_on,
+                    "other_maneuver": self.closed_elsewhere,
                 },
                 "remainder": {"verdict": self.remainder, "follows": [dict(each) for each in self.remainder_follows]},
                 "calibration_shift": {name: dict(shift) for name, shift in self.calibration_shift.items()},
@@ -154,8 +157,10 @@ class Diagnosis:
     def _consequences(self) -> str:
         parts = []
         if self.closed is not None and self.closed_low is not None and self.closed_high is not None:
-            interval = f"{100 * self.closed_low:.0f}-{100 * self.closed_high:.0f}"
-            parts.append(f"closes {100 * self.closed:.0f} % ({interval}) of the gap on {self.closed_on}")
+            share = percent(self.closed, self.closed_low, self.closed_high)
+            parts.append(f"closes {share} of the gap on held-out blocks")
+            if self.closed_elsewhere is not None:
+                parts[-1] += f" and {percent(self.closed_elsewhere)} on the other maneuver"
         worst = sorted(
             self.channels, key=lambda name: -self.channels[name].gap_before / self.channels[name].noise_floor
         )
@@ -177,6 +182,19 @@ def describe(cause: Cause) -> str:
         others = [f"{each['effect']} of {each['where']}" for each in cause.equivalent]
         text += " or " + " or ".join(others)
     return text
+
+
+def percent(share: float | None, low: float | None = None, high: float | None = None) -> str:
+    """A share in percent, to a tenth close to everything, with its interval where that says more: "97 % (95-99)"."""
+    value, *ends = (_hundredths(each) for each in (share, low, high))
+    return f"{value} %" if "–" in ends or ends == [value, value] else f"{value} % ({ends[0]}-{ends[1]})"
+
+
+def _hundredths(share: float | None) -> str:
+    if share is None or not math.isfinite(share):
+        return "–"
+    value = 100.0 * share
+    return f"{value:.1f}".removesuffix(".0") if 99.0 <= value < 99.95 else f"{value:.0f}"
 
 
 def _size(name: str, estimate: Estimate) -> str:

@@ -206,7 +206,10 @@ class Spectrum:
             step[index] = 1e-3
             ahead, behind = self.learned.penalty(point + step)[1], self.learned.penalty(point - step)[1]
             information[:free, index] += 0.25 * (ahead - behind) / 1e-3
-        return float(np.sqrt(np.linalg.pinv(information, hermitian=True)[-1, -1]))
+        variance = float(np.linalg.pinv(information, hermitian=True)[-1, -1])
+        if variance <= 0.0:  # far from the likeliest floor the observed information need not be positive
+            variance = 1.0 / float(information[-1, -1])
+        return float(np.sqrt(variance))
 
     def misfit(self, bands: int, fewest: float) -> tuple[float, int]:
         """How far the squares are from the likeliest floor, and it from what was learned: chi-square and its degrees.

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import STEP, Candidate, Shape
@@ -23,6 +22,10 @@ Array = NDArray[np.float64]
 _FIXED = ("at_s", "order")
 #: Strengths are held near zero by a prior of so many typical sizes, inverted: what the calibration absorbs stays there.
 _HELD = 1e-2
+#: Damping of a step at first, and where no smaller one is tried.
+_DAMPED = 1e-8, 1e4
+#: Chi-square that a step must promise, and the share of the promise that must come for the derivatives to stay.
+_FLAT, _STRAIGHT = 0.02, 0.8
 #: Values of a phase that are tried before it is fitted.
 _PHASES = np.arange(8) * np.pi / 4.0
 
@@ -132,38 +135,109 @@ def _tries(offer: Offer) -> list[dict[str, Value]]:
     return [{"phase_rad": float(phase)} for phase in _PHASES]
 
 
-def refit(fits: Sequence[Fitted], bench: Bench, most: int = 6) -> tuple[list[Fitted], Explained]:
+def refit(fits: Sequence[Fitted], bench: Bench, most: int = 12) -> tuple[list[Fitted], Explained]:
     """All parameters of all effects together by nonlinear least squares; and what they leave.
 
-    The calibration moves along its tangent, which is projected out.
+    The calibration moves along its tangent, which is projected out. The derivatives, which cost most, are taken anew
+    only where the misfit does not fall as they foretold (Levenberg-Marquardt with a chord: Nocedal and Wright,
+    Numerical Optimization, 2006, section 10.3; Kelley, Iterative Methods, 1995, section 5.4).
 
     Args:
-        most: evaluations at most, those for derivatives not counted.
+        most: steps at most.
     """
     fits = list(fits)
     if not fits:
-        return fits, explained_by(fits, bench)
-    sizes = np.cumsum([0] + [len(each.values) for each in fits])
+        return fits, Explained(bench.absorbed, bench.whitened)
     scale = np.concatenate([each.scale for each in fits])
-    start = np.concatenate([each.values for each in fits]) / scale
-
-    def moved(point: Array) -> list[Fitted]:
-        values = point * scale
-        return [
-            replace(each, values=values[first:last])
-            for each, first, last in zip(fits, sizes[:-1], sizes[1:], strict=True)
-        ]
-
     held = _HELD * np.concatenate([np.full(item.size, float(item.strength)) for each in fits for item in each.free])
+    problem = _Problem(fits, bench, held)
+    here = problem.at(np.concatenate([each.values for each in fits]) / scale)
+    slopes, damping = problem.slopes(here), _DAMPED[0]
+    for _ in range(most):
+        step = slopes.step(here, held, damping)
+        ahead = problem.at(here.point + step)
+        promised, kept = slopes.promise(here, held, step), here.misfit - ahead.misfit
+        if kept > 0.0:
+            here, damping = ahead, max(damping / 10.0, _DAMPED[0])
+        else:
+            damping *= 30.0
+        if promised < _FLAT or damping > _DAMPED[1]:
+            break
+        if slopes.at is not here.point and kept < _STRAIGHT * promised:
+            slopes = problem.slopes(here)
+    if slopes.at is not here.point:
+        slopes = problem.slopes(here)
+    return here.fits, Explained(bench.absorbed, project(bench.absorbed, here.left)).extended(slopes.columns)
 
-    def left(point: Array) -> Array:
-        effects = [each.effect for each in moved(point)]
-        white = bench.whitened - project(bench.absorbed, bench.whiten(bench.change(effects)))
-        return np.concatenate([white, held * point])
 
-    found = least_squares(left, start, method="trf", x_scale="jac", diff_step=1e-4, max_nfev=most, ftol=1e-6, xtol=1e-6)
-    fits = moved(found.x if 2.0 * found.cost <= float(left(start) @ left(start)) else start)
-    return fits, explained_by(fits, bench)
+@dataclass(frozen=True)
+class _Point:
+    """Parameters (p,) in typical sizes, the effects there, what they leave of the whitened residual, its misfit."""
+
+    point: Array
+    fits: list[Fitted]
+    left: Array
+    misfit: float
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """Whitened derivatives (c count, p) at a point, and their Gram matrix with the calibration projected out."""
+
+    at: Array
+    columns: Array
+    gram: Array
+    absorbed: Array
+
+    def moment(self, here: _Point, held: Array) -> Array:
+        """(p,) minus half the misfit's gradient."""
+        free = here.left - self.absorbed @ (self.absorbed.T @ here.left)
+        return np.asarray(self.columns.T @ free - held**2 * here.point)
+
+    def step(self, here: _Point, held: Array, damping: float) -> Array:
+        """(p,)."""
+        gram = self.gram + np.diag(held**2)
+        length = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        scaled = gram / np.outer(length, length) + damping * np.eye(len(length))
+        return np.asarray(np.linalg.solve(scaled, self.moment(here, held) / length) / length)
+
+    def promise(self, here: _Point, held: Array, step: Array) -> float:
+        """By how much the misfit should fall."""
+        return float(step @ (2.0 * self.moment(here, held) - (self.gram + np.diag(held**2)) @ step))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Effects to be fitted on a bench, their strengths held near zero."""
+
+    fits: Sequence[Fitted]
+    bench: Bench
+    held: Array
+
+    def at(self, point: Array) -> _Point:
+        """The misfit (chi-square) with the calibration's tangent projected out."""
+        numbers = iter(point)
+        fits = [
+            replace(each, values=np.array(list(itertools.islice(numbers, len(each.values)))) * each.scale)
+            for each in self.fits
+        ]
+        left = self.bench.whiten(self.bench.residual - self.bench.change([each.effect for each in fits]))
+        absorbed = self.bench.absorbed.T @ left
+        misfit = float(left @ left - absorbed @ absorbed + np.sum((self.held * point) ** 2))
+        return _Point(point, fits, left, misfit)
+
+    def slopes(self, here: _Point) -> _Slopes:
+        """The derivatives at a point."""
+        columns = np.hstack(tangents(here.fits, self.bench))
+        shared = self.bench.absorbed.T @ columns
+        return _Slopes(here.point, columns, columns.T @ columns - shared.T @ shared, self.bench.absorbed)
+
+
+def tangents(fits: Sequence[Fitted], bench: Bench) -> list[Array]:
+    """The tangent of each fitted effect with the others in place."""
+    effects = [each.effect for each in fits]
+    others = [[other for other in effects if other is not own] for own in effects]
+    return [each.tangent(bench, rest) for each, rest in zip(fits, others, strict=True)]
 
 
 def explained_by(fits: Sequence[Fitted], bench: Bench) -> Explained:
@@ -171,10 +245,5 @@ def explained_by(fits: Sequence[Fitted], bench: Bench) -> Explained:
     calibrated = Explained(bench.absorbed, bench.whitened)
     if not fits:
         return calibrated
-    effects = [each.effect for each in fits]
-    columns = [
-        each.tangent(bench, [other for other in effects if other is not own])
-        for each, own in zip(fits, effects, strict=True)
-    ]
-    left = bench.whitened - project(bench.absorbed, bench.whiten(bench.change(effects)))
-    return Explained(bench.absorbed, left).extended(np.hstack(columns))
+    left = bench.whitened - project(bench.absorbed, bench.whiten(bench.change([each.effect for each in fits])))
+    return Explained(bench.absorbed, left).extended(np.hstack(tangents(fits, bench)))

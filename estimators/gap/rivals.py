@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.gap.bench import Bench, Columns
-from estimators.gap.converge import converged
+from estimators.gap.converge import converged, smooth
 from estimators.gap.refine import Fitted, refit, started
 from estimators.gap.scan import Offer
 from estimators.gap.score import Explained, evidence
@@ -28,6 +28,8 @@ _REFITTED = 6
 _NESTED = 4.0
 #: A rival whose first refit is this share of the evidence away is not fitted to the end.
 _FAR = 0.15
+#: On means over neighbouring samples evidence is known to this share.
+_ROUGHLY = 0.02
 #: So often a cause gives way to a better rival.
 _SWAPS = 3
 
@@ -72,14 +74,32 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
         if offer.candidate.label not in taken and offer.score.strengths.size
     ]
     found = []
-    for offer in [offer for offer in offers if offer.evidence > own.evidence - 4.0 * MARGIN][:_REFITTED]:
-        rival = _stand_in(state, offer, fits, explained, worthwhile=own.evidence - _FAR * (own.evidence + MARGIN))
+    near = [offer for offer in offers if offer.evidence > own.evidence - 4.0 * MARGIN][:_REFITTED]
+    for offer in _close(near, state, cause, others):
+        fit = started(offer, state.bench, explained)
+        rival = _stand_in(offer, fit, fits, state.bench, explained, own.evidence - _FAR * (own.evidence + MARGIN))
         if rival.evidence > own.evidence - MARGIN:
             found.append(rival)
     exact = [_linear(offer) for offer in offers[_REFITTED:] if offer.evidence > own.evidence - MARGIN]
     kept = [rival for rival in [*found, *exact] if not _contains(rival, own)]
     kept = [replace(rival, cosine=_cosine(rival, own, state, explained)) for rival in kept]
     return [own, *sorted(kept, key=lambda rival: -rival.evidence)]
+
+
+def _close(near: list[Offer], state: Selection, cause: MeanCause, others: Sequence[MeanCause]) -> list[Offer]:
+    """Of the offers those that come close to the cause on means over neighbouring samples, or cannot be seen there."""
+    rough = state.rough
+    if rough is state.bench or not near or not all(smooth(each.fit) for each in state.causes):
+        return near
+    fits, explained = refit([each.fit for each in others], rough)
+    own = _stand_in(cause.offer, cause.fit, fits, rough, explained, -np.inf)
+    least = own.evidence - MARGIN - BETTER - _ROUGHLY * own.evidence
+    return [
+        offer
+        for offer in near
+        if not smooth(fit := started(offer, rough, explained))
+        or _stand_in(offer, fit, fits, rough, explained, least).evidence > least
+    ]
 
 
 def settled(state: Selection, worthwhile: bool = True) -> tuple[Selection, list[list[Rival]]]:
@@ -157,14 +177,15 @@ def _own(state: Selection, cause: MeanCause, fits: list[Fitted], explained: Expl
     return _weighed(cause.offer, cause.fit, [fit.effect for fit in fits], state.bench, explained, state.explained)
 
 
-def _stand_in(state: Selection, offer: Offer, fits: list[Fitted], explained: Explained, worthwhile: float) -> Rival:
+def _stand_in(
+    offer: Offer, fit: Fitted, others: list[Fitted], bench: Bench, explained: Explained, worthwhile: float
+) -> Rival:
     """An offer refitted together with the other causes; the calibration as well where the evidence is worthwhile."""
-    refitted, after = refit([*fits, started(offer, state.bench, explained)], state.bench)
-    bench = state.bench
+    refitted, after = refit([*others, fit], bench)
     gain = float(explained.residual @ explained.residual) - float(after.residual @ after.residual)
     if gain > worthwhile:
         refitted, after, bench = converged(refitted, bench)
-    return _weighed(offer, refitted[-1], [fit.effect for fit in refitted[:-1]], bench, explained, after)
+    return _weighed(offer, refitted[-1], [each.effect for each in refitted[:-1]], bench, explained, after)
 
 
 def _weighed(

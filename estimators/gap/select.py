@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from estimators.gap.bench import Bench, Columns, project
 from estimators.gap.blocks import block_means
 from estimators.gap.candidates import Candidate, all_candidates
-from estimators.gap.converge import converged
+from estimators.gap.converge import converged, smooth
 from estimators.gap.rebase import around
-from estimators.gap.refine import Fitted, started
+from estimators.gap.refine import Fitted, started, tangents
 from estimators.gap.scan import Offer, Scanner
 from estimators.gap.score import Explained, evidence
 from estimators.gap.stochastic import NoiseOffer, noise_offers
@@ -35,7 +35,9 @@ MOST_CAUSES = 3
 TIE = 0.5
 #: Beyond this evidence a cause may stretch the calibration further than its tangent: effects that offer nearly as much
 #: are refitted too, so many of them.
-_STRETCHED, _NEAR, _TRIED = 500.0, 0.05, 2
+_STRETCHED, _NEAR, _TRIED = 500.0, 0.3, 4
+#: Of these, what is worse by this share on means over neighbouring samples is not refitted sample by sample.
+_CLOSE = 0.02
 #: Evidence by which one refit must be better than another: beyond what unfinished ones differ by.
 BETTER = 3.0
 #: Where noise and a mean effect explain amounts that differ by less than this factor, both ways are followed.
@@ -83,6 +85,12 @@ class Selection:
     candidates: tuple[Candidate, ...]
     scanner: Scanner
     quiet: Scanner
+
+    @property
+    def rough(self) -> Bench:
+        """The bench as means over neighbouring samples."""
+        rough = self.scanner.rough.bench
+        return rough if rough.pipeline is self.bench.pipeline else around(rough, self.bench.pipeline)
 
     @property
     def count(self) -> int:
@@ -172,11 +180,7 @@ def _roughly(rough: Bench, bench: Bench, fits: Sequence[Fitted]) -> Explained:
     left = bench.residual - bench.change([fit.effect for fit in fits])
     means = np.stack([block_means(left[:, each], size, bench.weights[:, each] > 0) for each in range(6)], axis=1)
     explained = Explained(rough.absorbed, project(rough.absorbed, rough.whiten(means)))
-    if not fits:
-        return explained
-    effects = [fit.effect for fit in fits]
-    tangents = [fit.tangent(rough, [other for other in effects if other is not fit.effect]) for fit in fits]
-    return explained.extended(np.hstack(tangents))
+    return explained.extended(np.hstack(tangents(fits, rough))) if fits else explained
 
 
 def _noise_offer(state: Selection, without: Sequence[str]) -> NoiseOffer | None:
@@ -190,10 +194,14 @@ def _noise_offer(state: Selection, without: Sequence[str]) -> NoiseOffer | None:
 
 def _with_offers(state: Selection, offers: Sequence[Offer]) -> Selection:
     """With one more mean cause: of several offers the one that explains most once it is refitted."""
-    ways = []
-    for offer in offers:
-        fit = started(offer, state.bench, state.explained)
-        ways.append(with_mean(state, [*state.causes, MeanCause(fit, offer)]))
+    fresh = [MeanCause(started(offer, state.bench, state.explained), offer) for offer in offers]
+    if len(fresh) > 1 and (rough := state.rough) is not state.bench:
+        kept = [cause.fit for cause in state.causes]
+        left = [converged([*kept, cause.fit], rough)[1].residual for cause in fresh]
+        misfits = [float(each @ each) for each in left]
+        close = min(misfits) + _CLOSE * offers[0].evidence
+        fresh = [cause for cause, misfit in zip(fresh, misfits, strict=True) if misfit < close or not smooth(cause.fit)]
+    ways = [with_mean(state, [*state.causes, cause]) for cause in fresh]
     least = min(cost(way) for way in ways)
     return next(way for way in ways if cost(way) < least + BETTER)  # of twins the likelier before the data
 
@@ -208,7 +216,7 @@ def preference(candidate: Candidate, bench: Bench) -> tuple[bool, int]:
 
 def with_mean(state: Selection, causes: Sequence[MeanCause]) -> Selection:
     """The selection with these mean causes, refitted together."""
-    fits, explained, bench = converged([cause.fit for cause in causes], state.bench)
+    fits, explained, bench = converged([cause.fit for cause in causes], state.bench, state.rough)
     if bench is not state.bench:
         scanner = state.scanner.around(bench)
         quiet = state.quiet.around(around(state.quiet.fine.bench, bench.pipeline)) if state.noises else scanner
@@ -230,14 +238,14 @@ def weighed(causes: Sequence[MeanCause], bench: Bench, explained: Explained) -> 
     result = []
     causes = list(causes)
     effects = [cause.fit.effect for cause in causes]
-    tangents = [cause.fit.tangent(bench) for cause in causes]
+    own_tangents = [cause.fit.tangent(bench) for cause in causes]
     for index, cause in enumerate(causes):
         rest = Explained(bench.absorbed, bench.whitened)
-        for other in tangents[:index] + tangents[index + 1 :]:
+        for other in own_tangents[:index] + own_tangents[index + 1 :]:
             rest = rest.extended(other)
         own = bench.whiten(bench.change(effects) - bench.change(effects[:index] + effects[index + 1 :]))
         residual = rest.without(own) + explained.residual
-        score = replace(rest, residual=residual).score(Columns(tangents[index], 0))
+        score = replace(rest, residual=residual).score(Columns(own_tangents[index], 0))
         result.append(replace(cause, statistic=score.statistic, rank=max(score.rank, 1)))
     return result
 

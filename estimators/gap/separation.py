@@ -21,7 +21,7 @@ from estimators.gap.bench import Bench, known, orthonormal, project
 from estimators.gap.candidates import Candidate, all_candidates
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.diagnosis import Cause, Diagnosis
-from estimators.gap.refine import Fitted, explained_by, refit, started
+from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
 from estimators.gap.scan import Scanner
 from estimators.gap.score import ABSORBED
 from rig.effects import EFFECTS, Effect, Kind
@@ -75,13 +75,7 @@ class Hypothesis:
 
     def tangent(self, bench: Bench) -> Array:
         """(c n, p) whitened derivatives, each scaled to a typical size."""
-        effects = self.effects
-        return np.hstack(
-            [
-                fit.tangent(bench, [other for other in effects if other is not own])
-                for fit, own in zip(self.fits, effects, strict=True)
-            ]
-        )
+        return np.hstack(tangents(self.fits, bench))
 
 
 @dataclass(frozen=True)

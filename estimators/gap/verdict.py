@@ -132,8 +132,7 @@ def judged_elsewhere(result: Diagnosis, state: Selection, bench: Bench) -> Diagn
     floor = bench.size - bench.absorbed.shape[1]
     gap = max(float(bench.whitened @ bench.whitened) - floor, gain)
     value = float(np.clip(gain / max(gap, 1e-9), -1.0, 1.0))
-    other = {"variable": "closed on the other maneuver", "share": value}
-    return replace(result, closed_on="both", follows=(*result.follows, other))
+    return replace(result, closed_on="both", closed_elsewhere=value)
 
 
 def _excess(left: Sequence[Finding]) -> float:

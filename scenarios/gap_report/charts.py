@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.diagnosis import Diagnosis, percent
 from rig.channels import CHANNELS_OF
 from scenarios.gap_report.svg import Drawing, Scale, nice_step, tick_label
 from scenarios.gap_report.units import Shown
-from scenarios.gap_report.words import closed_words, percent
+from scenarios.gap_report.words import closed_words
 
 _WIDTH: Final = 1000.0
 _LABEL: Final = 92.0  # left of the bars

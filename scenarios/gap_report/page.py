@@ -7,10 +7,10 @@ from html import escape
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.diagnosis import Diagnosis, percent
 from scenarios.gap_report import sections
 from scenarios.gap_report.residuals import GapResiduals
-from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline, percent
+from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline
 
 #: Nothing may be loaded from anywhere; the style is the page's own.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -82,7 +82,7 @@ def _tiles(diagnosis: Diagnosis) -> str:
         tiles.append(("Probability of the first cause", percent(first.probability), alike))
     if diagnosis.closed is not None:
         share, _, interval = closed_words(diagnosis).partition(" (")
-        note = f"95 %: {interval.removesuffix(')')}, {diagnosis.closed_on}" if interval else diagnosis.closed_on
+        note = f"95 %: {interval.removesuffix(')')}, held-out blocks" if interval else "held-out blocks"
         tiles.append(("Gap closed", share, note))
     left = "nothing above the floor" if diagnosis.remainder == "noise" else "more than noise"
     tiles.append(("Left over", diagnosis.remainder, left))

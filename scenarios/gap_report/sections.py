@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from estimators.gap.diagnosis import Cause, Diagnosis
+from estimators.gap.diagnosis import Cause, Diagnosis, percent
 from scenarios.gap_report import charts, curves, maps
 from scenarios.gap_report.next_maneuver import interval_words
 from scenarios.gap_report.residuals import GapResiduals
@@ -17,7 +17,6 @@ from scenarios.gap_report.words import (
     formula,
     grouped_untold,
     p_words,
-    percent,
 )
 
 _SHIFTS = 12
@@ -36,7 +35,7 @@ def where(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
         _key([*((f"gap {words}", css) for words, css in both), ("noise floor", "tick")]),
         _figure(charts.channel_bars(diagnosis, shown_units(residuals.recording.units)), ""),
     ]
-    follows = [each for each in diagnosis.follows if not str(each["variable"]).startswith("closed on")]
+    follows = list(diagnosis.follows)
     if follows:
         parts += [
             "<h3>By what it follows</h3>",
@@ -122,13 +121,13 @@ def how_far(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
         sizes = (row.noise_floor, row.rms_before, row.rms_after, row.gap_before, row.gap_after)
         rows.append((name, *(f"{shown.factor * size:.4g}" for size in sizes), percent(row.closed), shown.name))
     titles = ("channel", "floor", "RMS before", "RMS after", "gap before", "gap after", "closed", "unit")
-    elsewhere = [each for each in diagnosis.follows if str(each["variable"]).startswith("closed on")]
-    also = "".join(f"<p>{escape(str(each['variable']))}: <b>{percent(each['share'])}</b>.</p>" for each in elsewhere)
+    elsewhere = diagnosis.closed_elsewhere
+    also = "" if elsewhere is None else f"<p>On the other maneuver: <b>{percent(elsewhere)}</b>.</p>"
     return "\n".join(
         [
             "<h2>How far it closes</h2>",
-            f'<p class="soft">Share of the squared gap that is gone once the causes are in the simulator, on '
-            f"{escape(diagnosis.closed_on)}, with its 95 % interval.</p>",
+            '<p class="soft">Share of the squared gap that is gone once the causes are in the simulator, on '
+            "held-out blocks, with its 95 % interval.</p>",
             _figure(charts.closed_bar(diagnosis), ""),
             also,
             _table(titles, [tuple(map(escape, row)) for row in rows], numbers=range(1, 7)),

@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.diagnosis import Diagnosis, percent
 from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (
     VERDICTS,
@@ -19,7 +19,6 @@ from scenarios.gap_report.words import (
     estimate_words,
     grouped_untold,
     p_words,
-    percent,
     sentence,
 )
 from scenarios.report import table
@@ -78,7 +77,7 @@ def _channels(diagnosis: Diagnosis, units: Mapping[str, str]) -> Table:
 
 def _lines(diagnosis: Diagnosis) -> list[str]:
     lines = []
-    follows = [each for each in diagnosis.follows if not str(each["variable"]).startswith("closed on")][:4]
+    follows = diagnosis.follows[:4]
     if follows:
         lines.append("follows      " + ", ".join(f"{each['variable']} {percent(each['share'])}" for each in follows))
     shifts = sorted(diagnosis.calibration_shift.items(), key=lambda item: -abs(item[1]["sigmas"]))[:_SHIFTS]

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from estimators.gap.diagnosis import Cause, Diagnosis, Estimate
+from estimators.gap.diagnosis import Cause, Diagnosis, Estimate, percent
 from rig.effects import EFFECTS
 from scenarios.report import plus_minus, shortened
 
@@ -97,24 +97,11 @@ def p_words(p_value: float) -> str:
     return "< 1e-300" if p_value <= _SMALLEST_P else f"{p_value:.2g}"
 
 
-def percent(share: float | None) -> str:
-    """A share in percent, to a tenth close to everything."""
-    if share is None or not math.isfinite(share):
-        return "–"
-    value = 100.0 * share
-    text = f"{value:.1f}".removesuffix(".0") if 99.0 <= value < 99.95 else f"{value:.0f}"
-    return f"{text} %"
-
-
 def closed_words(diagnosis: Diagnosis) -> str:
     """How far the gap closes, with its interval: "97 % (95–99)"."""
     if diagnosis.closed is None:
         return "–"
-    if diagnosis.closed_low is None or diagnosis.closed_high is None:
-        return percent(diagnosis.closed)
-    low, high = (percent(value).removesuffix(" %") for value in (diagnosis.closed_low, diagnosis.closed_high))
-    closed = percent(diagnosis.closed)
-    return closed if low == high == closed.removesuffix(" %") else f"{closed} ({low}–{high})"
+    return percent(diagnosis.closed, diagnosis.closed_low, diagnosis.closed_high).replace("-", "–")
 
 
 def sentence(diagnosis: Diagnosis) -> str:
