@@ -61,9 +61,10 @@ def test_sums_over_channels_and_half_windows_are_of_the_same_variances(n: int) -
     wanted = windowed_variance(channels, window)
     # 16,000 additions of squares below 4e3 round by some 1e-16 of their sum each, at worst all to the same side.
     assert weighted_variance(channels, window, weights) == pytest.approx(weights @ wanted, abs=1e-12 * 4e3)
-    assert variance_by_half_windows(channels, window) == pytest.approx(
-        wanted[:, half : n - half : half], abs=1e-12 * 4e3
-    )
+    variance, means = variance_by_half_windows(channels, window)
+    assert variance == pytest.approx(wanted[:, half : n - half : half], abs=1e-12 * 4e3)
+    for own, values in zip(means, channels, strict=True):
+        assert own == pytest.approx(values[: len(own) * half].reshape(-1, half).mean(axis=1), abs=1e-14 * 50.0)
 
 
 @pytest.mark.parametrize("window", [100, 1, 101])

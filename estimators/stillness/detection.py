@@ -13,12 +13,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.stillness.stretches import Signals, mask_of, split_where_it_drifts, stretches_of, sums_over
+from estimators.stillness.stretches import Signals, mask_of, split_where_it_drifts, stretches_of
 from estimators.stillness.threshold import choose_threshold
 from estimators.stillness.variance import variance_by_half_windows, weighted_variance, windowed_variance
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Recording
+from rig.rotation_map import moving_joints
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -50,7 +51,7 @@ class Stillness:
         first, stop: (s,) the stretches it stood still: samples first to stop - 1.
         pose: (s,) number of each stretch's pose, from 0 on; successive stretches in the same orientation share one.
         channels: (c,) those that were looked at. noise: (c,) their standard deviation while still [recorded unit].
-        window: samples of the sliding window. activity: (n,) its variance over the threshold: below one is still.
+        window: samples of the sliding window.
         false_alarm: probability that a window of a sensor standing still is taken for moving; None where the threshold
             was given.
         rule: how it was decided, in words.
@@ -63,7 +64,6 @@ class Stillness:
     channels: tuple[str, ...]
     noise: Array
     window: int
-    activity: Array
     false_alarm: float | None
     rule: str
 
@@ -107,13 +107,14 @@ def find_still(
     columns = [column for sensor in chosen for column in recording.readings(sensor).T]
     names = tuple(name for sensor in chosen for name in CHANNELS_OF[sensor])
     half = window // 2
-    held = _held(recording, half, speed_limit)
+    joints = [] if recording.q is None else [recording.q[:, joint] for joint in moving_joints(recording.q)]
+    held = _held(recording, joints, half, speed_limit)
     if held is not None and not held.any():
         raise RefusedFit(
             f"{where}: never stands still: its pose turns faster than {speed_limit:g} rad/s all the time, expected"
             " poses held without motion"
         )
-    variance = variance_by_half_windows(columns, window)
+    variance, means = variance_by_half_windows(columns, window)
     if given is not None:
         limits = np.repeat([given[sensor] for sensor in chosen if sensor in given], 3)
         if len(limits) != len(columns):
@@ -134,7 +135,7 @@ def find_still(
         quiet &= held
         rule += f"; speed below {speed_limit:g} rad/s"
     if quiet.any():
-        _check_trend(columns, quiet, variance, window, where)
+        _check_trend(means, quiet, variance, window, where)
     first, stop = stretches_of(quiet, max(2, half))
     if not len(first):
         raise RefusedFit(
@@ -143,7 +144,7 @@ def find_still(
         )
     still = mask_of(len(recording), first, stop)
     noise = np.sqrt(_while_still(variance, still, first, stop, half))
-    groups = [Signals(columns, np.square(SAME_POSE * noise)), *_pose_signals(recording)]
+    groups = [Signals(columns, np.square(SAME_POSE * noise)), *_pose_signals(recording, joints)]
     first, stop, pose = split_where_it_drifts(groups, first, stop, window)
     return Stillness(
         still,
@@ -153,7 +154,6 @@ def find_still(
         names,
         noise,
         window,
-        activity,
         false_alarm,
         rule,
     )
@@ -194,7 +194,7 @@ def _while_still(variance: Array, still: Mask, first: NDArray[np.intp], stop: ND
     return np.asarray(variance[:, chosen].mean(axis=1))
 
 
-def _check_trend(columns: Sequence[Array], quiet: Mask, variance: Array, window: int, where: str) -> None:
+def _check_trend(means: Array, quiet: Mask, variance: Array, window: int, where: str) -> None:
     """Refuse where what seems to be the noise of a sensor at rest is a steady motion.
 
     A signal that rises evenly by r over a window has the variance r^2 / 12, and the means of its halves differ by
@@ -202,14 +202,12 @@ def _check_trend(columns: Sequence[Array], quiet: Mask, variance: Array, window:
     variance; and small for any noise whose memory is short against the window.
     """
     half = window // 2
-    centres = np.flatnonzero(quiet[half : len(quiet) - half : 2 * half]) * 2 * half
-    if not len(centres):
+    windows = 2 * np.flatnonzero(quiet[half : len(quiet) - half : 2 * half])
+    if not len(windows):
         return
-    begins = centres[:: max(1, len(centres) // _TREND_WINDOWS)]
-    edges = begins[:, None] + np.array([0, half + 1])
-    halves = sums_over(columns, edges.ravel(), edges.ravel() + half).reshape(len(columns), -1, 2) / half
-    steps = np.square(halves[:, :, 1] - halves[:, :, 0])
-    own = variance[:, begins // half].mean(axis=1)
+    windows = windows[:: max(1, len(windows) // _TREND_WINDOWS)]
+    steps = np.square(means[:, windows + 1] - means[:, windows])
+    own = variance[:, windows].mean(axis=1)
     found = float(np.mean(steps.mean(axis=1)[own > 0.0] / (3.0 * own[own > 0.0]))) if own.any() else 0.0
     if found > _TREND_LIMIT:
         raise RefusedFit(
@@ -218,32 +216,38 @@ def _check_trend(columns: Sequence[Array], quiet: Mask, variance: Array, window:
         )
 
 
-def _pose_signals(recording: Recording) -> list[Signals]:
+def _pose_signals(recording: Recording, joints: Sequence[Array]) -> list[Signals]:
     """The recorded pose: any rotation beyond ``SAME_ANGLE`` is another pose, whatever the readings say."""
-    if recording.q is not None:
-        joints = recording.q.shape[1]
-        return [Signals(list(recording.q.T), np.full(joints, SAME_ANGLE**2 / joints))]
-    if recording.tool_quaternion is not None:
+    if joints:
+        return [Signals(joints, np.full(len(joints), SAME_ANGLE**2 / len(joints)))]
+    if recording.q is None and recording.tool_quaternion is not None:
         return [Signals(list(continuous(recording.tool_quaternion).T), np.full(4, (0.5 * SAME_ANGLE) ** 2 / 4.0))]
     return []
 
 
-def _held(recording: Recording, half: int, speed_limit: float) -> Mask | None:
+def _held(recording: Recording, joints: Sequence[Array], half: int, speed_limit: float) -> Mask | None:
     """(n,) whether a sample lies in any window from whose begin to whose end the pose hardly turns.
 
     None where no pose was recorded.
+
+    Args:
+        recording, speed_limit: as of ``find_still``.
+        joints: (n,) each, the angles of those that move [rad].
+        half: half a window [samples].
     """
     if recording.q is None and recording.tool_quaternion is None:
         return None
     count, t = len(recording), recording.t
     slow = np.empty(count - 2 * half, dtype=bool)
+    work = np.empty((2, min(_BLOCK, len(slow))))
     for begin in range(0, len(slow), _BLOCK):
         end = min(begin + _BLOCK, len(slow))
         before, after = slice(begin, end), slice(begin + 2 * half, end + 2 * half)
         if recording.q is not None:
-            way = np.zeros(end - begin)
-            for column in recording.q.T:
-                turned = column[after] - column[before]
+            way, turned = work[:, : end - begin]
+            way[:] = 0.0
+            for column in joints:
+                np.subtract(column[after], column[before], out=turned)
                 np.maximum(way, np.abs(turned, out=turned), out=way)
         else:
             assert recording.tool_quaternion is not None
@@ -251,10 +255,11 @@ def _held(recording: Recording, half: int, speed_limit: float) -> Mask | None:
             apart, opposite = np.square(ahead - behind).sum(axis=1), np.square(ahead + behind).sum(axis=1)
             way = 2.0 * np.sqrt(np.minimum(apart, opposite))  # q and -q are the same rotation
         np.less_equal(way, speed_limit * (t[after] - t[before]), out=slow[before])
-    quiet = np.zeros(count + 2 * half + 1, dtype=np.int64)  # windows that begin 2 * half samples before, or earlier
-    np.cumsum(slow, out=quiet[2 * half + 1 : count + 1])
-    quiet[count + 1 :] = quiet[count]
-    return np.asarray(quiet[2 * half + 1 :] > quiet[:count])
+    # A sample is in no such window where those that hold it, which begin up to 2 * half before it, all turn.
+    first, stop = stretches_of(~slow, 1)
+    first, stop = np.where(first > 0, first + 2 * half, 0), np.where(stop < len(slow), stop, count)
+    turning = first < stop
+    return ~mask_of(count, first[turning], stop[turning])
 
 
 def continuous(quaternion: Array) -> Array:

@@ -98,8 +98,6 @@ def split_where_it_drifts(groups: Sequence[Signals], first: Rows, stop: Rows, wi
 
 
 def mask_of(count: int, first: Rows, stop: Rows) -> Mask:
-    """(n,) whether a sample lies in a stretch."""
-    steps = np.zeros(count + 1, dtype=np.int8)
-    steps[first] = 1
-    steps[stop] -= 1
-    return np.asarray(np.cumsum(steps[:-1], dtype=np.int8) > 0)
+    """(n,) whether a sample lies in one of disjoint stretches, in order."""
+    edges = np.concatenate([[0], np.stack([first, stop], axis=1).ravel(), [count]])
+    return np.repeat(np.arange(len(edges) - 1) % 2 == 1, np.diff(edges))

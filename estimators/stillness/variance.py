@@ -95,15 +95,20 @@ def weighted_variance(channels: Sequence[Array], window: int, weights: Array) ->
     return result
 
 
-def variance_by_half_windows(channels: Sequence[Array], window: int) -> Array:
-    """(c, m) ``windowed_variance`` at samples half, 2 half, .., with half = window // 2, as far as full windows go."""
+def variance_by_half_windows(channels: Sequence[Array], window: int) -> tuple[Array, Array]:
+    """``windowed_variance`` at samples half, 2 half, .., with half = window // 2, as far as full windows go.
+
+    Returns:
+        (c, m) variances [recorded unit squared]; (c, m + 1) means of the halves, which begin at samples 0, half, ..
+        [recorded unit].
+    """
     count, half = len(channels[0]), window // 2
     steps = (count - 1) // half  # halves, each followed by a sample at least
-    result = np.empty((len(channels), steps - 1))
-    means, squares = np.empty(steps), np.empty(steps)
+    result, means_of_all = np.empty((len(channels), steps - 1)), np.empty((len(channels), steps))
+    squares = np.empty(steps)
     size = max(1, _BLOCK // half)
     about = np.empty((min(size, steps), half))
-    for variance, values in zip(result, channels, strict=True):
+    for variance, means, values in zip(result, means_of_all, channels, strict=True):
         rows = values[: steps * half].reshape(steps, half)
         for begin in range(0, steps, size):
             part = slice(begin, min(begin + size, steps))
@@ -117,4 +122,4 @@ def variance_by_half_windows(channels: Sequence[Array], window: int) -> Array:
         between = 0.5 * half * np.square(means[1:] - means[:-1])
         last = np.square(values[2 * half :: half][: steps - 1] - middle) * (2 * half / window)
         variance[:] = np.maximum(squares[1:] + squares[:-1] + between + last, 0.0) / (window - 1)
-    return result
+    return result, means_of_all
