@@ -13,6 +13,8 @@ from rig.directions import tangent_basis
 Array = NDArray[np.float64]
 
 _PAIRS = ((0, 1), (0, 2), (1, 2))
+_LEFT, _RIGHT = np.array(_PAIRS).T
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of a vector product's factors
 
 
 def angles_between(parameters: SensorParameters, covariance: Array, method: Method) -> dict[str, tuple[float, float]]:
@@ -27,9 +29,9 @@ def angles_between(parameters: SensorParameters, covariance: Array, method: Meth
     """
     first = [start + 2 for _, start, _ in columns_of_channels(method)]
     bases, axes = parameters.bases[0], parameters.axes
-    left, right = [i for i, _ in _PAIRS], [j for _, j in _PAIRS]
-    sine = np.sqrt(np.square(np.cross(axes[left], axes[right])).sum(axis=1))
-    cosine = (axes[left] * axes[right]).sum(axis=1)
+    left, right = axes[_LEFT], axes[_RIGHT]
+    across = left[:, _NEXT] * right[:, _LAST] - left[:, _LAST] * right[:, _NEXT]
+    sine, cosine = np.sqrt((across * across).sum(axis=1)), (left * right).sum(axis=1)
     gradient = np.zeros((3, len(covariance)))
     for row, (i, j) in enumerate(_PAIRS):
         gradient[row, first[i] : first[i] + 2] = bases[i] @ axes[j]

@@ -122,12 +122,13 @@ def _field(reported: Reported, vector: Array, name: str) -> FieldDirection:
 
 def _axis(reported: Reported, vector: Array, k: int, own: FieldDirection | None) -> AxisCalibration:
     number = k + 1
-    values = dict(zip(reported.names, reported.values, strict=True))
+    first = reported.names.index(f"sensitivity{number}")
+    sensitivity, offset, beta, gamma = reported.values[first : first + 4].tolist()
     return AxisCalibration(
-        sensitivity=float(values[f"sensitivity{number}"]),
-        offset=float(values[f"offset{number}"]),
-        beta_deg=float(values[f"beta{number}_deg"]),
-        gamma_deg=float(values[f"gamma{number}_deg"]),
+        sensitivity=sensitivity,
+        offset=offset,
+        beta_deg=beta,
+        gamma_deg=gamma,
         axis=vector,
         covariance=_vector_covariance(reported, f"axis{number}"),
         field=own,

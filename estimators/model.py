@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Final, Literal, Self
 
 import numpy as np
@@ -89,14 +89,15 @@ class SensorParameters:
         m = self.scaled_axes
         length = self.reference_magnitude * self.sensitivity
         axis_basis, field_basis = self.bases
+        turned = length[:, None, None] * axis_basis
+        along = (self.fields[:, :, None] * m[:, None]).reshape(3, 9)
+        by_axis = (self.fields[:, None, :, None] * turned[:, :, None]).reshape(3, 2, 9).swapaxes(1, 2)
+        by_field = (field_basis[:, :, :, None] * m[:, None, None]).reshape(3, 2, 9).swapaxes(1, 2)
         result = np.zeros((3, 10, PARAMETERS_OF[method]))
         for k, start, of_field in columns_of_channels(method):
             block = result[k]
-            turned = length[k] * axis_basis[k]
-            block[:9, start] = (self.fields[k][:, None] * m[k]).ravel()
-            block[9, start + 1] = length[k]
-            block[:9, start + 2 : start + 4] = (self.fields[k][:, None] * turned[:, None, :]).reshape(2, 9).T
-            block[:9, of_field] = (field_basis[k][:, :, None] * m[k]).reshape(2, 9).T
+            block[:9, start], block[9, start + 1] = along[k], length[k]
+            block[:9, start + 2 : start + 4], block[:9, of_field] = by_axis[k], by_field[k]
         return result
 
     @cached_property
@@ -120,6 +121,7 @@ def columns_of_channels(method: Method) -> Iterator[tuple[int, int, slice]]:
             yield k, 6 * k, slice(6 * k + 4, 6 * k + 6)
 
 
+@cache
 def parameter_names(method: Method) -> tuple[str, ...]:
     """The names in the order of the Jacobian's columns, with angles in place of tangent coordinates."""
     names: list[str] = []

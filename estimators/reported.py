@@ -7,6 +7,7 @@ the azimuth (gamma, psi) loses its meaning and the elevation (beta, phi) its nor
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -75,8 +76,10 @@ def report(parameters: SensorParameters, covariance: Array, method: Method) -> R
     warnings: list[str] = []
     for k, start, _ in columns_of_channels(method):
         values[start : start + 2] = parameters.sensitivity[k], parameters.offset[k]
-        to_angles[[start, start + 1], [start, start + 1]] = parameters.scales[k]
-    directions, vectors, bases = _directions(parameters, method)
+        to_angles[start, start], to_angles[start + 1, start + 1] = parameters.scales[k]
+    directions, rows = _directions(method)
+    vectors = np.concatenate([parameters.axes, parameters.fields])[rows]
+    bases = np.concatenate(parameters.bases)[rows]
     elevation, azimuth = (np.radians(angle) for angle in angles_from_direction(vectors))
     sin_e, sin_a, cos_a = np.sin(elevation), np.sin(azimuth), np.cos(azimuth)
     cos_e = np.hypot(vectors[:, 0], vectors[:, 1])
@@ -85,7 +88,8 @@ def report(parameters: SensorParameters, covariance: Array, method: Method) -> R
     along = np.einsum("dai,di->da", bases, np.stack([-sin_e * cos_a, -sin_e * sin_a, -cos_e], axis=1))
     across = np.einsum("dai,di->da", bases, np.stack([-sin_a, cos_a, zero], axis=1))
     blocks = np.stack([covariance[d.first : d.first + 2, d.first : d.first + 2] for d in directions])
-    largest = np.sqrt(np.linalg.eigvalsh(blocks)[:, 1])
+    one, other, mixed = blocks[:, 0, 0], blocks[:, 1, 1], blocks[:, 0, 1]
+    largest = np.sqrt(0.5 * (one + other) + np.hypot(0.5 * (one - other), mixed))  # eigenvalue of each block
     elevation_std = np.sqrt(np.einsum("da,dab,db->d", along, blocks, along))
     across_std = np.sqrt(np.einsum("da,dab,db->d", across, blocks, across))
     near_pole = cos_e < RAYLEIGH_95 * largest
@@ -116,21 +120,22 @@ def report(parameters: SensorParameters, covariance: Array, method: Method) -> R
     lost = [names.index(name) for name in untold]
     reported[lost] = np.nan
     reported[:, lost] = np.nan
-    vector_names, vector_values, to_vectors = _vectors(parameters, method, directions, vectors, bases)
+    vector_values, to_vectors = _vectors(parameters, method, vectors, bases)
     return Reported(
         names,
         values,
         reported,
         untold,
-        vector_names,
+        _vector_names(method),
         vector_values,
         to_vectors @ covariance @ to_vectors.T,
         tuple(warnings),
     )
 
 
-def _directions(parameters: SensorParameters, method: Method) -> tuple[list[_Direction], Array, Array]:
-    """All unit vectors, in the order of the parameters: what they are called, (d, 3), and their bases (d, 2, 3)."""
+@cache
+def _directions(method: Method) -> tuple[tuple[_Direction, ...], list[int]]:
+    """All unit vectors, in the order of the parameters: what they are called; and their rows in axes, then fields."""
     found: list[_Direction] = []
     rows: list[int] = []
     for k, start, of_field in columns_of_channels(method):
@@ -145,36 +150,37 @@ def _directions(parameters: SensorParameters, method: Method) -> tuple[list[_Dir
             first = of_field.start
             found.append(_Direction(f"field{own}", f"phi{own}_deg", f"psi{own}_deg", label, "the base z axis", first))
             rows.append(3 + k)
-    axis_basis, field_basis = parameters.bases
-    return (
-        found,
-        np.concatenate([parameters.axes, parameters.fields])[rows],
-        np.concatenate([axis_basis, field_basis])[rows],
-    )
+    return tuple(found), rows
 
 
-def _vectors(
-    parameters: SensorParameters, method: Method, directions: list[_Direction], vectors: Array, bases: Array
-) -> tuple[tuple[str, ...], Array, Array]:
-    """Names, values (v,) and derivatives (v, p) of the parameters with unit vectors in place of angles."""
-    p = len(parameter_names(method))
-    size = 6 + 3 * len(directions)
+@cache
+def _vector_names(method: Method) -> tuple[str, ...]:
+    """The parameters with unit vectors in place of angles."""
     names: list[str] = []
-    values, derivative = np.empty(size), np.zeros((size, p))
+    for direction in _directions(method)[0]:
+        if direction.name.startswith("axis"):
+            names += [f"sensitivity{direction.name[4:]}", f"offset{direction.name[4:]}"]
+        names += [f"{direction.name}_{component}" for component in "xyz"]
+    return tuple(names)
+
+
+def _vectors(parameters: SensorParameters, method: Method, vectors: Array, bases: Array) -> tuple[Array, Array]:
+    """Values (v,) and derivatives (v, p) of ``_vector_names``."""
+    size = len(_vector_names(method))
+    values, derivative = np.empty(size), np.zeros((size, len(parameter_names(method))))
     row = 0
     numbers = iter(range(3))
-    for direction, vector, basis in zip(directions, vectors, bases, strict=True):
+    for direction, vector, basis in zip(_directions(method)[0], vectors, bases, strict=True):
+        first = direction.first
         if direction.name.startswith("axis"):
             k = next(numbers)
-            names += [f"sensitivity{k + 1}", f"offset{k + 1}"]
-            values[row : row + 2] = parameters.sensitivity[k], parameters.offset[k]
-            derivative[[row, row + 1], [direction.first - 2, direction.first - 1]] = parameters.scales[k]
+            values[row], values[row + 1] = parameters.sensitivity[k], parameters.offset[k]
+            derivative[row, first - 2], derivative[row + 1, first - 1] = parameters.scales[k]
             row += 2
-        names += [f"{direction.name}_{component}" for component in "xyz"]
         values[row : row + 3] = vector
-        derivative[row : row + 3, direction.first : direction.first + 2] = basis.T
+        derivative[row : row + 3, first : first + 2] = basis.T
         row += 3
-    return tuple(names), values, derivative
+    return values, derivative
 
 
 def _reason(direction: _Direction, distance_deg: float, std_deg: float) -> str:

@@ -33,7 +33,8 @@ def angles_from_direction(direction: ArrayLike) -> tuple[Array, Array]:
     Args:
         direction: (..., 3) vectors of any length above zero.
     """
-    x, y, z = np.moveaxis(np.asarray(direction, dtype=float), -1, 0)
+    vectors = np.asarray(direction, dtype=float)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     elevation = np.degrees(np.arctan2(-z, np.hypot(x, y)))
     azimuth = np.degrees(np.arctan2(y, x)) % 360.0
     return elevation, np.where(azimuth >= 360.0, 0.0, azimuth)  # a tiny negative angle rounds up to 360

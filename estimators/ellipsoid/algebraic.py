@@ -43,15 +43,17 @@ def first_ellipsoid(
         counts: (n,) how many samples each reading is the mean of.
     """
     n = len(readings)
-    middle = np.add.reduce(readings) / n if counts is None else counts @ readings / counts.sum()
-    away = readings - middle
+    rows = np.empty((TERMS, n))
+    rows[0] = 1.0
+    away = rows[1:4]
+    away[:] = readings.T
+    middle = np.add.reduce(away, axis=1) / n if counts is None else away @ counts / counts.sum()
+    away -= middle[:, None]
     spread = math.sqrt(np.vdot(away, away) / n)
     if not spread > 0.0:
         return None
     frame = Ellipsoid(middle, _UNIT / spread, _UNIT * spread)
-    rows = np.empty((TERMS, n))
-    rows[0] = 1.0
-    np.divide(away.T, spread, out=rows[1:4])
+    away /= spread
     multiply_out(rows[1:])
     rows = rows[: FREE[parameters].stop]
     gram = rows @ rows.T if counts is None else (rows * counts) @ rows.T

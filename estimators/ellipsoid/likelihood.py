@@ -119,17 +119,17 @@ def solve(moments: Moments, parameters: int, known: bool) -> Optimum | None:
     inner = inverse(information)
     if inner is None:
         return None
-    quadric = np.concatenate([_MINUS_ONE, inner @ (right - added[free, 0] + variance * moments.drift[free])])
+    quadric = np.concatenate([_MINUS_ONE, inner.dot(right - added[free, 0] + variance * moments.drift[free])])
     if own:
         # The optimum's residuals are a little smaller: to first order in what that changes.
         less = balance.solve(quadric)[0] - variance
-        quadric[1:] += less * (inner @ (once[free, used] @ quadric + moments.drift[free]))
+        quadric[1:] += less * inner.dot(once[free, used].dot(quadric) + moments.drift[free])
     own_variance, squares = balance.solve(quadric)
     variance = own_variance if own else variance
     found = Quadric.of(moments.frame, -1.0, quadric[1:])
     if found is None or not variance > 0.0:
         return None
-    derivative = found.derivative(moments.frame, parameters) @ inner
+    derivative = found.derivative(moments.frame, parameters).dot(inner)
     change = quadric - _SPHERE[used]
     curved = curvature_in_products(moments.gram, moments.first, float(moments.noise[:3].sum()) / 3.0)
     meat = information + variance * curved[free, free]
@@ -142,7 +142,7 @@ def solve(moments: Moments, parameters: int, known: bool) -> Optimum | None:
         information,
         noise,
         inner,
-        (1.0 if known else variance) * (derivative @ meat @ derivative.T),
+        (1.0 if known else variance) * derivative.dot(meat).dot(derivative.T),
     )
 
 
@@ -166,7 +166,7 @@ class _Balance:
         Args:
             quadric: (p + 1,) coefficients.
         """
-        squares, once, twice = ((self.sums @ quadric) @ quadric).tolist()
+        squares, once, twice = self.sums.dot(quadric).dot(quadric).tolist()
         more = max(squares, self.floor) * self.freedom
         return 2.0 * more / (once + math.sqrt(max(once * once - 4.0 * twice * more, 0.0))), max(squares, 0.0)
 

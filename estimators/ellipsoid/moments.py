@@ -66,16 +66,16 @@ class Moments:
             counts: (n,) how many samples each reading is the mean of.
         """
         n = len(readings)
-        noise = (frame.whitening * variances) @ frame.whitening
+        noise = (frame.whitening * variances).dot(frame.whitening)
         values = eigh(noise)[0]
         wobbly = bool(values[2] - values[0] > _ISOTROPIC * values[2])
         # |y|^2, its variance, and what of it the noise of the weights needs, as forms in the quadratic monomials
         forms = [_TRACE, quadratic_form(4.0 * noise)]
         if wobbly:
-            forms.append(quadratic_form(16.0 * noise @ noise))
+            forms.append(quadratic_form(16.0 * noise.dot(noise)))
         to_forms = np.array(forms)
         to_sphere = np.empty((3, 4))
-        to_sphere[:, :3], to_sphere[:, 3] = frame.whitening, frame.whitening @ -frame.center
+        to_sphere[:, :3], to_sphere[:, 3] = frame.whitening, -frame.whitening.dot(frame.center)
         size = -(-n // max(-(-n // BLOCK), 1))
         used = 6 if wobbly else 5
         sums, first = np.zeros((6, TERMS)), np.zeros(TERMS)

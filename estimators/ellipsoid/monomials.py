@@ -85,9 +85,9 @@ def noise_in_products(noise: Array, first: Array, second: float) -> tuple[Array,
         (10, 10) L and (10, 10) H: with noise of covariance v N, the sum of weight (1 - exp(-D)) z z^T is v L - v^2 H;
         exact if the weights do not depend on the noise.
     """
-    tensor = (noise @ _HALF_LAPLACIAN).reshape(TERMS * TERMS, TERMS)
-    twice = tensor[:, 4:] @ (0.5 * second * noise)  # D of a quadratic monomial is its entry of N
-    return (tensor @ first).reshape(TERMS, TERMS), twice.reshape(TERMS, TERMS)
+    tensor = noise.dot(_HALF_LAPLACIAN).reshape(TERMS * TERMS, TERMS)
+    twice = tensor[:, 4:].dot(0.5 * second * noise)  # D of a quadratic monomial is its entry of N
+    return tensor.dot(first).reshape(TERMS, TERMS), twice.reshape(TERMS, TERMS)
 
 
 def curvature_in_products(gram: Array, first: Array, radius: float) -> Array:
@@ -105,7 +105,7 @@ def curvature_in_products(gram: Array, first: Array, radius: float) -> Array:
     Returns:
         (10, 10), to be multiplied by the square of the variance that N is in units of.
     """
-    dots = (_DOTS @ first).reshape(TERMS, TERMS)
+    dots = _DOTS.dot(first).reshape(TERMS, TERMS)
     return np.asarray(gram * (0.5 * radius * first[0] / gram[0, 0] * _DEGREES) + radius * dots)
 
 

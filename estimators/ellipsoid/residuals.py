@@ -40,7 +40,7 @@ class Residuals:
     def of(cls, readings: Array, ellipsoid: Ellipsoid, counts: Array | None = None) -> Self:
         """Of readings (n, 3) [recorded unit], which are means of ``counts`` (n,) samples."""
         y = ellipsoid.whitening @ readings.T
-        y -= (ellipsoid.whitening @ ellipsoid.center)[:, None]
+        y -= ellipsoid.whitening.dot(ellipsoid.center)[:, None]
         table = np.empty((4, len(readings)))
         normal, squared = table[:3], table[3]
         np.matmul(ellipsoid.whitening, y, out=normal)
@@ -75,8 +75,9 @@ class Residuals:
             values, vectors = eigh(products[:3, :3])
             if values[2] > _CONDITION * values[0]:
                 return None
-            variances = np.maximum((vectors / values) @ (products[3, :3] @ vectors), _QUIETEST * mean)
-            if variances.max() < _ALIKE * variances.min():
+            variances = np.maximum((vectors / values).dot(products[3, :3].dot(vectors)), _QUIETEST * mean)
+            least, _, most = sorted(variances.tolist())
+            if most < _ALIKE * least:
                 break
             expected = variances @ normal
         return np.asarray(variances)

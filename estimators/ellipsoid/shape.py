@@ -1,4 +1,7 @@
-"""Ellipsoids, and the quadrics that they come from."""
+"""Ellipsoids, and the quadrics that they come from.
+
+Products of matrices this small are written with ``dot``, which takes half the time of ``@``.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators._small import eigh, inverse
-from estimators.ellipsoid.monomials import packed, symmetric
+from estimators.ellipsoid.monomials import packed, quadratic_form, symmetric
 
 Array = NDArray[np.float64]
 
@@ -64,14 +67,14 @@ class Quadric:
         inner = inverse(matrix)
         if inner is None:
             return None
-        shift = inner @ half
-        level = float(half @ shift) - constant
+        shift = inner.dot(half)
+        level = float(half.dot(shift)) - constant
         if not level > 0.0:  # NaN as well
             return None
-        values, vectors = eigh(frame.whitening @ (matrix / level) @ frame.whitening)
-        roots = np.sqrt(values)
+        values, vectors = eigh(frame.whitening.dot(matrix).dot(frame.whitening))
+        roots = np.sqrt(values / level)
         ellipsoid = Ellipsoid(
-            frame.center - frame.gain @ shift, (vectors * roots) @ vectors.T, (vectors / roots) @ vectors.T
+            frame.center - frame.gain.dot(shift), (vectors * roots).dot(vectors.T), (vectors / roots).dot(vectors.T)
         )
         return cls(ellipsoid, matrix, inner, shift, level, roots, vectors)
 
@@ -85,23 +88,22 @@ class Quadric:
         unit = _UNITS[:pairs]  # (pairs, 3, 3) dM by its coefficients; dk is half of those of the linear terms
         turned = unit @ self.shift
         result = np.zeros((parameters, parameters))
-        moved = frame.gain @ self.inner
+        moved = frame.gain.dot(self.inner)
         result[pairs:, :3] = -0.5 * moved
-        result[pairs:, 3:] = moved @ turned.T
-        sideways = frame.whitening @ self.vectors
+        result[pairs:, 3:] = moved.dot(turned.T)
+        sideways = frame.whitening.dot(self.vectors)
         inside = sideways.T @ unit @ sideways
         column = self.roots[:, None]
         inside /= (column * self.roots) * (column + self.roots) * -self.level
         gains = packed(self.vectors @ inside @ self.vectors.T)[:, :pairs].T
         # d level = 2 shift . dk - shift^T dM shift, and -d level / level times M is part of dE
-        whole = gains @ (packed(self.matrix) * _DOUBLE)[:pairs] / self.level
-        result[:pairs, 3:] = gains + whole[:, None] * (turned @ self.shift)
+        whole = gains.dot(quadratic_form(self.matrix)[:pairs]) / self.level
+        result[:pairs, 3:] = gains + whole[:, None] * turned.dot(self.shift)
         result[:pairs, :3] = whole[:, None] * -self.shift
         return result
 
 
 _HALF: Final = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
-_DOUBLE: Final = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 #: The coefficients that make up M, and how much of each.
 _MATRIX: Final = {
     9: (np.array([[3, 6, 7], [6, 4, 8], [7, 8, 5]]), 0.5 + 0.5 * np.eye(3)),
