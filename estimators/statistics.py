@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimators._rows import working_rows
 from rig.errors import RigError
 from rig.threads import one_blas_thread
 
@@ -27,8 +28,6 @@ Array = NDArray[np.float64]
 ROTATION_TERMS = 10
 #: Samples summed at a time: 16 rows of 4,096 doubles are 512 KiB and stay in a core's second-level cache.
 BLOCK = 4096
-#: Beyond them: rows a power of two apart would share their places in the caches.
-_APART = 72
 
 # Products of a unit quaternion (w, x, y, z) in the order of ``_fill_quaternion``: wy, wz, xy, xz, yz, wx, ww, xx, yy,
 # zz. Row i holds entry i of [vec R, 1] in terms of them; the matrix is invertible, so sums over one give sums over the
@@ -252,7 +251,7 @@ def _summed(
                 f"readings: found an array of shape {table.shape}, expected one row for each of {count} poses"
             )
     size = ROTATION_TERMS + sum(table.shape[1] for table in tables)
-    work = np.empty((size, min(BLOCK, count) + _APART))
+    work = working_rows(size, min(BLOCK, count))
     total = np.zeros((size, size))
     # Not rows @ rows.T: of a symmetric product so narrow BLAS takes twice the time of a general one.
     parts = [slice(implied, size)] if implied else [slice(0, size // 2), slice(size // 2, size)]

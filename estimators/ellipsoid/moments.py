@@ -16,7 +16,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators._small import eigh
+from estimators._rows import working_rows
 from estimators.ellipsoid.monomials import EXPONENTS, FLAT, PAIRS, TERMS, multiply_out, quadratic_form
 from estimators.ellipsoid.shape import Ellipsoid
 from rig.errors import RigError
@@ -67,13 +67,14 @@ class Moments:
         """
         n = len(readings)
         noise = (frame.whitening * variances).dot(frame.whitening)
-        values = eigh(noise)[0]
-        wobbly = bool(values[2] - values[0] > _ISOTROPIC * values[2])
+        mean = float(noise.trace()) / 3.0
+        # The largest difference of eigenvalues is at most the root of twice the sum of their squared deviations.
+        wobbly = 2.0 * (float(np.vdot(noise, noise)) - 3.0 * mean**2) > (_ISOTROPIC * mean) ** 2
         # |y|^2, its variance, and what of it the noise of the weights needs, as forms in the quadratic monomials
-        forms = [_TRACE, quadratic_form(4.0 * noise)]
+        to_forms = np.empty((3 if wobbly else 2, 6))
+        to_forms[0], to_forms[1] = _TRACE, quadratic_form(4.0 * noise)
         if wobbly:
-            forms.append(quadratic_form(16.0 * noise.dot(noise)))
-        to_forms = np.array(forms)
+            to_forms[2] = quadratic_form(16.0 * noise.dot(noise))
         to_sphere = np.empty((3, 4))
         to_sphere[:, :3], to_sphere[:, 3] = frame.whitening, -frame.whitening.dot(frame.center)
         size = -(-n // max(-(-n // BLOCK), 1))
@@ -87,7 +88,7 @@ class Moments:
             table[_RAW] = readings[start:stop].T
             np.matmul(to_sphere, table[_RAW_AND_ONE], out=rows[1:4])
             multiply_out(rows[1:])
-            np.matmul(to_forms, rows[4:], out=weighted[-3:][: len(forms)])
+            np.matmul(to_forms, rows[4:], out=weighted[-3:][: len(to_forms)])
             square, spread, drifting = weighted[-3:]
             weight = np.divide(square, spread, out=weighted[0])
             if counts is not None:
@@ -140,8 +141,7 @@ def _work_table() -> Array:
     """
     table: Array | None = getattr(_LOCAL, "table", None)
     if table is None:
-        # Rows a power of two apart would share their places in the caches.
-        table = _LOCAL.table = np.empty((16, BLOCK + 72))
+        table = _LOCAL.table = working_rows(16, BLOCK)
         table[_ROWS.start] = 1.0
     return table
 

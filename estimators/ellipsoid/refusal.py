@@ -62,6 +62,13 @@ class Spread:
         mean = scaled[1:4]
         return cls(mean, symmetric(scaled[4:]) - mean[:, None] * mean)
 
+    def surely_above(self, limit: float) -> bool:
+        """Whether the determinant and the trace, which are cheaper, show already that all variances exceed a limit."""
+        (a, d, e), (_, b, f), (_, _, c) = self.covariance.tolist()
+        determinant = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
+        # the product of the two larger ones is at most the square of half their sum
+        return bool(determinant > limit * (0.5 * (a + b + c)) ** 2)
+
     @cached_property
     def variances(self) -> Array:
         """(3,) along the axes along which the directions vary least, .., most."""
@@ -86,7 +93,11 @@ def problem_of(optimum: Optimum, spread: Spread, readings: Array) -> str | None:
     told = _surely_told(optimum) or (
         optimum.eigenvalues[0] > NULL_EIGENVALUE and optimum.noise_share < NOISE_SHARE_LIMIT
     )
-    if told and spread.variances[0] >= SPREAD_LIMIT and relative <= UNCERTAINTY_LIMIT:
+    if (
+        told
+        and (spread.surely_above(SPREAD_LIMIT) or spread.variances[0] >= SPREAD_LIMIT)
+        and relative <= UNCERTAINTY_LIMIT
+    ):
         return None
     if (found := structure(readings, parameters)) is not None:
         return found

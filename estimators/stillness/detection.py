@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators._rows import working_rows
 from estimators.stillness.stretches import Signals, mask_of, split_where_it_drifts, stretches_of
 from estimators.stillness.threshold import choose_threshold
 from estimators.stillness.variance import variance_by_half_windows, weighted_variance, windowed_variance
@@ -239,7 +240,7 @@ def _held(recording: Recording, joints: Sequence[Array], half: int, speed_limit:
         return None
     count, t = len(recording), recording.t
     slow = np.empty(count - 2 * half, dtype=bool)
-    work = np.empty((2, min(_BLOCK, len(slow))))
+    work = working_rows(2, min(_BLOCK, len(slow)))
     for begin in range(0, len(slow), _BLOCK):
         end = min(begin + _BLOCK, len(slow))
         before, after = slice(begin, end), slice(begin + 2 * half, end + 2 * half)

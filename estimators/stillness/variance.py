@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from estimators._rows import working_rows
 from rig.errors import RigError
 
 Array = NDArray[np.float64]
@@ -70,7 +71,7 @@ def weighted_variance(channels: Sequence[Array], window: int, weights: Array) ->
     inside = count - 2 * half
     result = np.empty(count)
     scales = np.sqrt(weights * (window / (window - 1)))
-    work = np.empty((3, min(_BLOCK, inside) + 2 * half))
+    work = working_rows(3, min(_BLOCK, inside) + 2 * half)
     for begin in range(0, inside, _BLOCK):
         size = min(_BLOCK, inside - begin) + 2 * half
         y, mean, squares = work[:, :size]
