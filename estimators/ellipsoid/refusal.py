@@ -89,15 +89,13 @@ def problem_of(optimum: Optimum, spread: Spread, readings: Array) -> str | None:
         readings: (n, 3) that were fitted [recorded unit].
     """
     parameters = len(optimum.inverse)
-    relative = 3.0 * float(math.sqrt(optimum.covariance.diagonal().max())) / float(optimum.ellipsoid.gain.trace())
+    mean_gain = sum(optimum.ellipsoid.gain.diagonal().tolist()) / 3.0
+    most = (UNCERTAINTY_LIMIT * mean_gain) ** 2
+    certain = all(variance <= most for variance in optimum.covariance.diagonal().tolist())
     told = _surely_told(optimum) or (
         optimum.eigenvalues[0] > NULL_EIGENVALUE and optimum.noise_share < NOISE_SHARE_LIMIT
     )
-    if (
-        told
-        and (spread.surely_above(SPREAD_LIMIT) or spread.variances[0] >= SPREAD_LIMIT)
-        and relative <= UNCERTAINTY_LIMIT
-    ):
+    if told and certain and (spread.surely_above(SPREAD_LIMIT) or spread.variances[0] >= SPREAD_LIMIT):
         return None
     if (found := structure(readings, parameters)) is not None:
         return found
@@ -109,6 +107,7 @@ def problem_of(optimum: Optimum, spread: Spread, readings: Array) -> str | None:
             f"seen from the fitted centre the directions hardly vary along {_vector(spread.least_along)}: variance"
             f" {spread.variances[0]:.2g}, expected {SPREAD_LIMIT:g} or more (1/3 is the whole sphere): {wanted}"
         )
+    relative = math.sqrt(optimum.covariance.diagonal().max()) / mean_gain
     return (
         f"these readings and their noise leave a gain or an offset uncertain by {100 * relative:.2g} % of the gain,"
         f" expected {100 * UNCERTAINTY_LIMIT:g} % or less: {wanted}"

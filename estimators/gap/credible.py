@@ -9,10 +9,10 @@ import numpy as np
 
 from estimators.gap.bench import Bench
 from estimators.gap.candidates import Candidate
-from estimators.gap.coherent import of_one_joint
-from estimators.gap.rivals import Rival
+from estimators.gap.coherent import likeliest, of_one_joint
+from estimators.gap.rivals import MARGIN, Rival
 from estimators.gap.score import Explained
-from estimators.gap.select import MeanCause, Selection
+from estimators.gap.select import MeanCause, Selection, cost
 from rig.channels import COLUMNS_OF
 from rig.effects import Effect
 from rig.effects.base import Stage
@@ -28,11 +28,11 @@ _KIN = (
     {"field_gradient", "base_dipole", "link_soft_iron"},
 )
 #: Sources of a field that varies with the arm: two of them together come close to most such fields.
-_SOURCES = {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron"}
+_SOURCES = {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron", "motor_current_field"}
 _OWN_SHARE = 0.1
 #: Cycles in a recording below which a tone is taken for a slow wave.
 _CYCLES = 50.0
-#: An effect of a sensor this evident shows in two axes at least, in this ratio.
+#: Evidence above which such a wave is a tone, and an effect of a sensor shows in two axes at least, in this ratio.
 _EVIDENT, _ONE_AXIS = 200.0, 0.1
 #: An error of one joint that has this share of the evidence of several causes may well be what they stand for.
 _AS_MUCH = 0.9
@@ -41,7 +41,7 @@ _AS_MUCH = 0.9
 def plausible(state: Selection) -> bool:
     """Whether causes hold together, whatever their rivals.
 
-    One does, unless it is a slow wave that was taken for an alias, or the effect of a sensor that shows in one of its
+    One does, unless it is a weak slow wave taken for an alias, or the effect of a sensor that shows in one of its
     axes alone. Several are invented, more likely than not, where the same effect is needed at two places, where two
     bend the same joint or the same field, where a weak one is of the same kin as a strong one, or where three are
     needed of which one is noise or small beside the strongest.
@@ -52,6 +52,9 @@ def plausible(state: Selection) -> bool:
     effects = [(cause.fit.effect, cause.evidence) for cause in state.causes]
     effects += [(offer.effect, offer.evidence) for offer in state.noises]
     if any(evident > _EVIDENT and _one_axis(effect) for effect, evident in effects):
+        return False
+    wandering = {offer.effect.name for offer in state.noises}
+    if any(wandering & kin and kin & set(names) for kin in _KIN):
         return False
     for one, other in itertools.combinations(state.causes, 2):
         both = {one.fit.candidate.effect.name, other.fit.candidate.effect.name}
@@ -67,8 +70,8 @@ def plausible(state: Selection) -> bool:
 
 
 def _slow(cause: MeanCause, bench: Bench) -> bool:
-    """Whether a tone looks so slow, sampled, that a drift or the arm's own motion comes close to it."""
-    if not cause.fit.candidate.effect.tone:
+    """Whether a weak tone looks so slow, sampled, that a drift or the arm's own motion comes close to it."""
+    if not cause.fit.candidate.effect.tone or cause.evidence > _EVIDENT:
         return False
     interval_s = bench.interval_s / bench.samples
     cycles = float(vars(cause.fit.effect)["freq_Hz"]) * interval_s
@@ -91,16 +94,20 @@ def _one_organ(one: Candidate, other: Candidate) -> bool:
 def credible(state: Selection, groups: Sequence[Sequence[Rival]], bench: Bench) -> bool:
     """Whether causes are plausible, and nothing of another shape explains nearly as much.
 
-    Of several, no rival in the place of one; and where none of them acts on a joint, no error of one joint's angle in
-    the place of all.
+    Nothing that is off along a course of its own, in the catalogue or not; of several, no rival in the place of one;
+    and where none of them acts on a joint, no error of one joint's angle along many courses in the place of all.
 
     Args:
         bench: of the base fit, each mean with the rig evaluated once.
     """
+    explained = float(bench.whitened @ bench.whitened) - cost(state)
     stages = {cause.fit.candidate.effect.stage for cause in state.causes}
     if len(state.causes) > 1 and Stage.TRANSMISSION not in stages and bench.base.q_encoder is not None:
         joint = of_one_joint(bench, Explained(bench.absorbed, bench.whitened))
-        if joint.evidence > _AS_MUCH * sum(cause.evidence for cause in state.causes):
+        if joint.evidence > _AS_MUCH * explained:
             return False
+    clear = MARGIN if state.count == 1 else -MARGIN  # one error is likelier before the data than two
+    if state.count and likeliest(bench.coarse(), len(state.candidates)) > explained + clear:
+        return False
     inexact = any(not rival.exact(group[0]) and rival.cosine < ALIKE for group in groups for rival in group[1:])
     return plausible(state) and (state.count < 2 or not inexact)

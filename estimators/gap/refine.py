@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import STEP, Candidate, Shape
 from estimators.gap.scan import Offer
-from estimators.gap.score import Explained
+from estimators.gap.score import ABSORBED, Explained
 from rig.effects import Effect
 from rig.effects.base import Parameter, Value
 
@@ -195,11 +195,12 @@ class _Slopes:
         return np.asarray(self.columns.T @ free - held**2 * here.point)
 
     def step(self, here: _Point, held: Array, damping: float) -> Array:
-        """(p,)."""
-        gram = self.gram + np.diag(held**2)
-        length = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        scaled = gram / np.outer(length, length) + damping * np.eye(len(length))
-        return np.asarray(np.linalg.solve(scaled, self.moment(here, held) / length) / length)
+        """(p,), in the directions that the calibration does not absorb."""
+        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + held**2 + 1e-300)
+        values, vectors = np.linalg.eigh((self.gram + np.diag(held**2)) / np.outer(length, length))
+        free = values > ABSORBED**2
+        along = vectors[:, free].T @ (self.moment(here, held) / length)
+        return np.asarray(vectors[:, free] @ (along / (values[free] + damping)) / length)
 
     def promise(self, here: _Point, held: Array, step: Array) -> float:
         """By how much the misfit should fall."""

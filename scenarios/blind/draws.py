@@ -112,7 +112,7 @@ _SHAPES: Final[dict[str, Drawer]] = {
     "noise_coloured": lambda rng, setting: {"tau_s": float(np.exp(rng.uniform(np.log(0.5), np.log(8.0))))},
     "vibration": lambda rng, setting: {"freq_Hz": float(rng.uniform(5.0, 40.0)), "direction": tuple(unit(rng))},
     "mains_hum": lambda rng, setting: {"freq_Hz": float(rng.choice([50.0, 60.0]) + rng.uniform(-0.05, 0.05))},
-    "outliers": lambda rng, setting: {"size_V": float(rng.uniform(0.2, 0.8))},
+    "outliers": lambda rng, setting: {"size_V": float(rng.uniform(0.08, 0.15))},  # several even where they are weak
     "supply_ratiometric": _waveform,
 }
 
