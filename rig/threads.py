@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import ctypes
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
@@ -17,12 +19,24 @@ def _controller() -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 
+@cache
+def _threads() -> tuple[Callable[[], Any], ...]:
+    """What tells how many threads each library uses, without looking the function up each time."""
+    names = [f"{prefix}openblas_get_num_threads{suffix}" for prefix in ("scipy_", "") for suffix in ("64_", "")]
+
+    def of(library: Any) -> Callable[[], Any]:
+        loaded = ctypes.CDLL(library.filepath)
+        found: Callable[[], Any] = library.get_num_threads
+        return next((getattr(loaded, name) for name in names if hasattr(loaded, name)), found)
+
+    return tuple(of(library) for library in _controller().lib_controllers)
+
+
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Limit every BLAS of this process to one thread inside the block."""
-    controller = _controller()
-    if all(library.num_threads == 1 for library in controller.lib_controllers):
+    if all(threads() == 1 for threads in _threads()):
         yield  # setting and restoring what is so already would take as long as a small fit's algebra
         return
-    with controller.limit(limits=1):
+    with _controller().limit(limits=1):
         yield
