@@ -105,8 +105,7 @@ class Moments:
             square *= weight
             largest = max(largest, float(square.max()))
             fourth += float(square @ square)
-            np.multiply(rows[1], weight, out=weighted[1])
-            np.multiply(rows[4:7], weight, out=weighted[2:5])
+            np.multiply(rows[3:7], weight, out=weighted[1:5])
             sums[:used] += weighted[:used] @ rows.T
         gram = sums.take(_WHERE)
         if counts is None:
@@ -147,11 +146,11 @@ def _work_table() -> Array:
 
 
 def _where() -> NDArray[np.intp]:
-    """(10, 10): the place of the sum of w z_i z_j among w (1, y1, y1^2, y2^2, y3^2) times all monomials.
+    """(10, 10): the place of the sum of w z_i z_j among w (1, y3, y1^2, y2^2, y3^2) times all monomials.
 
     These hold all of the products of two monomials, at half the arithmetic.
     """
-    left = (EXPONENTS[0], EXPONENTS[1], *EXPONENTS[4:7])
+    left = (EXPONENTS[0], *EXPONENTS[3:7])
     places = {}
     for i, a in enumerate(left):
         for j, b in enumerate(EXPONENTS):
@@ -160,7 +159,7 @@ def _where() -> NDArray[np.intp]:
 
 
 _LOCAL: Final = threading.local()
-#: Rows of the work table: weights times (1, y1, y1^2, y2^2, y3^2), and those of the drift; then the monomials, of which
+#: Rows of the work table: weights times (1, y3, y1^2, y2^2, y3^2), and those of the drift; then the monomials, of which
 #: the first is one. In the place of the last three weighted rows are at first the readings, then the forms.
 _WEIGHTED: Final = slice(0, 6)
 _RAW: Final = slice(3, 6)
