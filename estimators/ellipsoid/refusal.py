@@ -43,28 +43,41 @@ class Spread:
     """The directions of the field that the readings show, seen from the fitted centre, in the sensor's own frame.
 
     Attributes:
-        mean: (3,) of the unit vectors. covariance: (3, 3) of them.
+        sums: (10,) of the monomials of the unit vectors, in the order of ``monomials.EXPONENTS``.
     """
 
-    mean: Array
-    covariance: Array
+    sums: Array
 
     @classmethod
     def of_field(cls, field: Array) -> Self:
         """Of fields (n, 3) [any unit]."""
         directions = field / np.linalg.norm(field, axis=1)[:, None]
-        return cls(directions.mean(axis=0), np.cov(directions.T, bias=True))
+        return cls(table(directions, np.eye(3), np.zeros(3)).sum(axis=1))
 
     @classmethod
     def of(cls, moments: Moments) -> Self:
         """Of the readings that were fitted."""
-        scaled = moments.first / moments.first[0]
-        mean = scaled[1:4]
-        return cls(mean, symmetric(scaled[4:]) - mean[:, None] * mean)
+        return cls(moments.first)
+
+    @cached_property
+    def mean(self) -> Array:
+        """(3,) of the unit vectors."""
+        return np.asarray(self.sums[1:4] / self.sums[0])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(3, 3) of the unit vectors."""
+        return symmetric(self.sums[4:] / self.sums[0]) - np.outer(self.mean, self.mean)
 
     def surely_above(self, limit: float) -> bool:
-        """Whether the determinant and the trace, which are cheaper, show already that all variances exceed a limit."""
-        (a, d, e), (_, b, f), (_, _, c) = self.covariance.tolist()
+        """Whether determinant and trace of the covariance, which are cheaper, show already that all ``variances`` are
+        above a limit."""
+        n, x, y, z, *products = self.sums.tolist()
+        if not n > 0.0:
+            return False
+        x, y, z = x / n, y / n, z / n
+        xx, yy, zz, xy, xz, yz = (product / n for product in products)
+        a, b, c, d, e, f = xx - x * x, yy - y * y, zz - z * z, xy - x * y, xz - x * z, yz - y * z
         determinant = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
         # the product of the two larger ones is at most the square of half their sum
         return bool(determinant > limit * (0.5 * (a + b + c)) ** 2)
