@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
 from typing import Final
@@ -45,13 +46,24 @@ def gravity_torque(arm: Arm, q: Array, joint: int) -> Array:
     moving = moving_joints(q)
     if len(moving) > _MOST_JOINTS or 3 ** len(moving) >= len(q):
         return _evaluated(arm, q, joint)
-    poses = np.repeat(q[:1], 3 ** len(moving), axis=0)
-    poses[:, moving] = list(product(_NODES, repeat=len(moving)))
-    values = _evaluated(arm, poses, joint).reshape(1, *(3,) * len(moving))
-    for column in moving:  # the first of the remaining axes is this joint's: interpolate along it
-        weights = (1.0 + 2.0 * np.cos(q[:, column, None] - _NODES)) / 3.0
+    table = _table(arm, q[0], moving, joint)
+    return np.broadcast_to(_interpolated(table, q[:, moving]), len(q))
+
+
+def _table(arm: Arm, around: Array, joints: Sequence[int], joint: int) -> Array:
+    """(3, 3, ...) the torque with each of some joints at each of the three nodes."""
+    poses = np.repeat(around[None], 3 ** len(joints), axis=0)
+    poses[:, list(joints)] = list(product(_NODES, repeat=len(joints)))
+    return _evaluated(arm, poses, joint).reshape((3,) * len(joints))
+
+
+def _interpolated(table: Array, q: Array) -> Array:
+    """(n, ...) a table's first axes, one for each column of q (n, m), contracted at these angles."""
+    values = table[None]
+    for angle in q.T:  # the first of the remaining axes is this joint's
+        weights = (1.0 + 2.0 * np.cos(angle[:, None] - _NODES)) / 3.0
         values = np.einsum("nk,nk...->n...", weights, np.broadcast_to(values, (len(q), *values.shape[1:])))
-    return np.broadcast_to(values, len(q))
+    return values
 
 
 @lru_cache(maxsize=64)
@@ -65,15 +77,15 @@ def largest_gravity_torque(arm: Arm, joint: int) -> float:
     """
     rng = np.random.default_rng(0)  # starts only
     q = rng.uniform(-np.pi, np.pi, (_STARTS, arm.dof))
+    table = _table(arm, np.zeros(arm.dof), range(arm.dof), joint)
     best = 0.0
     while True:
         for column in range(arm.dof):
-            poses = np.repeat(q, 3, axis=0)
-            poses[:, column] = np.tile(_NODES, _STARTS)
-            values = _evaluated(arm, poses, joint).reshape(_STARTS, 3)
+            others = np.delete(q, column, axis=1)
+            values = _interpolated(np.moveaxis(table, column, -1), others)
             mean, turning = values.mean(axis=1), values @ np.exp(1j * _NODES) * (2.0 / 3.0)
             q[:, column] = np.angle(np.where(mean < 0.0, -turning, turning))
-        top = float(np.abs(_evaluated(arm, q, joint)).max())
+        top = float(np.abs(_interpolated(table, q)).max())
         if top <= best * (1.0 + 1e-12):
             break
         best = top
