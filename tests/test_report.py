@@ -15,7 +15,6 @@ from scenarios.calibration_report import symbol
 from scenarios.comparison import compare, units
 from scenarios.report import effect_record, plus_minus, shortened, with_sigma
 
-
 # Without an attitude (camps) or with effects the calibration does not model (renk2005-gap) there is no truth to meet.
 MODELLED = [name for name in scenarios.names() if not name.startswith("camps") and not scenarios.load(name).rig.effects]
 

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 _FIXED = ("at_s", "order")
 #: Strengths are held near zero by a prior of so many typical sizes, inverted: what the calibration absorbs stays there.
 _HELD = 1e-2
-#: Damping of a step at first, and where no smaller one is tried.
-_DAMPED = 1e-8, 1e4
+#: Damping of the first step; the least and the largest.
+_DAMPED, _LEAST, _LARGEST = 1e-3, 1e-8, 1e4
 #: Chi-square that a step must promise, and the share of the promise that must come for the derivatives to stay.
 _FLAT, _STRAIGHT = 0.02, 0.8
 #: Values of a phase that are tried before it is fitted.
@@ -135,7 +135,7 @@ def _tries(offer: Offer) -> list[dict[str, Value]]:
     return [{"phase_rad": float(phase)} for phase in _PHASES]
 
 
-def refit(fits: Sequence[Fitted], bench: Bench, most: int = 12) -> tuple[list[Fitted], Explained]:
+def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> tuple[list[Fitted], Explained]:
     """All parameters of all effects together by nonlinear least squares; and what they leave.
 
     The calibration moves along its tangent, which is projected out. The derivatives, which cost most, are taken anew
@@ -152,16 +152,16 @@ def refit(fits: Sequence[Fitted], bench: Bench, most: int = 12) -> tuple[list[Fi
     held = _HELD * np.concatenate([np.full(item.size, float(item.strength)) for each in fits for item in each.free])
     problem = _Problem(fits, bench, held)
     here = problem.at(np.concatenate([each.values for each in fits]) / scale)
-    slopes, damping = problem.slopes(here), _DAMPED[0]
+    slopes, damping = problem.slopes(here), _DAMPED
     for _ in range(most):
         step = slopes.step(here, held, damping)
         ahead = problem.at(here.point + step)
         promised, kept = slopes.promise(here, held, step), here.misfit - ahead.misfit
         if kept > 0.0:
-            here, damping = ahead, max(damping / 10.0, _DAMPED[0])
+            here, damping = ahead, max(damping / 10.0, _LEAST)
         else:
-            damping *= 30.0
-        if promised < _FLAT or damping > _DAMPED[1]:
+            damping *= 10.0
+        if promised < _FLAT or damping > _LARGEST:
             break
         if slopes.at is not here.point and kept < _STRAIGHT * promised:
             slopes = problem.slopes(here)

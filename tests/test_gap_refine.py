@@ -1,0 +1,111 @@
+"""Refits of causes, and whether what was found is an explanation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import scenarios
+from estimators.gap.basefit import estimated_floor, set_up
+from estimators.gap.bench import Bench, project
+from estimators.gap.coherent import likeliest
+from estimators.gap.credible import _one_axis
+from estimators.gap.diagnosis import percent
+from estimators.gap.refine import Fitted, refit, started
+from estimators.gap.score import ABSORBED, evidence
+from estimators.gap.select import STRONG, start
+from rig.arm import Arm
+from rig.effects import Effect, make_effect
+from rig.effects.transmission import smooth_sign
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return Arm.a465()
+
+
+def benched(seed: int, arm: Arm, *effects: Effect) -> Bench:
+    base = scenarios.load("ann-arbor")
+    rig = replace(base.rig, acquisition=replace(base.rig.acquisition, decimation=100))
+    run = replace(base, rig=rig).with_effects(effects).simulate(seed=seed)
+    return set_up(run, estimated_floor(run, arm), arm)
+
+
+def first_fit(bench: Bench, label: str) -> Fitted:
+    state = start(bench)
+    offers = state.scanner.scan(state.candidates, state.explained, state.explained)
+    return started(next(offer for offer in offers if offer.candidate.label == label), bench, state.explained)
+
+
+DIPOLE = make_effect("base_dipole", {"where": "base", "position_m": (0.5, 0.1, 0.2), "moment": (4e-4, 2e-4, -2e-4)})
+
+
+def test_a_refit_reaches_the_minimum_of_least_squares(arm: Arm) -> None:
+    """Within the chi-square at which it stops, of what scipy finds with derivatives at every step."""
+    bench = benched(1, arm, DIPOLE)
+    fit = first_fit(bench, "base_dipole@base")
+    _, explained = refit([fit], bench)
+
+    def left(point: np.ndarray) -> np.ndarray:
+        change = bench.change([replace(fit, values=point * fit.scale).effect])
+        return bench.whitened - project(bench.absorbed, bench.whiten(change))
+
+    best = least_squares(left, fit.values / fit.scale, x_scale="jac", ftol=1e-10, xtol=1e-10)
+    assert float(explained.residual @ explained.residual) < 2.0 * best.cost + 0.1
+
+
+def test_what_the_calibration_absorbs_is_not_fitted(arm: Arm) -> None:
+    """Iron in link 1, which turns about the vertical: the trace across it is a change of sensitivity."""
+    iron = make_effect("link_soft_iron", {"where": "link1", "chi": (0.05, 0.0, -0.05, 0.03, 0.0, 0.02)})
+    bench = benched(2, arm, iron)
+    (fit,), _ = refit([first_fit(bench, "link_soft_iron@link1")], bench)
+    tangent = fit.tangent(bench)
+    length = np.linalg.norm(tangent, axis=0)
+    seen = project(bench.absorbed, tangent / length)
+    values, vectors = np.linalg.eigh(seen.T @ seen)
+    hidden = vectors[:, values < ABSORBED**2]
+    assert hidden.shape[1] >= 1
+    # in units of what every direction does to the readings: hidden ones stay where the start put them, near zero
+    strengths = fit.values / fit.scale * length
+    assert np.abs(hidden.T @ strengths).max() < 0.1 * np.abs(strengths).max()
+
+
+def test_an_error_along_one_course_is_weighed(arm: Arm) -> None:
+    """An angle that lags its direction of travel, whatever it is called; nothing of the kind in noise alone."""
+    bench = benched(3, arm)
+    tried = len(start(bench).candidates)
+    assert likeliest(bench.coarse(), tried) < STRONG
+    change = bench.change([make_effect("joint_offset", {"where": "joint5", "offset_rad": 1e-4})]) / 1e-4
+    change = change * smooth_sign(bench.base.joint_velocity[:, [4]])
+    size = float(np.linalg.norm(project(bench.absorbed, bench.whiten(change))))
+    wanted = 15.0
+    shaken = replace(bench, readings=bench.readings + wanted / size * change)
+    # the first look loses up to a tenth of a course with corners; 4 standard deviations of a chi-square about 225
+    assert likeliest(shaken.coarse(), tried) > 0.9 * evidence(wanted**2 - 8.0 * wanted, 1) - 2.0 * np.log(3.0)
+
+
+def test_an_effect_of_a_sensor_shows_in_more_than_one_axis() -> None:
+    def walk(*rate: float) -> Effect:
+        return make_effect("bias_random_walk", {"where": "accelerometer", "rate": rate})
+
+    assert _one_axis(walk(0.0, 1e-5, 1e-3))
+    assert not _one_axis(walk(0.0, 5e-4, 1e-3))
+    assert not _one_axis(make_effect("backlash", {"where": "joint5", "width_rad": 1e-3}))
+    assert not _one_axis(make_effect("link_hard_iron", {"where": "link1", "field": (0.0, 0.0, 0.1)}))
+
+
+@pytest.mark.parametrize(
+    ("shares", "text"),
+    [
+        ((0.5,), "50 %"),
+        ((0.97, 0.95, 0.99), "97 % (95-99)"),
+        ((0.9991, 0.9987, 1.0), "99.9 % (99.9-100)"),
+        ((1.0, 1.0, 1.0), "100 %"),
+        ((None,), "– %"),
+    ],
+)
+def test_shares_are_said_to_a_tenth_close_to_everything(shares: tuple[float | None, ...], text: str) -> None:
+    assert percent(*shares) == text
