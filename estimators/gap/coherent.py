@@ -53,7 +53,7 @@ def families(bench: Bench) -> Iterator[tuple[str, list[Array]]]:
             yield organ.name, _times(organ.changes, courses)
 
 
-def likeliest(bench: Bench, rivals: int) -> float:
+def likeliest(bench: Bench, rivals: int, explained: Explained | None = None, joint: str = "") -> float:
     """The most evidence that one organ off along one course has, beside so many rivals that are as likely beforehand.
 
     Some of these pairs are effects of the catalogue; where that holds the truth, none has more evidence than it.
@@ -61,17 +61,22 @@ def likeliest(bench: Bench, rivals: int) -> float:
     Args:
         bench: of the base fit, each mean with the rig evaluated once.
         rivals: the catalogue's candidates.
+        explained: what is explained already; the calibration alone by default.
+        joint: only errors of its angle; any organ by default.
     """
-    explained = Explained(bench.absorbed, bench.whitened)
+    explained = Explained(bench.absorbed, bench.whitened) if explained is None else explained
     courses = _courses(bench)
     ends = np.cumsum([0] + [course.shape[1] for course in courses])
     together = np.hstack(courses)
     best, tried = 0.0, 0
     for organ in _organs(bench):
         columns = bench.whiten_changes(_times(organ.changes, together))
-        if not len(columns.values):
+        if not len(columns.values) or (joint and organ.name != _angle_of(joint)):
             continue
         gram = explained.projected(columns)
+        if explained.added is not None:
+            shared = explained.added[columns.rows].T @ columns.values
+            gram = gram - shared.T @ shared
         moment = columns.values.T @ explained.residual[columns.rows]
         length = np.linalg.norm(columns.values, axis=0)
         for first, last in itertools.pairwise(ends):
@@ -92,11 +97,15 @@ def _organs(bench: Bench) -> Iterator[Organ]:
     if bench.base.q_encoder is not None:
         for joint in JOINTS[: bench.base.q_encoder.shape[1]]:
             change = bench.change([make_effect("joint_offset", {"where": joint, "offset_rad": _STEP})]) / _STEP
-            yield Organ(f"an error of {joint}'s angle", [change])
+            yield Organ(_angle_of(joint), [change])
     for name in bench.pipeline.sensors:
         yield Organ(f"a change of the {name}'s field", _field_changes(bench, name))
         yield Organ(f"a turn of the {name}", _turns(bench, name))
         yield Organ(f"an offset of the {name}", _offsets(bench, name))
+
+
+def _angle_of(joint: str) -> str:
+    return f"an error of {joint}'s angle"
 
 
 def _courses(bench: Bench) -> list[Array]:

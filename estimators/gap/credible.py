@@ -10,6 +10,7 @@ import numpy as np
 from estimators.gap.bench import Bench
 from estimators.gap.candidates import Candidate
 from estimators.gap.coherent import likeliest, of_one_joint
+from estimators.gap.refine import refit
 from estimators.gap.rivals import MARGIN, Rival
 from estimators.gap.score import Explained
 from estimators.gap.select import MeanCause, Selection, cost
@@ -95,7 +96,8 @@ def credible(state: Selection, groups: Sequence[Sequence[Rival]], bench: Bench) 
     """Whether causes are plausible, and nothing of another shape explains nearly as much.
 
     Nothing that is off along a course of its own, in the catalogue or not; of several, no rival in the place of one;
-    and where none of them acts on a joint, no error of one joint's angle along many courses in the place of all.
+    beside the strongest, no further error of its joint; and where none of them acts on a joint, no error of one joint's
+    angle along many courses in the place of all.
 
     Args:
         bench: of the base fit, each mean with the rig evaluated once.
@@ -109,5 +111,19 @@ def credible(state: Selection, groups: Sequence[Sequence[Rival]], bench: Bench) 
     clear = MARGIN if state.count == 1 else -MARGIN  # one error is likelier before the data than two
     if state.count and likeliest(bench.coarse(), len(state.candidates)) > explained + clear:
         return False
+    if state.count > 1 and _of_the_same_joint(state):
+        return False
     inexact = any(not rival.exact(group[0]) and rival.cosine < ALIKE for group in groups for rival in group[1:])
     return plausible(state) and (state.count < 2 or not inexact)
+
+
+def _of_the_same_joint(state: Selection) -> bool:
+    """Whether a further error of the joint that the strongest cause acts on would do in the place of another cause."""
+    if not state.causes:
+        return False
+    first = max(state.causes, key=lambda cause: cause.evidence)
+    if first.fit.candidate.effect.stage is not Stage.TRANSMISSION:
+        return False
+    _, explained = refit([first.fit], state.rough)
+    more = likeliest(state.rough, len(state.candidates), explained, first.fit.candidate.where)
+    return any(cause is not first and more > cause.evidence - MARGIN for cause in state.causes)

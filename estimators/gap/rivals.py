@@ -57,6 +57,10 @@ class Rival:
     offer: Offer | None = None
     cosine: float = 1.0
 
+    def elsewhere(self, offer: Offer) -> Rival:
+        """The same effect where it does the same: on another link of one body, say."""
+        return replace(self, label=offer.candidate.label, where=offer.candidate.where, fit=None, offer=offer)
+
     def exact(self, own: Rival) -> bool:
         """Whether it explains the same, to the last bit of evidence: no data of this maneuver could split the two."""
         return abs(self.evidence - own.evidence) < TIE
@@ -68,19 +72,27 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
     fits, explained = refit([each.fit for each in others], state.bench)
     own = _own(state, cause, fits, explained)
     taken = {each.fit.candidate.label for each in state.causes}
-    offers = [
-        offer
-        for offer in scanned(state, fits, explained)
-        if offer.candidate.label not in taken and offer.score.strengths.size
-    ]
-    found = []
-    near = [offer for offer in offers if offer.evidence > own.evidence - 4.0 * MARGIN][:_REFITTED]
-    for offer in _close(near, state, cause, others):
+    every = [offer for offer in scanned(state, fits, explained) if offer.score.strengths.size]
+    offers = [offer for offer in every if offer.candidate.label not in taken]
+    near = [offer for offer in offers if offer.evidence > own.evidence - 4.0 * MARGIN]
+    mine = [offer for offer in every if offer.candidate.label == cause.fit.candidate.label]
+    found = [own.elsewhere(offer) for offer in near for each in mine if _same(offer, each)]
+    placed = {rival.label for rival in found}
+    firsts: list[Offer] = []
+    for offer in [offer for offer in near if offer.candidate.label not in placed][:_REFITTED]:
+        if not any(_same(offer, first) for first in firsts):
+            firsts.append(offer)
+    for offer in _close(firsts, state, cause, others):
         fit = started(offer, state.bench, explained)
         rival = _stand_in(offer, fit, fits, state.bench, explained, own.evidence - _FAR * (own.evidence + MARGIN))
         if rival.evidence > own.evidence - MARGIN:
-            found.append(rival)
-    exact = [_linear(offer) for offer in offers[_REFITTED:] if offer.evidence > own.evidence - MARGIN]
+            found += [rival, *(rival.elsewhere(twin) for twin in near if twin is not offer and _same(twin, offer))]
+    seen = {rival.label for rival in found} | {offer.candidate.label for offer in near[:_REFITTED]}
+    exact = [
+        _linear(offer)
+        for offer in offers
+        if offer.candidate.label not in seen and offer.evidence > own.evidence - MARGIN
+    ]
     kept = [rival for rival in [*found, *exact] if not _contains(rival, own)]
     kept = [replace(rival, cosine=_cosine(rival, own, state, explained)) for rival in kept]
     return [own, *sorted(kept, key=lambda rival: -rival.evidence)]
@@ -150,6 +162,12 @@ def _cosine(rival: Rival, own: Rival, state: Selection, explained: Explained) ->
     fits = [rival.fit or started(rival.offer, state.bench, explained), own.fit]
     one, other = (explained.without(state.bench.whiten(state.bench.change([fit.effect]))) for fit in fits)
     return float(abs(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-12))
+
+
+def _same(one: Offer, other: Offer) -> bool:
+    """Whether two offers are one effect that does the same at both places."""
+    alike = np.isclose(one.score.statistic, other.score.statistic, rtol=1e-7)
+    return bool(one.candidate.effect is other.candidate.effect and alike)
 
 
 def _contains(rival: Rival, own: Rival) -> bool:
