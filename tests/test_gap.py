@@ -118,10 +118,10 @@ def test_what_no_diagnosis_can_come_of_is_refused(locked: Recording) -> None:
 
 
 def test_the_whitener_whitens() -> None:
-    noise = ChannelNoise(1.0, 2.0, 1.5)
+    noise = ChannelNoise(1.0, ((2.0, 1.5),))
     rng = np.random.default_rng(11)
     count, step = 200_000, 0.25
-    decay = np.exp(-step / noise.tau_s)
+    decay = np.exp(-step / noise.parts[0][1])
     drive = rng.standard_normal(count) * np.sqrt(noise.coloured * (1 - decay**2))
     slow = np.zeros(count)
     for index in range(1, count):
@@ -145,7 +145,8 @@ def test_the_floor_is_white_where_it_is_white_and_coloured_where_it_is_not() -> 
     found = fit_floor([white, both])
     assert found[0].coloured == 0.0
     assert found[1].coloured > 0.0
-    assert 0.4 < found[1].tau_s < 2.5  # three segments of 100 correlation times: a factor of 2.5 is 5 sigma
+    _, tau_s = max(found[1].parts)
+    assert 0.4 < tau_s < 2.5  # three segments of 100 correlation times: a factor of 2.5 is 5 sigma
 
 
 def test_the_score_is_the_projected_chi_square() -> None:

@@ -15,8 +15,8 @@ from estimators.gap.periodogram import Periodogram
 
 DT = 0.25
 WHITE = ChannelNoise(2.0, samples=6000, duration_s=300.0)
-ONE = ChannelNoise(1.0, 1.0, 0.8, samples=6000, duration_s=300.0)
-TWO = ChannelNoise(1.0, 0.6, 0.5, samples=6000, duration_s=300.0, slow=0.4, slow_tau_s=6.0)
+ONE = ChannelNoise(1.0, ((1.0, 0.8),), samples=6000, duration_s=300.0)
+TWO = ChannelNoise(1.0, ((0.6, 0.5), (0.4, 6.0)), samples=6000, duration_s=300.0)
 
 
 def drawn(noise: ChannelNoise, count: int, interval_s: float, rng: np.random.Generator) -> np.ndarray:
@@ -81,7 +81,7 @@ def test_block_means_leave_out_what_is_not_kept() -> None:
 def test_the_expected_periodogram_is_the_mean_of_many() -> None:
     rng = np.random.default_rng(1)
     decay, length, many = np.exp(-DT / 3.0), 256, 4000
-    segments = [drawn(ChannelNoise(1e-12, 1.0, 3.0), length, DT, rng) for _ in range(many)]
+    segments = [drawn(ChannelNoise(1e-12, ((1.0, 3.0),)), length, DT, rng) for _ in range(many)]
     found = Periodogram.of(segments)
     ratio = found.power / found.counts / found.exponential(decay)
     # removing each segment's mean takes from the lowest frequency only; elsewhere a mean of exponentials: 5 sigma

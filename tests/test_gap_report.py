@@ -114,7 +114,7 @@ def test_density_of_white_noise_is_flat_and_that_of_the_floor() -> None:
 def test_densities_integrate_to_the_variance() -> None:
     interval = 0.25
     frequency = np.linspace(0.0, 2.0, 20_001)
-    noise = ChannelNoise(white=1e-4, coloured=3e-4, tau_s=0.9)
+    noise = ChannelNoise(white=1e-4, parts=((3e-4, 0.9),))
     np.testing.assert_allclose(np.trapezoid(floor_density(noise, frequency, interval), frequency), 4e-4, rtol=1e-4)
     excess = make_effect("noise_excess", {"where": "mag2", "extra_sigma": 0.02})
     walk = make_effect("timing_jitter", {"where": "acquisition", "sigma_s": 0.01})  # has no spectrum
@@ -127,7 +127,7 @@ def test_densities_integrate_to_the_variance() -> None:
 
 
 def test_error_of_a_block_mean_is_that_of_its_covariance() -> None:
-    noise = ChannelNoise(white=1e-4, coloured=3e-4, tau_s=0.9)
+    noise = ChannelNoise(white=1e-4, parts=((3e-4, 0.9),))
     at = 0.25 * np.arange(40)
     covariance = noise.autocovariance(at[:, None] - at[None, :])
     np.testing.assert_allclose(block_error(noise, 40, 0.25), np.sqrt(covariance.sum()) / 40, rtol=1e-12)

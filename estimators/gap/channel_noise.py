@@ -1,7 +1,7 @@
 """A channel's noise: white plus first-order Gauss-Markov parts, at any sampling, and the filter that whitens it.
 
 White noise plus an exponentially correlated part is the two-term model behind an Allan deviation's slope and hump
-(IEEE Std 952, annex C); a second, slower part follows a spectrum that falls less steeply. Sampled at any rate the sum
+(IEEE Std 952, annex C); further, slower parts follow a spectrum that falls less steeply. Sampled at any rate the sum
 is an autoregressive moving average, so what a locked recording at one rate teaches holds at the sweep's rate: the model
 carries autocovariances over, never filter coefficients.
 """
@@ -30,30 +30,22 @@ class ChannelNoise:
 
     Attributes:
         white: variance of the white part [V^2].
-        coloured: variance of the exponentially correlated part [V^2]; zero for white noise.
-        tau_s: its correlation time [s].
+        parts: variance [V^2] and correlation time [s] of each exponentially correlated part; none for white noise.
         samples: how many samples it was learned from.
         duration_s: how long these lasted [s].
         folded: of the coloured parts, what means over blocks of samples make look white [V^2]; may be below zero.
-        sharing: how many channels told the shares and times of the coloured parts.
-        slow, slow_tau_s: variance [V^2] and correlation time [s] of a second coloured part; zero for none.
     """
 
     white: float
-    coloured: float = 0.0
-    tau_s: float = 1.0
+    parts: tuple[tuple[float, float], ...] = ()
     samples: int = 0
     duration_s: float = 0.0
     folded: float = 0.0
-    sharing: int = 1
-    slow: float = 0.0
-    slow_tau_s: float = 1.0
 
     @property
-    def parts(self) -> tuple[tuple[float, float], ...]:
-        """Variance [V^2] and time [s] of each coloured part."""
-        both = ((self.coloured, self.tau_s), (self.slow, self.slow_tau_s))
-        return tuple(part for part in both if part[0] > 0.0)
+    def coloured(self) -> float:
+        """Variance of all coloured parts [V^2]."""
+        return sum(size for size, _ in self.parts)
 
     def samples_at(self, interval_s: float) -> float:
         """How many samples at another rate tell as much of the noise as those it was learned from.
@@ -65,7 +57,7 @@ class ChannelNoise:
     @property
     def variance(self) -> float:
         """[V^2]."""
-        return self.white + self.folded + self.coloured + self.slow
+        return self.white + self.folded + self.coloured
 
     def autocovariance(self, lag_s: Array) -> Array:
         """[V^2] at lags [s]."""
@@ -80,7 +72,7 @@ class ChannelNoise:
         beyond that of such a process, or lacks, looks white.
         """
         folded, across = self.folded / block, []
-        for size, tau_s in ((self.coloured, self.tau_s), (self.slow, self.slow_tau_s)):
+        for size, tau_s in self.parts:
             decay = float(np.exp(-interval_s / tau_s))
             lags = np.arange(1, block)
             own = (block + 2.0 * float(np.sum((block - lags) * decay**lags))) / block**2
@@ -88,7 +80,8 @@ class ChannelNoise:
                 size * float(np.sum(decay ** np.arange(block)) * np.sum(decay ** -np.arange(block))) / block**2
             )
             folded += size * own - across[-1]
-        return replace(self, white=self.white / block, folded=folded, coloured=across[0], slow=across[1])
+        parts = tuple((size, tau_s) for size, (_, tau_s) in zip(across, self.parts, strict=True))
+        return replace(self, white=self.white / block, folded=folded, parts=parts)
 
     def whitener(self, interval_s: float) -> Whitener:
         """The filter that turns this noise, sampled every ``interval_s`` [s], into white noise of variance one."""

@@ -1,4 +1,4 @@
-"""The colour of a channel's noise, learned at rest: white, or white plus one or two exponentially correlated parts."""
+"""The colour of a channel's noise, learned at rest: white, or white plus a few exponentially correlated parts."""
 
 from __future__ import annotations
 
@@ -20,8 +20,12 @@ Array = NDArray[np.float64]
 #: below chi-square with two degrees of freedom, whose tail here is 0.7 %: a part that is not there costs little, since
 #: tests weigh how well it is known; one that was overlooked looks like noise that the sweep has and the bench had not.
 COLOUR_THRESHOLD = 10.0
-#: The same for a second part, on a floor that is known to be coloured: what two parameters are expected to gain, twice.
-SECOND_THRESHOLD = 4.0
+#: The same for a further part, on a floor that is known to be coloured: what two parameters are expected to gain,
+#: twice. Parts at most: a spectrum of 1/f over the decades that a recording covers takes three.
+FURTHER_THRESHOLD = 4.0
+_MOST = 3
+#: A slow part that was not seen: its share of the colour, and how much slower than the slowest it is.
+_SPARE, _SLOWER = 5e-3, 4.0
 #: p-value below which channels do not share the shape of their noise.
 SHARED_AT = 1e-3
 #: The first steps of the search: a factor of e in the odds of a coloured share and in a correlation time.
@@ -91,7 +95,7 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
     """The most likely noise of each channel: white where a coloured part does not pay for its two parameters.
 
     Coloured channels share the shape of their spectrum unless the data speak against it: all of them, else those of one
-    board. A shared shape is known better by the number of channels. A second coloured part must pay as well.
+    board. A shared shape is known better by the number of channels. Further coloured parts must pay as well.
 
     Args:
         boards: what each channel sits on; one board by default.
@@ -101,7 +105,7 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
         if channel.variance > 0.0:
             point = _best([channel])
             if channel.count * float(np.log(channel.variance)) - channel.loss(point)[0] >= COLOUR_THRESHOLD:
-                shapes[index] = _with_second([channel], point)
+                shapes[index] = _with_more([channel], point)
     found: dict[int, ChannelNoise] = {}
     boards = boards or [""] * len(channels)
     of_board = [[index for index in shapes if boards[index] == board] for board in sorted(set(boards))]
@@ -109,17 +113,28 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
         fresh = [index for index in group if index not in found]
         common = _shared([channels[index] for index in fresh], [shapes[index] for index in fresh])
         if common is not None:
-            found |= {index: replace(channels[index].at(common), sharing=len(fresh)) for index in fresh}
+            found |= {index: channels[index].at(common) for index in fresh}
     for index, shape in shapes.items():
         found.setdefault(index, channels[index].at(shape))
-    return [found.get(index, channel.white) for index, channel in enumerate(channels)]
+    return [_with_spare(found[index]) if index in found else channel.white for index, channel in enumerate(channels)]
+
+
+def _with_spare(noise: ChannelNoise) -> ChannelNoise:
+    """With one more slow part, next to nothing, where parts are to spare.
+
+    What tests of the sweep's noise then take for possible is any slow part that the recording at rest does not exclude.
+    """
+    if len(noise.parts) == _MOST:
+        return noise
+    slowest = max(tau_s for _, tau_s in noise.parts)
+    return replace(noise, parts=(*noise.parts, (_SPARE * noise.coloured, _SLOWER * slowest)))
 
 
 def _shared(channels: Sequence[Held], shapes: Sequence[Array]) -> Array | None:
     """The shape that several channels share, if what each loses by it is chance."""
     if len(channels) < 2:
         return None
-    common = _with_second(channels, _best(channels))
+    common = _with_more(channels, _best(channels))
     lost = sum(
         channel.loss(common)[0] - channel.loss(shape)[0] for channel, shape in zip(channels, shapes, strict=True)
     )
@@ -138,17 +153,21 @@ def _best(channels: Sequence[Held]) -> Array:
     return _searched(channels, starts)[0]
 
 
-def _with_second(channels: Sequence[Held], point: Array) -> Array:
-    """The shape with a second coloured part, where that pays for itself."""
+def _with_more(channels: Sequence[Held], point: Array) -> Array:
+    """The shape with further coloured parts, as long as these pay for themselves."""
     interval, longest = _span(channels)
-    starts = [
-        np.array([point[0], point[1], point[0] + share, np.log(tau)])
-        for share in (-1.5, 0.0)
-        for tau in np.geomspace(interval, longest / 4.0, 6)
-    ]
-    found, loss = _searched(channels, starts)
     before = sum(channel.rough_loss(point) for channel in channels)
-    return found if before - loss >= SECOND_THRESHOLD else point
+    while len(point) < 2 * _MOST:
+        starts = [
+            np.array([*point, point[0] + share, np.log(tau)])
+            for share in (-1.5, 0.0)
+            for tau in np.geomspace(interval, longest / 4.0, 6)
+        ]
+        found, loss = _searched(channels, starts)
+        if before - loss < FURTHER_THRESHOLD:
+            break
+        point, before = found, loss
+    return point
 
 
 def _span(channels: Sequence[Held]) -> tuple[float, float]:
@@ -179,8 +198,7 @@ def _shaped(point: Array, variance: float, source: Held) -> ChannelNoise:
     parts = sorted(
         (float(np.exp(log_tau)), float(ratio) * unit) for ratio, log_tau in zip(ratios, point[1::2], strict=True)
     )
-    noise = ChannelNoise(unit, parts[0][1], parts[0][0], source.count, duration)
-    return noise if len(parts) == 1 else replace(noise, slow=parts[1][1], slow_tau_s=parts[1][0])
+    return ChannelNoise(unit, tuple((size, tau_s) for tau_s, size in parts), source.count, duration)
 
 
 def _outside(point: Array, interval_s: float, longest_s: float) -> float:

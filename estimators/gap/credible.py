@@ -25,14 +25,14 @@ _SEVERAL, _COMPARABLE = 3, 0.1
 #: Effects that stand for one another where neither is the true one: of two at once, the weaker must hold this share.
 _KIN = (
     {"bias_warmup", "bias_temperature", "bias_step", "bias_random_walk", "scale_temperature", "supply_ratiometric"},
-    {"latency", "sensor_lag", "hysteresis", "mains_hum", "vibration"},
+    {"latency", "sensor_lag", "hysteresis"},
     {"field_gradient", "base_dipole", "link_soft_iron"},
 )
 #: Sources of a field that varies with the arm: two of them together come close to most such fields.
 _SOURCES = {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron", "motor_current_field"}
 _OWN_SHARE = 0.1
-#: Cycles in a recording below which a tone is taken for a slow wave.
-_CYCLES = 50.0
+#: Cycles in a recording below which a tone is taken for a slow wave, unless most channels feel it, each by so much.
+_CYCLES, _MOST, _SEEN = 50.0, 0.6, 2.5
 #: Evidence above which such a wave is a tone, and an effect of a sensor shows in two axes at least, in this ratio.
 _EVIDENT, _ONE_AXIS = 200.0, 0.1
 #: An error of one joint that has this share of the evidence of several causes may well be what they stand for.
@@ -71,12 +71,20 @@ def plausible(state: Selection) -> bool:
 
 
 def _slow(cause: MeanCause, bench: Bench) -> bool:
-    """Whether a weak tone looks so slow, sampled, that a drift or the arm's own motion comes close to it."""
+    """Whether a weak tone looks so slow, sampled, that a drift or the arm's own motion comes close to it.
+
+    Hum from the mains does too, where a multiple of the sampling rate is near its frequency; but that is on every
+    channel.
+    """
     if not cause.fit.candidate.effect.tone or cause.evidence > _EVIDENT:
         return False
     interval_s = bench.interval_s / bench.samples
     cycles = float(vars(cause.fit.effect)["freq_Hz"]) * interval_s
-    return abs(cycles - round(cycles)) * float(np.ptp(bench.t)) / interval_s < _CYCLES
+    if abs(cycles - round(cycles)) * float(np.ptp(bench.t)) / interval_s > _CYCLES:
+        return False
+    white = bench.whiten(bench.change([cause.fit.effect]))
+    felt = [float(np.linalg.norm(bench.channel(white, column))) > _SEEN for column in bench.columns]
+    return sum(felt) < _MOST * len(felt)
 
 
 def _one_axis(effect: Effect) -> bool:

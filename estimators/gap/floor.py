@@ -24,6 +24,8 @@ _ALIKE: Final = 0.03
 _STEP: Final = 0.05
 #: Bounds of the logarithms of white part, coloured part and time, about what was learned.
 _WHITE, _COLOURED, _TIME = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5)
+#: Logarithm of how much larger the slowest part may turn out, to start from.
+_LARGER: Final = 3.0
 #: Twice a gain below which it is not worth a search.
 _NOTHING: Final = 4.0
 #: Bounds of an added spectrum's logarithm, as a share of the floor at its largest.
@@ -112,9 +114,9 @@ class Learned:
         return counts, found.times(1.0 / found.at(np.zeros(self.free)))
 
     def penalty(self, point: Array) -> tuple[float, Array]:
-        """Minus twice the log likelihood of the recording at rest, from its largest; and its gradient.
+        """Minus twice the log likelihood of the channel's recording at rest, from its largest; and its gradient.
 
-        Channels that share the shape of their noise tell of it together; each tells of its own size alone.
+        Of channels that share the shape of their noise each tells its own part: tests add up what they tell.
         """
         if self.free == 1:
             samples = float(self.noise.samples)
@@ -124,11 +126,6 @@ class Learned:
         total, slopes = shares.at(point), shares.gradient(point)
         value = 2.0 * float(counts @ (np.log(total) + 1.0 / total - 1.0))
         gradient = 2.0 * slopes @ (counts * (1.0 - 1.0 / total) / total)
-        if (others := self.noise.sharing - 1) > 0:
-            many = float(counts.sum())
-            scale = float(counts @ (1.0 / total)) / many
-            value += 2.0 * others * (many * float(np.log(scale)) + float(counts @ np.log(total)))
-            gradient += 2.0 * others * slopes @ (counts * (1.0 / total - 1.0 / (scale * total**2)))
         return value, np.asarray(gradient)
 
 
@@ -156,7 +153,11 @@ class Spectrum:
             value, gradient = self._loss(np.array([*point, -np.inf]), nothing)
             return value, gradient[:-1]
 
-        found = minimize(loss, np.zeros(self.learned.free), jac=True, method="L-BFGS-B", bounds=self._bounds)
+        starts = [np.zeros(self.learned.free)]
+        if len(self.learned.noise.parts) > 1:  # the slowest may be much larger than it seemed
+            starts.append(np.where(np.arange(self.learned.free) == self.learned.free - 2, _LARGER, 0.0))
+        ways = [minimize(loss, start, jac=True, method="L-BFGS-B", bounds=self._bounds) for start in starts]
+        found = min(ways, key=lambda way: float(way.fun))
         return np.asarray(found.x), float(found.fun)
 
     def added(self, unit: Array) -> tuple[float, float, float]:

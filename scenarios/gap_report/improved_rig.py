@@ -178,7 +178,7 @@ def _remarks(diagnosis: Diagnosis, residuals: GapResiduals, rig: Rig) -> list[st
             remarks.append(f"The data cannot split {cause_title(cause.effect, cause.where)} from: {others}.")
     if diagnosis.verdict == "unknown":
         remarks.append("Part of the gap has no name, and is not in this rig.")
-    coloured = [CHANNELS[column] for column in residuals.bench.columns if residuals.floor[column].coloured > 0.0]
+    coloured = [CHANNELS[column] for column in residuals.bench.columns if residuals.floor[column].parts]
     if coloured:
         remarks.append(f"The noise floor of {', '.join(coloured)} is coloured; here it is white noise of the same RMS.")
     temperature = residuals.recording.temperature
