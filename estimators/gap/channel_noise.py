@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 #: The filter has forgotten its start once its memory is below this share.
 _FORGOTTEN = 0.01
+#: Correlation between neighbouring means below which a part looks white.
+_TOLD = 1e-6
 #: So many samples at most are predicted exactly.
 _LONGEST = 512
 
@@ -71,17 +73,15 @@ class ChannelNoise:
         Means of an exponentially correlated process keep its correlation from block to block; what their variance has
         beyond that of such a process, or lacks, looks white.
         """
-        folded, across = self.folded / block, []
+        folded, parts = self.folded / block, []
         for size, tau_s in self.parts:
             decay = float(np.exp(-interval_s / tau_s))
             lags = np.arange(1, block)
-            own = (block + 2.0 * float(np.sum((block - lags) * decay**lags))) / block**2
-            across.append(
-                size * float(np.sum(decay ** np.arange(block)) * np.sum(decay ** -np.arange(block))) / block**2
-            )
-            folded += size * own - across[-1]
-        parts = tuple((size, tau_s) for size, (_, tau_s) in zip(across, self.parts, strict=True))
-        return replace(self, white=self.white / block, folded=folded, parts=parts)
+            own = size * (block + 2.0 * float(np.sum((block - lags) * decay**lags))) / block**2
+            next_one = size * decay * float(np.sum(decay ** np.arange(block))) ** 2 / block**2
+            parts.append((next_one / decay**block if next_one > _TOLD * own else _TOLD * own, tau_s))
+            folded += own - parts[-1][0]
+        return replace(self, white=self.white / block, folded=folded, parts=tuple(parts))
 
     def whitener(self, interval_s: float) -> Whitener:
         """The filter that turns this noise, sampled every ``interval_s`` [s], into white noise of variance one."""
