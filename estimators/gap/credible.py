@@ -26,11 +26,10 @@ _SEVERAL, _COMPARABLE = 3, 0.1
 _KIN = (
     {"bias_warmup", "bias_temperature", "bias_step", "bias_random_walk", "scale_temperature", "supply_ratiometric"},
     {"latency", "sensor_lag", "hysteresis"},
-    {"field_gradient", "base_dipole", "link_soft_iron"},
 )
+_OWN_SHARE = 0.1
 #: Sources of a field that varies with the arm: two of them together come close to most such fields.
 _SOURCES = {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron", "motor_current_field"}
-_OWN_SHARE = 0.1
 #: Cycles in a recording below which a tone is taken for a slow wave, unless most channels feel it, each by so much.
 _CYCLES, _MOST, _SEEN = 50.0, 0.6, 2.5
 #: Evidence above which such a wave is a tone, and an effect of a sensor shows in two axes at least, in this ratio.

@@ -31,6 +31,8 @@ _NEIGHBOURS = 3
 _PILED, _DENSER = 4, 4.0
 #: A converter's rounding that adds less than this share of the floor's variance is not felt.
 _FELT = 0.005
+#: So many outliers in a channel make others likely; then those count that noise makes once in five recordings.
+_SEVERAL, _LESS = 3, 4.5
 
 
 @dataclass(frozen=True)
@@ -167,6 +169,8 @@ def outliers(bench: Bench) -> Defect | None:
         local = residual - median_filter(residual, 2 * _NEIGHBOURS + 1, mode="nearest")
         spread = float(np.sqrt(np.mean(np.clip(local, -4.0, 4.0) ** 2)))
         hit = np.abs(local) > max(limit * spread, 6.5)
+        if np.count_nonzero(hit) >= _SEVERAL:  # there are spikes: those that stand out less belong to them
+            hit = np.abs(local) > _LESS * spread
         affected[:, column] = hit
         if hit.any():
             size[column] = np.sqrt(np.sum(local[hit] ** 2)) * bench.whiteners[column].sigma

@@ -146,9 +146,8 @@ def _in_time(
     for column in columns:
         square = block_means(rates[column], bench.block) / bench.samples
         units[column] = square * (bench.weights[:, column] / bench.whiteners[column].sigma) ** 2
-    power = np.concatenate([bench.channel(explained.residual, column) ** 2 for column in columns])
-    together = np.concatenate([units[column] for column in columns])
-    fit = _likeliest(power, together, float(bench.floor_samples[columns].sum()))
+    squares = [bench.channel(explained.residual, column) ** 2 for column in columns]
+    fit = _likeliest(squares, [units[column] for column in columns], bench.floor_samples[columns])
     return dict.fromkeys(columns, fit), units, {column: float(np.mean(rates[column])) for column in columns}
 
 
@@ -222,45 +221,61 @@ def _of_means(probe: Effect, bench: Bench, frequency: Array) -> Array:
     return np.asarray(np.mean(spectrum * response, axis=1))
 
 
-def _likeliest(power: Array, unit: Array, floor_samples: float) -> tuple[float, float, float]:
-    """The variance x that makes squares most likely under level (1 + x unit / level): x, twice the gain, its deviation.
+def _likeliest(powers: Sequence[Array], units: Sequence[Array], floor_samples: Array) -> tuple[float, float, float]:
+    """The variance x that makes squares most likely under level + x unit: x, twice the gain, its deviation.
 
-    The floor's level is not known better than the samples it was learned from tell: it is fitted along, with their
-    likelihood. Squares of nearly the same unit are added up first: the likelihood needs no more than their sum.
+    Each channel has a level of its own, which is not known better than the samples it was learned from tell: it is
+    fitted along, with their likelihood. Squares of nearly the same unit are added up first: the likelihood needs no
+    more than their sum.
     """
-    largest = float(unit.max()) if unit.size else 0.0
+    largest = max((float(unit.max()) for unit in units if unit.size), default=0.0)
     if largest <= 0.0:
         return 0.0, 0.0, np.inf
-    group = (np.log(np.maximum(unit / largest, _LEAST)) / _ALIKE).astype(int)
-    group -= group.min()
-    many = np.bincount(group)
-    filled = many > 0
-    counts = many[filled].astype(float)
-    sums = np.bincount(group, power)[filled]
-    relative = np.bincount(group, unit)[filled] / (counts * largest)
+    channels = [
+        (*_alike(power, unit / largest), samples)
+        for power, unit, samples in zip(powers, units, floor_samples, strict=True)
+    ]
 
     def loss(point: Array) -> tuple[float, Array]:
-        level, ratio = np.exp(point)
-        total = level + ratio * relative
-        slope = (counts - sums / total) / total
-        value = float(counts @ np.log(total) + np.sum(sums / total) + floor_samples * (point[0] + 1.0 / level))
-        along = np.array([level * slope.sum() + floor_samples * (1.0 - 1.0 / level), ratio * (slope @ relative)])
+        ratio = np.exp(point[-1])
+        value, along = 0.0, np.zeros(len(point))
+        for index, (counts, sums, relative, samples) in enumerate(channels):
+            level = np.exp(point[index])
+            total = level + ratio * relative
+            slope = (counts - sums / total) / total
+            value += float(counts @ np.log(total) + np.sum(sums / total) + samples * (point[index] + 1.0 / level))
+            along[index] = level * slope.sum() + samples * (1.0 - 1.0 / level)
+            along[-1] += ratio * float(slope @ relative)
         return value, along
 
-    count = len(power)
-    alone = (float(power.sum()) + floor_samples) / (count + floor_samples)
-    nothing = (count + floor_samples) * (np.log(alone) + 1.0)
-    starts = [np.array([0.0, exponent]) for exponent in (-3.0, 2.0, 7.0)]
+    alone = np.array([(sums.sum() + samples) / (counts.sum() + samples) for counts, sums, _, samples in channels])
+    many = np.array([counts.sum() + samples for counts, _, _, samples in channels])
+    nothing = float(many @ (np.log(alone) + 1.0))
+    starts = [np.array([*np.zeros(len(channels)), exponent]) for exponent in (-3.0, 2.0, 7.0)]
     start = min(starts, key=lambda point: loss(point)[0])
-    bounds = [(-2.0, 5.0), (np.log(_LOWEST), np.log(_HIGHEST))]
+    bounds = [*[(-2.0, 5.0)] * len(channels), (np.log(_LOWEST), np.log(_HIGHEST))]
     found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
     gain = nothing - float(found.fun)
     if gain <= 0.0:
         return 0.0, 0.0, np.inf
-    level, ratio = np.exp(found.x)
-    total = level + ratio * relative
-    weights = np.stack([np.ones(len(total)), relative]) / total
-    information = 0.5 * (weights * counts) @ weights.T
-    information[0, 0] += 0.5 * floor_samples / level**2
-    spread = float(np.sqrt(np.linalg.inv(information)[1, 1]))
-    return float(ratio) / largest, gain, spread / largest
+    ratio = float(np.exp(found.x[-1]))
+    information = np.zeros((len(found.x), len(found.x)))
+    for index, (counts, _, relative, samples) in enumerate(channels):
+        level = float(np.exp(found.x[index]))
+        weights = np.stack([np.ones(len(relative)), relative]) / (level + ratio * relative)
+        own = [index, len(channels)]
+        information[np.ix_(own, own)] += 0.5 * (weights * counts) @ weights.T
+        information[index, index] += 0.5 * samples / level**2
+    spread = float(np.sqrt(np.linalg.inv(information)[-1, -1]))
+    return ratio / largest, gain, spread / largest
+
+
+def _alike(power: Array, unit: Array) -> tuple[Array, Array, Array]:
+    """How many squares have about the same unit, their sum, and that unit."""
+    group = (np.log(np.maximum(unit, _LEAST)) / _ALIKE).astype(int)
+    group -= group.min()
+    many = np.bincount(group)
+    filled = many > 0
+    counts = many[filled].astype(float)
+    sums, units = (np.asarray(np.bincount(group, values), dtype=float)[filled] for values in (power, unit))
+    return counts, sums, units / counts

@@ -48,7 +48,7 @@ class PowerStudy:
 
     effect: str = "backlash"
     where: str = "joint5"
-    strengths: tuple[float, ...] = (4.0, 5.0, 6.0, 7.0, 8.0)
+    strengths: tuple[float, ...] = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
     draws: int = 4
     false_alarm: float = float(np.exp(SIGNIFICANT)) / _CANDIDATES
     samples: int = 6656
