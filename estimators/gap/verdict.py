@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from estimators.gap.bench import Bench, project
 from estimators.gap.channel_noise import ChannelNoise
@@ -158,7 +159,6 @@ def _remainder_follows(
 
 def _mean_cause(cause: MeanCause, group: Sequence[Rival], state: Selection, closure: Closure) -> Cause:
     effect = cause.fit.effect
-    weights = np.exp([0.5 * (rival.evidence - group[0].evidence) for rival in group])
     tangent = cause.fit.tangent(state.bench)
     rest = [other.fit.tangent(state.bench) for other in state.causes if other is not cause]
     other = Explained(state.bench.absorbed, state.bench.whitened)
@@ -183,7 +183,7 @@ def _mean_cause(cause: MeanCause, group: Sequence[Rival], state: Selection, clos
     return Cause(
         effect=effect.name,
         where=effect.where,
-        probability=float(1.0 / weights.sum()),
+        probability=float(softmax([0.5 * rival.evidence for rival in group])[0]),
         equivalent=tuple({"effect": rival.effect, "where": rival.where} for rival in group[1:]),
         parameters=parameters,
         p_value=float(math.exp(max(cause.offer.log_p, -700.0))),
@@ -193,7 +193,6 @@ def _mean_cause(cause: MeanCause, group: Sequence[Rival], state: Selection, clos
 
 def _noise_cause(offer: NoiseOffer, group: Sequence[Rival]) -> Cause:
     effect = offer.effect
-    weights = np.exp([0.5 * (rival.evidence - group[0].evidence) for rival in group])
     parameters: dict[str, Estimate] = {}
     for item in effect.parameters():
         std = (float(offer.std[0]) if item.size == 1 else tuple(map(float, offer.std))) if item.strength else None
@@ -201,7 +200,7 @@ def _noise_cause(offer: NoiseOffer, group: Sequence[Rival]) -> Cause:
     return Cause(
         effect=effect.name,
         where=effect.where,
-        probability=float(1.0 / weights.sum()),
+        probability=float(softmax([0.5 * rival.evidence for rival in group])[0]),
         equivalent=tuple({"effect": rival.effect, "where": rival.where} for rival in group[1:]),
         parameters=parameters,
         p_value=float(math.exp(max(offer.log_p, -700.0))),
