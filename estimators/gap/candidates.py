@@ -44,6 +44,11 @@ class Candidate:
         return "/".join([f"{self.effect.name}@{self.where}", *self.names.values()])
 
     @property
+    def smooth(self) -> bool:
+        """Whether the effect changes little from sample to sample."""
+        return not self.effect.tone and not self.effect.rapid
+
+    @property
     def strengths(self) -> tuple[Parameter, ...]:
         """The parameters at whose neutral value the effect vanishes."""
         return tuple(item for item in self.effect.parameters() if item.strength)

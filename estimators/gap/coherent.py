@@ -70,13 +70,12 @@ def likeliest(bench: Bench, rivals: int, explained: Explained | None = None, joi
     together = np.hstack(courses)
     best, tried = 0.0, 0
     for organ in _organs(bench):
-        columns = bench.whiten_changes(_times(organ.changes, together))
-        if not len(columns.values) or (joint and organ.name != _angle_of(joint)):
+        if joint and organ.name != _angle_of(joint):
             continue
-        gram = explained.projected(columns)
-        if explained.added is not None:
-            shared = explained.added[columns.rows].T @ columns.values
-            gram = gram - shared.T @ shared
+        columns = bench.whiten_changes(_times(organ.changes, together))
+        if not len(columns.values):
+            continue
+        gram = explained.unexplained(columns, explained.projected(columns))
         moment = columns.values.T @ explained.residual[columns.rows]
         length = np.linalg.norm(columns.values, axis=0)
         for first, last in itertools.pairwise(ends):
@@ -84,6 +83,11 @@ def likeliest(bench: Bench, rivals: int, explained: Explained | None = None, joi
             best = max(best, solve(gram[np.ix_(own, own)], moment[own], length[own]).evidence)
             tried += 1
     return best - 2.0 * float(np.log(max(tried / rivals, 1.0)))
+
+
+def turning(q: Array) -> list[int]:
+    """The joints (columns of q (n, N) [rad]) that are not locked."""
+    return [joint for joint in range(q.shape[1]) if np.std(np.unwrap(q[:, joint])) > _LOCKED]
 
 
 def of_one_joint(bench: Bench, explained: Explained) -> Score:
@@ -114,10 +118,10 @@ def _courses(bench: Bench) -> list[Array]:
     clock = (np.arange(count) + 0.5) / count
     found = [np.ones((count, 1)), *(np.cos(np.pi * order * clock)[:, None] for order in range(1, _TIMES + 1))]
     if (q := bench.base.q_encoder) is not None:
-        for joint in range(q.shape[1]):
-            if np.std(angle := np.unwrap(q[:, joint])) > _LOCKED:
-                waves = [np.stack([np.cos(order * angle), np.sin(order * angle)], 1) for order in range(1, _ORDERS + 1)]
-                found += [*waves, smooth_sign(bench.base.joint_velocity[:, [joint]])]
+        for joint in turning(q):
+            angles = [order * q[:, joint] for order in range(1, _ORDERS + 1)]
+            found += [np.stack([np.cos(angle), np.sin(angle)], 1) for angle in angles]
+            found.append(smooth_sign(bench.base.joint_velocity[:, [joint]]))
     return found
 
 

@@ -16,11 +16,6 @@ _ROUNDS: Final = 4
 _OFF: Final = 1.0
 
 
-def smooth(fit: Fitted) -> bool:
-    """Whether an effect changes little from sample to sample."""
-    return not fit.candidate.effect.tone and not fit.candidate.effect.rapid
-
-
 def converged(
     fits: Sequence[Fitted], bench: Bench, rough: Bench | None = None
 ) -> tuple[list[Fitted], Explained, Bench]:
@@ -30,7 +25,7 @@ def converged(
         rough: the bench as means over neighbouring samples: effects that outlive these are fitted there first, which
             leaves little to do.
     """
-    if rough is not None and rough is not bench and all(smooth(fit) for fit in fits):
+    if rough is not None and rough is not bench and all(fit.candidate.smooth for fit in fits):
         fits, _, fresh = converged(fits, rough)
         bench = bench if fresh is rough else around(bench, fresh.pipeline)
     fitted, explained = refit(fits, bench)

@@ -150,13 +150,13 @@ def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> tuple[list[Fi
         return fits, Explained(bench.absorbed, bench.whitened)
     scale = np.concatenate([each.scale for each in fits])
     held = _HELD * np.concatenate([np.full(item.size, float(item.strength)) for each in fits for item in each.free])
-    problem = _Problem(fits, bench, held)
+    problem = _Problem(fits, bench, held**2)
     here = problem.at(np.concatenate([each.values for each in fits]) / scale)
     slopes, damping = problem.slopes(here), _DAMPED
     for _ in range(most):
-        step = slopes.step(here, held, damping)
+        step = slopes.step(here, damping)
         ahead = problem.at(here.point + step)
-        promised, kept = slopes.promise(here, held, step), here.misfit - ahead.misfit
+        promised, kept = slopes.promise(here, step), here.misfit - ahead.misfit
         if kept > 0.0:
             here, damping = ahead, max(damping / 10.0, _LEAST)
         else:
@@ -182,38 +182,39 @@ class _Point:
 
 @dataclass(frozen=True)
 class _Slopes:
-    """Whitened derivatives (c count, p) at a point, and their Gram matrix with the calibration projected out."""
+    """Whitened derivatives (c count, p) at a point; their Gram matrix, the calibration projected out, the prior in."""
 
     at: Array
     columns: Array
     gram: Array
     absorbed: Array
+    prior: Array
 
-    def moment(self, here: _Point, held: Array) -> Array:
+    def moment(self, here: _Point) -> Array:
         """(p,) minus half the misfit's gradient."""
         free = here.left - self.absorbed @ (self.absorbed.T @ here.left)
-        return np.asarray(self.columns.T @ free - held**2 * here.point)
+        return np.asarray(self.columns.T @ free - self.prior * here.point)
 
-    def step(self, here: _Point, held: Array, damping: float) -> Array:
+    def step(self, here: _Point, damping: float) -> Array:
         """(p,), in the directions that the calibration does not absorb."""
-        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + held**2 + 1e-300)
-        values, vectors = np.linalg.eigh((self.gram + np.diag(held**2)) / np.outer(length, length))
+        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + self.prior + 1e-300)
+        values, vectors = np.linalg.eigh(self.gram / np.outer(length, length))
         free = values > ABSORBED**2
-        along = vectors[:, free].T @ (self.moment(here, held) / length)
+        along = vectors[:, free].T @ (self.moment(here) / length)
         return np.asarray(vectors[:, free] @ (along / (values[free] + damping)) / length)
 
-    def promise(self, here: _Point, held: Array, step: Array) -> float:
+    def promise(self, here: _Point, step: Array) -> float:
         """By how much the misfit should fall."""
-        return float(step @ (2.0 * self.moment(here, held) - (self.gram + np.diag(held**2)) @ step))
+        return float(step @ (2.0 * self.moment(here) - self.gram @ step))
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """Effects to be fitted on a bench, their strengths held near zero."""
+    """Effects to be fitted on a bench; the prior (p,) that holds their strengths near zero: one over its variance."""
 
     fits: Sequence[Fitted]
     bench: Bench
-    held: Array
+    prior: Array
 
     def at(self, point: Array) -> _Point:
         """The misfit (chi-square) with the calibration's tangent projected out."""
@@ -224,14 +225,15 @@ class _Problem:
         ]
         left = self.bench.whiten(self.bench.residual - self.bench.change([each.effect for each in fits]))
         absorbed = self.bench.absorbed.T @ left
-        misfit = float(left @ left - absorbed @ absorbed + np.sum((self.held * point) ** 2))
+        misfit = float(left @ left - absorbed @ absorbed + self.prior @ point**2)
         return _Point(point, fits, left, misfit)
 
     def slopes(self, here: _Point) -> _Slopes:
         """The derivatives at a point."""
         columns = np.hstack(tangents(here.fits, self.bench))
         shared = self.bench.absorbed.T @ columns
-        return _Slopes(here.point, columns, columns.T @ columns - shared.T @ shared, self.bench.absorbed)
+        gram = columns.T @ columns - shared.T @ shared + np.diag(self.prior)
+        return _Slopes(here.point, columns, gram, self.bench.absorbed, self.prior)
 
 
 def tangents(fits: Sequence[Fitted], bench: Bench) -> list[Array]:

@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 
 #: Largest p-value, over all tests, of a remainder that is more than noise.
 SIGNIFICANT = 1e-3
-#: A joint whose angle varies less [rad] is locked.
-_LOCKED = 0.05
 _BANDS = 12
 _COSINES = 16
 #: Squares that a band of a spectrum must hold for its sum to be nearly normal.
@@ -120,7 +118,7 @@ def families(bench: Bench, column: int) -> dict[str, Array]:
 
 
 def _joint_families(q: Array, velocity: Array) -> dict[str, Array]:
-    moving = [joint for joint in range(q.shape[1]) if np.std(np.unwrap(q[:, joint])) > _LOCKED]
+    moving = coherent.turning(q)
     waves = {
         joint: np.stack([wave(order * q[:, joint]) for order in (1, 2, 3) for wave in (np.cos, np.sin)], axis=1)
         for joint in moving

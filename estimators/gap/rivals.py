@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.gap.bench import Bench, Columns
-from estimators.gap.converge import converged, smooth
+from estimators.gap.converge import converged
 from estimators.gap.refine import Fitted, refit, started
 from estimators.gap.scan import Offer
 from estimators.gap.score import Explained, evidence
@@ -101,7 +101,7 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
 def _close(near: list[Offer], state: Selection, cause: MeanCause, others: Sequence[MeanCause]) -> list[Offer]:
     """Of the offers those that come close to the cause on means over neighbouring samples, or cannot be seen there."""
     rough = state.rough
-    if rough is state.bench or not near or not all(smooth(each.fit) for each in state.causes):
+    if rough is state.bench or not near or not all(each.fit.candidate.smooth for each in state.causes):
         return near
     fits, explained = refit([each.fit for each in others], rough)
     own = _stand_in(cause.offer, cause.fit, fits, rough, explained, -np.inf)
@@ -109,8 +109,8 @@ def _close(near: list[Offer], state: Selection, cause: MeanCause, others: Sequen
     return [
         offer
         for offer in near
-        if not smooth(fit := started(offer, rough, explained))
-        or _stand_in(offer, fit, fits, rough, explained, least).evidence > least
+        if not offer.candidate.smooth
+        or _stand_in(offer, started(offer, rough, explained), fits, rough, explained, least).evidence > least
     ]
 
 

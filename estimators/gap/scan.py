@@ -152,7 +152,7 @@ class Scanner:
         return Scanner(fine if self.rough is self.fine else self.rough, fine)
 
     def _smooth(self, candidate: Candidate) -> bool:
-        return self.rough is not self.fine and not candidate.effect.tone and not candidate.effect.rapid
+        return self.rough is not self.fine and candidate.smooth
 
     def _first(self, candidate: Candidate, explained: Explained, roughly: Explained) -> Offer:
         if candidate.effect.tone:

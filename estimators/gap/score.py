@@ -99,11 +99,15 @@ class Explained:
         if not len(values):
             return Score(0.0, 0, np.zeros(values.shape[1]), 0.0)
         length = np.sqrt(np.einsum("ij,ij->j", values, values))
-        gram = self.projected(columns) if gram is None else gram
-        if self.added is not None:
-            shared = self.added[rows].T @ values
-            gram = gram - shared.T @ shared
+        gram = self.unexplained(columns, self.projected(columns) if gram is None else gram)
         return solve(gram, values.T @ self.residual[rows], length)
+
+    def unexplained(self, columns: Columns, gram: Array) -> Array:
+        """(m, m) of a Gram matrix with the calibration projected out what the causes leave."""
+        if self.added is None:
+            return gram
+        shared = self.added[columns.rows].T @ columns.values
+        return np.asarray(gram - shared.T @ shared)
 
     def projected(self, columns: Columns) -> Array:
         """(m, m) Gram matrix of columns with the calibration projected out."""

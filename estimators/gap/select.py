@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from estimators.gap.bench import Bench, Columns, project
 from estimators.gap.blocks import block_means
 from estimators.gap.candidates import Candidate, all_candidates
-from estimators.gap.converge import converged, smooth
+from estimators.gap.converge import converged
 from estimators.gap.rebase import around
 from estimators.gap.refine import Fitted, started, tangents
 from estimators.gap.scan import Offer, Scanner
@@ -86,7 +87,7 @@ class Selection:
     scanner: Scanner
     quiet: Scanner
 
-    @property
+    @cached_property
     def rough(self) -> Bench:
         """The bench as means over neighbouring samples."""
         rough = self.scanner.rough.bench
@@ -200,7 +201,11 @@ def _with_offers(state: Selection, offers: Sequence[Offer]) -> Selection:
         left = [converged([*kept, cause.fit], rough)[1].residual for cause in fresh]
         misfits = [float(each @ each) for each in left]
         close = min(misfits) + _CLOSE * offers[0].evidence
-        fresh = [cause for cause, misfit in zip(fresh, misfits, strict=True) if misfit < close or not smooth(cause.fit)]
+        fresh = [
+            cause
+            for cause, misfit in zip(fresh, misfits, strict=True)
+            if misfit < close or not cause.fit.candidate.smooth
+        ]
     ways = [with_mean(state, [*state.causes, cause]) for cause in fresh]
     least = min(cost(way) for way in ways)
     return next(way for way in ways if cost(way) < least + BETTER)  # of twins the likelier before the data
