@@ -135,10 +135,21 @@ class Arm:
     @cached_property
     def rotation_map(self) -> RotationMap:
         """The rotation R_base_tool as a function of the joints' cosines and sines."""
+        data = self._at_zero()
+        return RotationMap(axes=data.xaxis.copy(), R_zero=data.site_xmat.reshape(3, 3).copy())
+
+    @cached_property
+    def link_maps(self) -> tuple[RotationMap, ...]:
+        """The rotation of each link as a function of the joints up to it."""
+        data = self._at_zero()
+        zero = data.xmat[self.chain.links].reshape(-1, 3, 3)
+        return tuple(RotationMap(axes=data.xaxis[: index + 1].copy(), R_zero=zero[index]) for index in range(self.dof))
+
+    def _at_zero(self) -> mujoco.MjData:
         data = mujoco.MjData(self.chain.bare)
         data.qpos[:] = 0.0
         mujoco.mj_kinematics(self.chain.bare, data)
-        return RotationMap(axes=data.xaxis.copy(), R_zero=data.site_xmat.reshape(3, 3).copy())
+        return data
 
     def poses(self, q: ArrayLike) -> Poses:
         """The sensor's pose at joint angles ``q`` (n, N) [rad]; no limit is checked."""

@@ -69,15 +69,26 @@ class Pipeline:
             signals = apply_stage(self.effects, Stage(stage), steps[stage](signals), rng)
         return signals
 
-    def carried(self, base: Signals, rng: np.random.Generator) -> Signals:
+    def carried(
+        self,
+        base: Signals,
+        rng: np.random.Generator,
+        begun: Signals | None = None,
+        first: Stage = Stage.TRANSMISSION,
+        stop: Stage = Stage.ELECTRONIC,
+    ) -> Signals:
         """Signals that have been through every stage without effects, with the effects: what they leave alone is kept.
 
         The same as ``expected`` to rounding, and many times as fast where an effect changes little.
+
+        Args:
+            base: without effects.
+            begun: with the effects of the stages before the first; ``base`` by default.
+            first, stop: the first stage to carry them through, and the one to stop before.
         """
-        signals = base
-        for stage in Stage:
-            if stage <= Stage.VOLTS:
-                signals = apply_stage(self.effects, stage, self._again(stage, signals, base), rng)
+        signals = base if begun is None else begun
+        for stage in map(Stage, range(first, stop)):
+            signals = apply_stage(self.effects, stage, self._again(stage, signals, base), rng)
         return signals
 
     def _again(self, stage: Stage, signals: Signals, base: Signals) -> Signals:

@@ -100,9 +100,24 @@ class Signals:
 
     @cached_property
     def _links(self) -> LinkPoses:
+        return self._jointed_arm.link_poses(self.q)
+
+    def link_rotation(self, link: int) -> Array:
+        """R_base_link (n, 3, 3) of a link, counted from 0, at the true joint angles.
+
+        Raises:
+            RigError: the recording has no joint angles.
+        """
+        if self.known_links is not None and self.known_links[0] is self.q:
+            return self.known_links[1].rotation[:, link]
+        rotation = self._jointed_arm.link_maps[link].rotations(self.q[:, : link + 1])
+        return rotation.reshape(-1, 3, 3)
+
+    @property
+    def _jointed_arm(self) -> Arm:
         if self.arm is None or self.q.size == 0:
             raise RigError("the effect acts on a link: found a recording without joint angles, expected q1_rad..qN_rad")
-        return self.arm.link_poses(self.q)
+        return self.arm
 
     @property
     def temperatures(self) -> Array:

@@ -104,6 +104,14 @@ def test_link_poses_are_the_full_models_bodies(arm: Arm) -> None:
             np.testing.assert_allclose(links.position[row, number], body.xpos, rtol=0, atol=ROUNDING)
 
 
+def test_link_maps_are_the_links_rotations(arm: Arm) -> None:
+    q = random_angles(50)
+    links = arm.link_poses(q)
+    for link, turned in enumerate(arm.link_maps):
+        rotation = turned.rotations(q[:, : link + 1]).reshape(-1, 3, 3)
+        np.testing.assert_allclose(rotation, links.rotation[:, link], rtol=0, atol=ROUNDING)
+
+
 def test_poses_are_in_the_base_frame_wherever_the_base_stands(arm: Arm, tmp_path: Path) -> None:
     moved = moved_base(tmp_path, quaternion=(0.5, 0.5, -0.5, 0.5), position=(1.0, -2.0, 3.0))
     q = random_angles(50)

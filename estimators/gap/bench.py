@@ -262,6 +262,19 @@ class Bench:
         volts = replace(self.pipeline, effects=tuple(effects)).carried(self.base, rng).volts
         return np.asarray(volts - self.base.volts)
 
+    def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
+        """As ``change``, of each of several effects of one stage beside others; the stages before it run once."""
+        rng = np.random.default_rng(0)
+        stage = moved[0].stage
+        begun = None
+        found = []
+        for effect in moved:
+            pipeline = replace(self.pipeline, effects=(effect, *others))
+            if begun is None:
+                begun = pipeline.carried(self.base, rng, stop=stage)
+            found.append(pipeline.carried(self.base, rng, begun, first=stage).volts - self.base.volts)
+        return found
+
     def replayed(self, effects: Sequence[Effect]) -> Array:
         """(n, 6) [recorded unit] as ``change``, with every pose computed anew by MuJoCo."""
         if self.base.q_encoder is None or not effects:

@@ -13,8 +13,8 @@ from estimators.gap.coherent import likeliest, of_one_joint
 from estimators.gap.refine import refit
 from estimators.gap.rivals import MARGIN, Rival
 from estimators.gap.score import Explained
-from estimators.gap.select import MeanCause, Selection, cost
-from rig.channels import COLUMNS_OF
+from estimators.gap.select import MeanCause, Selection, cost, scanned
+from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import Effect
 from rig.effects.base import Stage
 
@@ -24,7 +24,15 @@ ALIKE = 0.95
 _SEVERAL, _COMPARABLE = 3, 0.1
 #: Effects that stand for one another where neither is the true one: of two at once, the weaker must hold this share.
 _KIN = (
-    {"bias_warmup", "bias_temperature", "bias_step", "bias_random_walk", "scale_temperature", "supply_ratiometric"},
+    {
+        "bias_warmup",
+        "bias_temperature",
+        "bias_step",
+        "bias_random_walk",
+        "noise_coloured",
+        "scale_temperature",
+        "supply_ratiometric",
+    },
     {"latency", "sensor_lag", "hysteresis"},
 )
 _OWN_SHARE = 0.1
@@ -34,8 +42,9 @@ _SOURCES = {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron",
 _CYCLES, _MOST, _SEEN = 50.0, 0.6, 2.5
 #: Evidence above which such a wave is a tone, and an effect of a sensor shows in two axes at least, in this ratio.
 _EVIDENT, _ONE_AXIS = 200.0, 0.1
-#: An error of one joint that has this share of the evidence of several causes may well be what they stand for.
-_AS_MUCH = 0.9
+#: An error of one joint that lacks less than this share of the evidence of several causes, and less than this share of
+#: the weakest's own, may well be what they stand for.
+_LACKS, _LACKS_OWN = 0.1, 0.5
 
 
 def plausible(state: Selection) -> bool:
@@ -53,20 +62,26 @@ def plausible(state: Selection) -> bool:
     effects += [(offer.effect, offer.evidence) for offer in state.noises]
     if any(evident > _EVIDENT and _one_axis(effect) for effect, evident in effects):
         return False
-    wandering = {offer.effect.name for offer in state.noises}
-    if any(wandering & kin and kin & set(names) for kin in _KIN):
+    causes = [cause.fit.effect for cause in state.causes]
+    if any(_kin(offer.effect, cause) for offer in state.noises for cause in causes):
         return False
     for one, other in itertools.combinations(state.causes, 2):
         both = {one.fit.candidate.effect.name, other.fit.candidate.effect.name}
         if _one_organ(one.fit.candidate, other.fit.candidate) or both <= _SOURCES:
             return False
         sizes = sorted([one.statistic, other.statistic])
-        if any(both <= kin for kin in _KIN) and sizes[0] < _OWN_SHARE * sizes[1]:
+        if _kin(one.fit.effect, other.fit.effect) and sizes[0] < _OWN_SHARE * sizes[1]:
             return False
     if state.count < _SEVERAL:
         return True
     sizes = [cause.statistic for cause in state.causes]
     return not state.noises and state.count == _SEVERAL and min(sizes) > _COMPARABLE * max(sizes)
+
+
+def _kin(one: Effect, other: Effect) -> bool:
+    """Whether two effects stand for one another, on a channel that both change."""
+    shared = set(range(len(CHANNELS))[one.columns]) & set(range(len(CHANNELS))[other.columns])
+    return bool(shared) and any({one.name, other.name} <= kin for kin in _KIN)
 
 
 def _slow(cause: MeanCause, bench: Bench) -> bool:
@@ -113,12 +128,13 @@ def credible(state: Selection, groups: Sequence[Sequence[Rival]], bench: Bench) 
     stages = {cause.fit.candidate.effect.stage for cause in state.causes}
     if len(state.causes) > 1 and Stage.TRANSMISSION not in stages and bench.base.q_encoder is not None:
         joint = of_one_joint(bench, Explained(bench.absorbed, bench.whitened))
-        if joint.evidence > _AS_MUCH * explained:
+        weakest = min(cause.evidence for cause in state.causes)
+        if joint.evidence > explained - min(_LACKS * explained, _LACKS_OWN * weakest):
             return False
     clear = MARGIN if state.count == 1 else -MARGIN  # one error is likelier before the data than two
     if state.count and likeliest(bench.coarse(), len(state.candidates)) > explained + clear:
         return False
-    if state.count > 1 and _of_the_same_joint(state):
+    if state.count > 1 and (_of_the_same_joint(state) or _twice(state)):
         return False
     inexact = any(not rival.exact(group[0]) and rival.cosine < ALIKE for group in groups for rival in group[1:])
     return plausible(state) and (state.count < 2 or not inexact)
@@ -134,3 +150,18 @@ def _of_the_same_joint(state: Selection) -> bool:
     _, explained = refit([first.fit], state.rough)
     more = likeliest(state.rough, len(state.candidates), explained, first.fit.candidate.where)
     return any(cause is not first and more > cause.evidence - MARGIN for cause in state.causes)
+
+
+def _twice(state: Selection) -> bool:
+    """Whether a cause a second time, in another shape, would do in the place of another: it has another form, then."""
+    for cause in state.causes:
+        others = [each.fit for each in state.causes if each is not cause]
+        kinds = {each.candidate.label for each in others if each.candidate.effect.searched(state.bench.base) != [{}]}
+        if not kinds:
+            continue
+        _, explained = refit(others, state.bench)
+        found = {offer.candidate.label: offer.evidence for offer in scanned(state, others, explained)}
+        own = found[cause.fit.candidate.label]
+        if any(found[label] > own - MARGIN for label in kinds):
+            return True
+    return False

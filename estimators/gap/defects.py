@@ -76,9 +76,10 @@ def repeats(bench: Bench) -> Defect | None:
     readings = bench.readings[:, bench.columns]
     count = len(readings)
     same = (readings[1:] == readings[:-1]).all(axis=1)
-    chance = float(np.prod([np.mean(column[2:] == column[:-2]) for column in readings.T]))
-    log_p = float(binom.logsf(same.sum() - 1, count, max(chance, 1.0 / count**2)))
-    if same.sum() < 2 or log_p > np.log(SIGNIFICANT):
+    alike = [np.count_nonzero(column[2:] == column[:-2]) for column in readings.T]
+    chance = float(np.prod([(each + 1.0) / count for each in alike]))
+    log_p = float(binom.logsf(same.sum() - 1, count, chance))
+    if not same.any() or log_p > np.log(SIGNIFICANT):
         return None
     rows = np.concatenate([[False], same])
     share = float(rows.mean())

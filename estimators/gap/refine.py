@@ -67,11 +67,9 @@ class Fitted:
 
     def tangent(self, bench: Bench, others: Sequence[Effect] = ()) -> Array:
         """(c count, p) whitened derivatives at the fitted values, each scaled to a typical size."""
-        still = bench.change([self.effect, *others])
-        parts = []
-        for row in np.diag(STEP * self.scale):
-            moved = replace(self, values=self.values + row)
-            parts.append((bench.change([moved.effect, *others]) - still) / STEP)
+        moved = [replace(self, values=self.values + row).effect for row in np.diag(STEP * self.scale)]
+        still, *changed = bench.changes([self.effect, *moved], others)
+        parts = [(change - still) / STEP for change in changed]
         columns = bench.whiten_changes(parts)
         full = np.zeros((len(parts), bench.size)).T
         full[columns.rows] = columns.values

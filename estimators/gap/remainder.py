@@ -65,10 +65,9 @@ def findings(bench: Bench, explained: Explained, noises: Sequence[NoiseOffer] = 
     jittered = any(offer.in_time for offer in noises)  # an instant that is off is so for all channels
     raw = [
         *mean_tests(bench, explained),
-        *coherent_tests(bench, explained),
+        *([] if jittered else [*coherent_tests(bench, explained), *pair_tests(bench, explained)]),
         *spectrum_tests(bench, explained),
         *variance_tests(bench, explained),
-        *([] if jittered else pair_tests(bench, explained)),
         *line_tests(bench, explained, noises),
     ]
     count = np.log(len(raw))

@@ -74,8 +74,9 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
     taken = {each.fit.candidate.label for each in state.causes}
     every = [offer for offer in scanned(state, fits, explained) if offer.score.strengths.size]
     offers = [offer for offer in every if offer.candidate.label not in taken]
-    near = [offer for offer in offers if offer.evidence > own.evidence - 4.0 * MARGIN]
     mine = [offer for offer in every if offer.candidate.label == cause.fit.candidate.label]
+    scanned_as = min(own.evidence, *(offer.evidence for offer in mine), np.inf)  # less than refitted, mostly
+    near = [offer for offer in offers if offer.evidence > scanned_as - 4.0 * MARGIN]
     found = [own.elsewhere(offer) for offer in near for each in mine if _same(offer, each)]
     placed = {rival.label for rival in found}
     firsts: list[Offer] = []
@@ -86,6 +87,7 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
         fit = started(offer, state.bench, explained)
         rival = _stand_in(offer, fit, fits, state.bench, explained, own.evidence - _FAR * (own.evidence + MARGIN))
         if rival.evidence > own.evidence - MARGIN:
+            rival = replace(rival, cosine=_cosine(rival, own, state, explained))
             found += [rival, *(rival.elsewhere(twin) for twin in near if twin is not offer and _same(twin, offer))]
     seen = {rival.label for rival in found} | {offer.candidate.label for offer in near[:_REFITTED]}
     exact = [
@@ -93,8 +95,8 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
         for offer in offers
         if offer.candidate.label not in seen and offer.evidence > own.evidence - MARGIN
     ]
+    exact = [replace(rival, cosine=_cosine(rival, own, state, explained)) for rival in exact]
     kept = [rival for rival in [*found, *exact] if not _contains(rival, own)]
-    kept = [replace(rival, cosine=_cosine(rival, own, state, explained)) for rival in kept]
     return [own, *sorted(kept, key=lambda rival: -rival.evidence)]
 
 

@@ -18,7 +18,7 @@ _HARMONICS: Final = 3.0
 #: So many peaks of a spectrum are scored exactly.
 _PEAKS: Final = 3
 #: A tone slower than this many cycles a recording is a drift.
-_DRIFT: Final = 4.0
+_DRIFT: Final = 1.5
 #: A tone of a known band is not looked for so near, in cycles a recording, to so many harmonics of a joint's rate.
 _WIDTH, _ORDERS = 1.5, 2
 #: Sums that a wave is polished on.

@@ -37,7 +37,7 @@ def with_field(signals: Signals, change: Array) -> Signals:
 
 def link_rotations(signals: Signals, link: str) -> Array:
     """R_base_link (n, 3, 3) of a link by its name."""
-    return signals.links.rotation[:, LINKS.index(link)]
+    return signals.link_rotation(LINKS.index(link))
 
 
 @register

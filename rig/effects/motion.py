@@ -86,6 +86,6 @@ class Vibration(Effect):
         elif self.frame == "tool":
             vector = signals.R_base_tool @ fixed
         else:
-            vector = signals.links.rotation[:, 0] @ fixed
+            vector = signals.link_rotation(0) @ fixed
         wave = np.sin(2.0 * np.pi * self.freq_Hz * signals.t + self.phase_rad)
         return replace(signals, acceleration=signals.acceleration + wave[:, None] * vector)
