@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.gap.bench import Bench
 from estimators.gap.candidates import Candidate
-from estimators.gap.coherent import likeliest, of_one_joint
+from estimators.gap.coherent import CLOCK, angle_of, drifts, likeliest, of_one_joint
 from estimators.gap.refine import refit
 from estimators.gap.rivals import MARGIN, Rival
 from estimators.gap.score import Explained
@@ -22,6 +22,8 @@ from rig.effects.base import Stage
 ALIKE = 0.95
 #: Three causes where one would do are a sign that the true one is not in the catalogue: each must hold its own.
 _SEVERAL, _COMPARABLE = 3, 0.1
+#: Sources of a field that varies with the arm: two of them together come close to most such fields.
+_SOURCES = {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron", "motor_current_field"}
 #: Effects that stand for one another where neither is the true one: of two at once, the weaker must hold this share.
 _KIN = (
     {
@@ -34,10 +36,9 @@ _KIN = (
         "supply_ratiometric",
     },
     {"latency", "sensor_lag", "hysteresis"},
+    {*_SOURCES, "bias_random_walk", "noise_coloured"},
 )
 _OWN_SHARE = 0.1
-#: Sources of a field that varies with the arm: two of them together come close to most such fields.
-_SOURCES = {"field_gradient", "base_dipole", "link_hard_iron", "link_soft_iron", "motor_current_field"}
 #: Cycles in a recording below which a tone is taken for a slow wave, unless most channels feel it, each by so much.
 _CYCLES, _MOST, _SEEN = 50.0, 0.6, 2.5
 #: Evidence above which such a wave is a tone, and an effect of a sensor shows in two axes at least, in this ratio.
@@ -117,9 +118,9 @@ def _one_organ(one: Candidate, other: Candidate) -> bool:
 def credible(state: Selection, groups: Sequence[Sequence[Rival]], bench: Bench) -> bool:
     """Whether causes are plausible, and nothing of another shape explains nearly as much.
 
-    Nothing that is off along a course of its own, in the catalogue or not; of several, no rival in the place of one;
-    beside the strongest, no further error of its joint; and where none of them acts on a joint, no error of one joint's
-    angle along many courses in the place of all.
+    Nothing that is off along a course of its own, in the catalogue or not, and no clock; of several, no rival in the
+    place of one, and none of them a second time; beside the strongest, no further error of its joint; and where none of
+    them acts on a joint, no error of one joint's angle along many courses in the place of all.
 
     Args:
         bench: of the base fit, each mean with the rig evaluated once.
@@ -134,10 +135,21 @@ def credible(state: Selection, groups: Sequence[Sequence[Rival]], bench: Bench) 
     clear = MARGIN if state.count == 1 else -MARGIN  # one error is likelier before the data than two
     if state.count and likeliest(bench.coarse(), len(state.candidates)) > explained + clear:
         return False
+    if state.count == 1 and _clock(state, bench) > explained - MARGIN:
+        return False
     if state.count > 1 and (_of_the_same_joint(state) or _twice(state)):
         return False
     inexact = any(not rival.exact(group[0]) and rival.cosine < ALIKE for group in groups for rival in group[1:])
     return plausible(state) and (state.count < 2 or not inexact)
+
+
+def _clock(state: Selection, bench: Bench) -> float:
+    """The evidence of a clock that drifts or jumps.
+
+    In no catalogue, and no less likely than the scale of a joint that rolls on, or a slip about its axis.
+    """
+    steps = [at for cause in state.causes if isinstance(at := cause.fit.kept.get("at_s"), float)]
+    return likeliest(bench, len(state.candidates), courses=drifts(bench, steps), only=CLOCK)
 
 
 def _of_the_same_joint(state: Selection) -> bool:
@@ -148,7 +160,7 @@ def _of_the_same_joint(state: Selection) -> bool:
     if first.fit.candidate.effect.stage is not Stage.TRANSMISSION:
         return False
     _, explained = refit([first.fit], state.rough)
-    more = likeliest(state.rough, len(state.candidates), explained, first.fit.candidate.where)
+    more = likeliest(state.rough, len(state.candidates), explained, only=angle_of(first.fit.candidate.where))
     return any(cause is not first and more > cause.evidence - MARGIN for cause in state.causes)
 
 

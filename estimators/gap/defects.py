@@ -166,7 +166,8 @@ def outliers(bench: Bench) -> Defect | None:
     log_p = 0.0
     limit = float(norm.isf(SIGNIFICANT / bench.size))
     for column in bench.columns:
-        residual = bench.whiteners[column](bench.residual[:, column]) * (bench.weights[:, column] > 0)
+        weights = bench.weights[:, column]
+        residual = bench.whiteners[column](bench.residual[:, column]) * weights
         local = residual - median_filter(residual, 2 * _NEIGHBOURS + 1, mode="nearest")
         spread = float(np.sqrt(np.mean(np.clip(local, -4.0, 4.0) ** 2)))
         hit = np.abs(local) > max(limit * spread, 6.5)
@@ -174,7 +175,7 @@ def outliers(bench: Bench) -> Defect | None:
             hit = np.abs(local) > _LESS * spread
         affected[:, column] = hit
         if hit.any():
-            size[column] = np.sqrt(np.sum(local[hit] ** 2)) * bench.whiteners[column].sigma
+            size[column] = np.sqrt(np.sum((local[hit] / weights[hit]) ** 2)) * bench.whiteners[column].sigma
             log_p += float(np.sum(norm.logsf(np.abs(local[hit]) / spread)) + np.log(bench.size))
     if not affected.any() or log_p > np.log(SIGNIFICANT):
         return None
@@ -185,20 +186,23 @@ def outliers(bench: Bench) -> Defect | None:
 
 
 def explained_away(
-    bench: Bench, defects: Sequence[Defect], pipeline: Pipeline, effects: Sequence[Effect]
+    bench: Bench, defects: Sequence[Defect], pipeline: Pipeline, effects: Sequence[Effect], raised: Array | None = None
 ) -> list[Defect]:
-    """The defects that are left once causes are known: a motion's peaks look like spikes until it is.
+    """The defects that are left once causes are known: a motion's peaks look like spikes until it is, as does jitter.
 
     Args:
         bench: of single samples, nothing left out. defects: those found before.
         pipeline, effects: the calibration with the causes in place, and these.
+        raised: (n, 6) factor by which named noise exceeds the floor in time; None: there is none.
     """
-    if not effects or not any(defect.effect == "outliers" for defect in defects):
+    known = bool(effects) or raised is not None
+    if not known or not any(defect.effect == "outliers" for defect in defects):
         return list(defects)
     others = [defect for defect in defects if defect.effect != "outliers"]
     base = pipeline.expected(bench.base, np.random.default_rng(0))
     volts = replace(pipeline, effects=tuple(effects)).carried(base, np.random.default_rng(0)).volts
-    again = outliers(replace(masked(bench, others), readings=bench.readings - volts + bench.base.volts))
+    left = replace(masked(bench, others), readings=bench.readings - volts + bench.base.volts)
+    again = outliers(left if raised is None else replace(left, weights=left.weights / raised))
     return others if again is None else [*others, again]
 
 

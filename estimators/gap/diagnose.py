@@ -20,7 +20,7 @@ from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import explained_away, find_defects, lattice, masked
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.fast_tones import fast_tones
-from estimators.gap.select import select
+from estimators.gap.select import Selection, select
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, locked_beside, read_recording
 from rig.threads import one_blas_thread
@@ -91,7 +91,8 @@ def _diagnosed(
         tones, clean = fast_tones(masked(bench, defects), block, without)
         clean = clean.averaged(block)
         state = select(clean.pointwise(), without, progress)
-        left = explained_away(bench, defects, state.bench.pipeline, [cause.fit.effect for cause in state.causes])
+        effects = [cause.fit.effect for cause in state.causes]
+        left = explained_away(bench, defects, state.bench.pipeline, effects, _raised(state, block, len(recording)))
         if sum(int(each.affected.sum()) for each in left) >= _FEWER * sum(int(each.affected.sum()) for each in defects):
             break
         defects = left
@@ -101,6 +102,15 @@ def _diagnosed(
         check(second)
         result = verdict.judged_elsewhere(result, state, _averaged(set_up(second, floor, arm)))
     return replace(result, seconds=time.perf_counter() - begun)
+
+
+def _raised(state: Selection, block: int, count: int) -> Array | None:
+    """(count, 6) how far named noise exceeds the floor at each sample; None where none varies in time."""
+    added = [offer.added for offer in state.noises if offer.in_time]
+    if not added:
+        return None
+    raised = np.repeat(np.sqrt(1.0 + sum(added)), block, axis=0)
+    return np.concatenate([raised, raised[-1:].repeat(max(count - len(raised), 0), axis=0)])[:count]
 
 
 def _averaged(bench: Bench) -> Bench:

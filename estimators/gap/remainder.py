@@ -55,17 +55,23 @@ class Finding:
         return max(0.0, self.statistic - self.rank)
 
 
-def findings(bench: Bench, explained: Explained, noises: Sequence[NoiseOffer] = ()) -> list[Finding]:
+def findings(
+    bench: Bench,
+    explained: Explained,
+    noises: Sequence[NoiseOffer] = (),
+    smooth: tuple[Bench, Explained] | None = None,
+) -> list[Finding]:
     """All tests of what is left, the most significant first.
 
     Args:
         bench, explained: with the causes taken out and the noise effects whitened.
         noises: these noise effects.
+        smooth: bench and what is explained for tests of smooth courses, as means; the same by default.
     """
     jittered = any(offer.in_time for offer in noises)  # an instant that is off is so for all channels
     raw = [
         *mean_tests(bench, explained),
-        *([] if jittered else [*coherent_tests(bench, explained), *pair_tests(bench, explained)]),
+        *([] if jittered else [*coherent_tests(*(smooth or (bench, explained))), *pair_tests(bench, explained)]),
         *spectrum_tests(bench, explained),
         *variance_tests(bench, explained),
         *line_tests(bench, explained, noises),
@@ -175,11 +181,13 @@ def mean_tests(bench: Bench, explained: Explained) -> list[Finding]:
 
 
 def coherent_tests(bench: Bench, explained: Explained) -> list[Finding]:
-    """Score tests of errors that all channels share."""
+    """Score tests of errors that all channels share: along many courses, along each of them, and block by block."""
     found = []
-    for name, changes in coherent.families(bench):
-        score = explained.score(bench.whiten_changes(changes))
-        found.append(Finding(name, "all", score.statistic, score.rank, score.log_p))
+    for trial in coherent.trials(bench, explained):
+        for score in [trial.together, *trial.alone]:
+            found.append(Finding(trial.organ, "all", score.statistic, score.rank, score.log_p))
+    for name, statistic, rank in coherent.in_detail(bench, explained):
+        found.append(Finding(name, "all", statistic, rank, float(chi2.logsf(statistic, rank))))
     return found
 
 

@@ -170,13 +170,14 @@ def _mean_offers(state: Selection) -> list[Offer]:
 
 def scanned(state: Selection, fits: Sequence[Fitted], explained: Explained) -> list[Offer]:
     """The offers of all candidates beside fitted effects, the most evident first."""
-    fine, rough = state.scanner.fine, state.scanner.rough
-    roughly = explained if rough is fine else _roughly(rough.bench, state.bench, fits)
-    return state.scanner.scan(state.candidates, explained, roughly)
+    return state.scanner.scan(state.candidates, explained, roughly(state, fits, explained))
 
 
-def _roughly(rough: Bench, bench: Bench, fits: Sequence[Fitted]) -> Explained:
-    """What fitted effects leave on a bench, as means on the rougher one."""
+def roughly(state: Selection, fits: Sequence[Fitted], explained: Explained) -> Explained:
+    """What fitted effects leave on the selection's bench, as means over neighbouring samples."""
+    bench, rough = state.bench, state.scanner.rough.bench
+    if state.scanner.rough is state.scanner.fine:
+        return explained
     size = bench.count // rough.count
     left = bench.residual - bench.change([fit.effect for fit in fits])
     means = np.stack([block_means(left[:, each], size, bench.weights[:, each] > 0) for each in range(6)], axis=1)

@@ -21,7 +21,7 @@ from estimators.gap.rebase import around
 from estimators.gap.remainder import Finding, findings, significant
 from estimators.gap.rivals import Rival, noise_rivals, settled
 from estimators.gap.score import ABSORBED, Explained
-from estimators.gap.select import MeanCause, Selection
+from estimators.gap.select import MeanCause, Selection, roughly
 from estimators.gap.shift import calibration_shift
 from estimators.gap.stochastic import NoiseOffer
 from estimators.gap.where import shares
@@ -67,8 +67,11 @@ def conclude(
     """
     state, groups = settled(state, plausible(state))
     noise_groups = [noise_rivals(state, offer, without) for offer in state.noises]
-    pointwise, state = state.bench, at_every_sample(state, bench)
-    left = significant(findings(pointwise, state.explained, state.noises))
+    pointwise, rough = state.bench, state.scanner.rough.bench
+    means = roughly(state, [cause.fit for cause in state.causes], state.explained)
+    state = at_every_sample(state, bench)
+    smooth = (rough, means) if bench.block == 1 else (pointwise, state.explained)
+    left = significant(findings(pointwise, state.explained, state.noises, smooth))
     named = [defect for defect in defects if defect.effect not in without]
     nameless = [defect for defect in defects if defect.effect in without]
     explained = float(bench.whitened @ bench.whitened - state.explained.residual @ state.explained.residual)
