@@ -30,6 +30,9 @@ _NESTED = 4.0
 _FAR = 0.15
 #: On means over neighbouring samples evidence is known to this share.
 _ROUGHLY = 0.02
+#: What another form of an effect comes to: a filter of higher order is a delay, an offset that follows the temperature
+#: with a bend is a warm-up. Beside the first the second stands, wherever they are as alike as this.
+_FORM_OF, _AS_ALIKE = {"latency": "sensor_lag", "bias_warmup": "bias_temperature"}, 0.97
 #: So often a cause gives way to a better rival.
 _SWAPS = 3
 
@@ -97,7 +100,20 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
     ]
     exact = [replace(rival, cosine=_cosine(rival, own, state, explained)) for rival in exact]
     kept = [rival for rival in [*found, *exact] if not _contains(rival, own)]
+    named = {rival.label for rival in kept}
+    kept += _in_another_form(own, [offer for offer in offers if offer.candidate.label not in named], state, explained)
     return [own, *sorted(kept, key=lambda rival: -rival.evidence)]
+
+
+def _in_another_form(own: Rival, offers: Sequence[Offer], state: Selection, explained: Explained) -> list[Rival]:
+    """The effect that would do as well in another form than the catalogue's."""
+    alike = [
+        _linear(offer)
+        for offer in offers
+        if offer.candidate.effect.name == _FORM_OF.get(own.effect) and offer.candidate.where == own.where
+    ]
+    found = [replace(rival, cosine=_cosine(rival, own, state, explained)) for rival in alike]
+    return [rival for rival in found if rival.cosine > _AS_ALIKE]
 
 
 def _close(near: list[Offer], state: Selection, cause: MeanCause, others: Sequence[MeanCause]) -> list[Offer]:
