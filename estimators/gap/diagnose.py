@@ -61,6 +61,18 @@ def diagnose(
         RigError: the recording is too short, has no pose, a channel that does not respond, or an effect is unknown.
         RefusedFit: the base model cannot be fitted.
     """
+    return examined(run, locked, maneuver2, without, arm, progress)[0]
+
+
+def examined(
+    run: Recording | PathLike,
+    locked: Recording | PathLike | None = None,
+    maneuver2: Recording | PathLike | None = None,
+    without: Sequence[str] = (),
+    arm: Arm | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Diagnosis, Bench]:
+    """As ``diagnose``, with the bench that the recording was put on: its base fit, nothing left out."""
     with one_blas_thread():
         return _diagnosed(run, locked, maneuver2, without, arm, progress)
 
@@ -72,7 +84,7 @@ def _diagnosed(
     without: Sequence[str],
     arm: Arm | None,
     progress: Callable[[float], None] | None,
-) -> Diagnosis:
+) -> tuple[Diagnosis, Bench]:
     begun = time.perf_counter()
     recording = run if isinstance(run, Recording) else read_recording(run, joints=None if arm is None else arm.dof)
     check(recording)
@@ -101,7 +113,7 @@ def _diagnosed(
         second = maneuver2 if isinstance(maneuver2, Recording) else read_recording(maneuver2)
         check(second)
         result = verdict.judged_elsewhere(result, state, _averaged(set_up(second, floor, arm)))
-    return replace(result, seconds=time.perf_counter() - begun)
+    return replace(result, seconds=time.perf_counter() - begun), bench
 
 
 def _raised(state: Selection, block: int, count: int) -> Array | None:

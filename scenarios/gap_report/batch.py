@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 
-from estimators.gap import Diagnosis, diagnose
+from estimators.gap import Diagnosis
+from estimators.gap.diagnose import examined
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.recording import locked_beside, read_recording
@@ -83,8 +84,8 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     locked = None if beside is None else read_recording(beside, joints)
     second = None if task.maneuver2 is None else read_recording(task.maneuver2, joints)
     with one_blas_thread():
-        diagnosis = diagnose(recording, locked, second, task.without, arm, progress)
-        residuals = gap_residuals(recording, diagnosis, locked, arm)
+        diagnosis, bench = examined(recording, locked, second, task.without, arm, progress)
+        residuals = gap_residuals(recording, diagnosis, locked, arm, bench)
         ambiguous = diagnosis.verdict == "ambiguous"
         rig, step = None, None
         if task.improved or (ambiguous and set(recording.units.values()) == {"V"}):

@@ -13,6 +13,7 @@ from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import find_defects, lattice, masked
 from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.rebase import around
 from estimators.gap.score import Explained
 from estimators.gap.stochastic import fit_effect
 from estimators.pipeline import calibrate
@@ -62,21 +63,27 @@ class GapResiduals:
 
 
 def gap_residuals(
-    recording: Recording, diagnosis: Diagnosis, locked: Recording | None = None, arm: Arm | None = None
+    recording: Recording,
+    diagnosis: Diagnosis,
+    locked: Recording | None = None,
+    arm: Arm | None = None,
+    bench: Bench | None = None,
 ) -> GapResiduals:
-    """Fit the base model again, and refit its calibration with the causes of a diagnosis in place.
+    """Refit the calibration with the causes of a diagnosis in place.
 
     Args:
         locked: the locked recording that the diagnosis took its floor from; None: the floor is estimated as there.
         arm: None: the A465 where the recording has joint angles.
+        bench: the recording's, as the diagnosis left it; made anew by default.
 
     Raises:
         RigError, RefusedFit: as ``estimators.gap.diagnose``.
     """
-    if arm is None and recording.q is not None:
-        arm = Arm.a465()
-    floor = channel_floor(recording, locked, arm)
-    bench = set_up(recording, floor, arm)
+    if bench is None:
+        if arm is None and recording.q is not None:
+            arm = Arm.a465()
+        bench = set_up(recording, channel_floor(recording, locked, arm), arm)
+    floor = bench.floor
     causes = diagnosed_effects(diagnosis)
     clean, left_out = _without_defects(bench, causes, locked)
     known = _recalibrated(recording, clean, causes, floor, left_out) if causes else clean
@@ -148,7 +155,7 @@ def _recalibrated(
         pipeline = fitted_pipeline(calibrate(corrected.select(whole), noise=noise, arm=bench.base.arm), recording)
     except RigError:  # too little is left: the first calibration, then
         return bench
-    return replace(bench, pipeline=pipeline, base=pipeline.expected(bench.base, np.random.default_rng(0)))
+    return around(bench, pipeline)
 
 
 def _with_noise(bench: Bench, causes: Sequence[Effect], after: Array) -> Bench:
