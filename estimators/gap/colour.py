@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.periodogram import Periodogram
@@ -139,7 +139,7 @@ def _shared(channels: Sequence[Held], shapes: Sequence[Array]) -> Array | None:
         channel.loss(common)[0] - channel.loss(shape)[0] for channel, shape in zip(channels, shapes, strict=True)
     )
     free = max(2, sum(map(len, shapes)) - len(common))
-    return common if lost < chi2.isf(SHARED_AT, free) else None
+    return common if lost < chdtri(free, SHARED_AT) else None
 
 
 def _best(channels: Sequence[Held]) -> Array:

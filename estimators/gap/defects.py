@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.stats import binom, norm
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from estimators.gap.bench import Bench
+from estimators.gap.tails import binom_logsf
 from rig.channels import CHANNELS
 from rig.effects import Effect
 from rig.pipeline import Pipeline
@@ -78,7 +79,7 @@ def repeats(bench: Bench) -> Defect | None:
     same = (readings[1:] == readings[:-1]).all(axis=1)
     alike = [np.count_nonzero(column[2:] == column[:-2]) for column in readings.T]
     chance = float(np.prod([(each + 1.0) / count for each in alike]))
-    log_p = float(binom.logsf(same.sum() - 1, count, chance))
+    log_p = binom_logsf(int(same.sum()) - 1, count, chance)
     if not same.any() or log_p > np.log(SIGNIFICANT):
         return None
     rows = np.concatenate([[False], same])
@@ -102,8 +103,8 @@ def clipping(bench: Bench, column: int) -> Defect | None:
         step = _step(values)
         below = sign * values > level - max(1.5 * step, 1e-3 * sigma)
         expected = float((below & ~piled).sum())  # on a lattice the next level, else a thousandth of the noise
-        log_p = float(binom.logsf(piled.sum() - 1, len(values), max(expected, 1.0) / len(values)))
-        above = norm.sf((level + 0.5 * step - sign * bench.base.volts[:, column]) / sigma)
+        log_p = binom_logsf(int(piled.sum()) - 1, len(values), max(expected, 1.0) / len(values))
+        above = ndtr((sign * bench.base.volts[:, column] - level - 0.5 * step) / sigma)
         log_p = max(log_p, -float(above.sum()))  # a signal that turns at a lattice's top level reaches none above it
         many = piled.sum() >= _PILED and piled.sum() >= _DENSER * max(expected, 0.5)
         if not many or log_p > np.log(SIGNIFICANT):
@@ -111,7 +112,7 @@ def clipping(bench: Bench, column: int) -> Defect | None:
         affected = np.zeros_like(bench.readings, dtype=bool)
         affected[:, column] = sign * bench.base.volts[:, column] > level - 3.0 * sigma
         beyond = (sign * bench.base.volts[:, column] - level) / sigma
-        lost = (beyond**2 + 1.0) * norm.cdf(beyond) + beyond * norm.pdf(beyond)
+        lost = (beyond**2 + 1.0) * ndtr(beyond) + beyond * np.exp(-0.5 * beyond**2) / np.sqrt(2.0 * np.pi)
         gap = np.zeros(len(CHANNELS))
         gap[column] = sigma * np.sqrt(lost.mean())
         parameters = {"level": (sign * level, sigma / piled.sum(), "V")}
@@ -164,7 +165,7 @@ def outliers(bench: Bench) -> Defect | None:
     affected = np.zeros_like(bench.readings, dtype=bool)
     size = np.zeros(len(CHANNELS))
     log_p = 0.0
-    limit = float(norm.isf(SIGNIFICANT / bench.size))
+    limit = float(-ndtri(SIGNIFICANT / bench.size))
     for column in bench.columns:
         weights = bench.weights[:, column]
         residual = bench.whiteners[column](bench.residual[:, column]) * weights
@@ -176,7 +177,7 @@ def outliers(bench: Bench) -> Defect | None:
         affected[:, column] = hit
         if hit.any():
             size[column] = np.sqrt(np.sum((local[hit] / weights[hit]) ** 2)) * bench.whiteners[column].sigma
-            log_p += float(np.sum(norm.logsf(np.abs(local[hit]) / spread)) + np.log(bench.size))
+            log_p += float(np.sum(log_ndtr(-np.abs(local[hit]) / spread)) + np.log(bench.size))
     if not affected.any() or log_p > np.log(SIGNIFICANT):
         return None
     count = int(affected.sum())

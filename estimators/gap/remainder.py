@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
-from scipy.stats import chi2, kurtosistest, norm
+from scipy.special import log_ndtr
 
 from estimators.gap import coherent
 from estimators.gap.bench import Bench
 from estimators.gap.score import Explained, solve
 from estimators.gap.stochastic import NoiseOffer, spectrum
+from estimators.gap.tails import chi2_logsf
 from rig.channels import CHANNELS
 
 Array = NDArray[np.float64]
@@ -176,7 +177,7 @@ def mean_tests(bench: Bench, explained: Explained) -> list[Finding]:
             found.append(Finding(name, CHANNELS[column], score.statistic, score.rank, score.log_p))
     for name, parts in total.items():
         statistic, rank = sum(part[0] for part in parts), sum(part[1] for part in parts)
-        found.append(Finding(name, "all", statistic, rank, float(chi2.logsf(statistic, rank)) if rank else 0.0))
+        found.append(Finding(name, "all", statistic, rank, chi2_logsf(statistic, rank) if rank else 0.0))
     return found
 
 
@@ -187,7 +188,7 @@ def coherent_tests(bench: Bench, explained: Explained) -> list[Finding]:
         for score in [trial.together, *trial.alone]:
             found.append(Finding(trial.organ, "all", score.statistic, score.rank, score.log_p))
     for name, statistic, rank in coherent.in_detail(bench, explained):
-        found.append(Finding(name, "all", statistic, rank, float(chi2.logsf(statistic, rank))))
+        found.append(Finding(name, "all", statistic, rank, chi2_logsf(statistic, rank)))
     return found
 
 
@@ -201,13 +202,15 @@ def spectrum_tests(bench: Bench, explained: Explained) -> list[Finding]:
         line = float(power.max())
         found.append(Finding("frequency", CHANNELS[column], 2.0 * line, 2, -line + float(np.log(len(power)))))
         statistic, rank = spectrum(bench, explained, column).misfit(_BANDS, _FEWEST)
-        found.append(Finding("noise spectrum", CHANNELS[column], statistic, rank, float(chi2.logsf(statistic, rank))))
+        found.append(Finding("noise spectrum", CHANNELS[column], statistic, rank, chi2_logsf(statistic, rank)))
     return found
 
 
 def line_tests(bench: Bench, explained: Explained, noises: Sequence[NoiseOffer]) -> list[Finding]:
     """Whether noise that was named is a smooth spectrum: lines of a mean in it make its cosine coefficients
     heavy-tailed."""
+    from scipy.stats import kurtosistest  # slow to import, and wanted where noise is named only
+
     found = []
     for offer in noises:
         for column in bench.columns:
@@ -247,7 +250,7 @@ def variance_tests(bench: Bench, explained: Explained) -> list[Finding]:
         )
         found.append(Finding("variance", CHANNELS[column], score.statistic, score.rank, score.log_p))
         kurtosis = float(np.mean(residual**4) - 3.0) / np.sqrt(24.0 / len(residual))
-        tail = float(np.log(2.0) + norm.logsf(abs(kurtosis)))
+        tail = float(np.log(2.0) + log_ndtr(-abs(kurtosis)))
         found.append(Finding("distribution", CHANNELS[column], kurtosis**2, 1, tail))
     return found
 
@@ -260,4 +263,4 @@ def pair_tests(bench: Bench, explained: Explained) -> list[Finding]:
     if not upper.size:
         return []
     statistic = float(white.shape[1] * np.sum(upper**2))
-    return [Finding("other channels' noise", "all", statistic, len(upper), float(chi2.logsf(statistic, len(upper))))]
+    return [Finding("other channels' noise", "all", statistic, len(upper), chi2_logsf(statistic, len(upper)))]

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from estimators.gap.bench import Columns, orthonormal, project
+from estimators.gap.tails import chi2_logsf
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Score:
     @property
     def log_p(self) -> float:
         """Logarithm of the p-value."""
-        return float(chi2.logsf(self.statistic, self.rank)) if self.rank else 0.0
+        return chi2_logsf(self.statistic, self.rank) if self.rank else 0.0
 
 
 def evidence(statistic: float, rank: int) -> float:

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from estimators.gap.bench import Bench, known, orthonormal, project
 from estimators.gap.candidates import Candidate, all_candidates
@@ -31,7 +31,7 @@ from rig.signals import Signals
 Array = NDArray[np.float64]
 
 #: Two-sided 95 % of a normal distribution.
-_Z95 = float(norm.ppf(0.975))
+_Z95 = float(ndtri(0.975))
 #: Squared share of a column's length below which it depends on the others: Gram matrices resolve no smaller ones.
 _RANK = 1e-10
 #: So many rivals of one cause are weighed against it and each other: those named first.
@@ -98,7 +98,7 @@ class Separation:
     @property
     def mistaken(self) -> float:
         """The probability that noise makes the rival fit better."""
-        return float(norm.sf(0.5 * np.sqrt(self.noncentrality)))
+        return float(ndtr(-0.5 * np.sqrt(self.noncentrality)))
 
 
 def contests(bench: Bench, diagnosis: Diagnosis) -> list[tuple[Hypothesis, ...]]:

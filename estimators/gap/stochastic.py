@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.optimize import minimize
-from scipy.stats import chi2
 
 from estimators.gap.bench import Bench, Step
 from estimators.gap.blocks import block_means
 from estimators.gap.floor import Learned, Spectrum, groups, parts
 from estimators.gap.score import Explained, evidence
+from estimators.gap.tails import chi2_logsf
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Kind
 
@@ -66,7 +66,7 @@ class NoiseOffer:
     @property
     def log_p(self) -> float:
         """Logarithm of the p-value (chi-square bound, corrected for the search)."""
-        return float(chi2.logsf(self.gain, self.rank) + np.log(self.searched))
+        return chi2_logsf(self.gain, self.rank) + float(np.log(self.searched))
 
     @property
     def label(self) -> str:

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import periodogram
 
 from estimators.gap.channel_noise import ChannelNoise
 from rig.channels import CHANNELS
@@ -69,8 +68,10 @@ def _frame(drawing: Drawing, x: Scale, y: Scale) -> None:
 
 def density(values: Array, interval_s: float) -> tuple[Array, Array]:
     """Frequencies (m,) [Hz] and the mean power density [unit^2/Hz] of values (n,) in bands of even ratio."""
-    frequency, power = periodogram(values, fs=1.0 / interval_s, window="hann", detrend="constant")
-    frequency, power = frequency[1:], power[1:]
+    window = 1.0 - np.cos(2.0 * np.pi * np.arange(len(values)) / len(values))  # Hann's
+    spectrum = np.fft.rfft((values - values.mean()) * window)[1:]
+    power = 2.0 * interval_s * np.abs(spectrum) ** 2 / np.sum(window**2)
+    frequency = np.arange(1, len(power) + 1) / (len(values) * interval_s)
     edges = np.unique(np.round(np.geomspace(1, len(frequency) + 1, _BANDS)).astype(int)) - 1
     starts = edges[:-1]
     counts = np.diff(edges)
