@@ -81,14 +81,14 @@ class Trial:
 
 
 def trials(
-    bench: Bench, explained: Explained, courses: Sequence[Array] | None = None, only: str = ""
+    bench: Bench, explained: Explained, courses: Sequence[Array] | None = None, only: Sequence[str] = ()
 ) -> Iterator[Trial]:
-    """Every organ, or only one, off along courses (n, k): by default those of time and of the moving joints."""
+    """Every organ, or only those named, off along courses (n, k): by default those of time and of the moving joints."""
     courses = _courses(bench) if courses is None else courses
     together = np.hstack(courses)
     ends = np.cumsum([0] + [course.shape[1] for course in courses])
     for organ in _organs(bench):
-        if only and organ.name != only:
+        if only and organ.name not in only:
             continue
         columns = bench.whiten_changes([change * course[:, None] for change in organ.changes for course in together.T])
         if not len(columns.values):
@@ -132,7 +132,7 @@ def likeliest(
     rivals: int,
     explained: Explained | None = None,
     courses: Sequence[Array] | None = None,
-    only: str = "",
+    only: Sequence[str] = (),
 ) -> float:
     """The most evidence that one organ off along one course has, beside so many rivals that are as likely beforehand.
 
@@ -156,7 +156,7 @@ def turning(q: Array) -> list[int]:
 
 def of_one_joint(bench: Bench, explained: Explained) -> Score:
     """The best score of an error of one joint's angle."""
-    scores = [trial.together for trial in trials(bench, explained) if "angle" in trial.organ]
+    scores = [trial.together for trial in trials(bench, explained, only=[angle_of(joint) for joint in JOINTS])]
     return max(scores, key=lambda score: score.evidence, default=Score(0.0, 0, np.zeros(0), 0.0))
 
 

@@ -149,7 +149,7 @@ def _clock(state: Selection, bench: Bench) -> float:
     In no catalogue, and no less likely than the scale of a joint that rolls on, or a slip about its axis.
     """
     steps = [at for cause in state.causes if isinstance(at := cause.fit.kept.get("at_s"), float)]
-    return likeliest(bench, len(state.candidates), courses=drifts(bench, steps), only=CLOCK)
+    return likeliest(bench, len(state.candidates), courses=drifts(bench, steps), only=[CLOCK])
 
 
 def _of_the_same_joint(state: Selection) -> bool:
@@ -160,7 +160,7 @@ def _of_the_same_joint(state: Selection) -> bool:
     if first.fit.candidate.effect.stage is not Stage.TRANSMISSION:
         return False
     _, explained = refit([first.fit], state.rough)
-    more = likeliest(state.rough, len(state.candidates), explained, only=angle_of(first.fit.candidate.where))
+    more = likeliest(state.rough, len(state.candidates), explained, only=[angle_of(first.fit.candidate.where)])
     return any(cause is not first and more > cause.evidence - MARGIN for cause in state.causes)
 
 
