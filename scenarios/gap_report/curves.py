@@ -71,6 +71,7 @@ def density(values: Array, interval_s: float) -> tuple[Array, Array]:
     window = 1.0 - np.cos(2.0 * np.pi * np.arange(len(values)) / len(values))  # Hann's
     spectrum = np.fft.rfft((values - values.mean()) * window)[1:]
     power = 2.0 * interval_s * np.abs(spectrum) ** 2 / np.sum(window**2)
+    power[-1] *= 1.0 if len(values) % 2 else 0.5  # half the rate has no other side
     frequency = np.arange(1, len(power) + 1) / (len(values) * interval_s)
     edges = np.unique(np.round(np.geomspace(1, len(frequency) + 1, _BANDS)).astype(int)) - 1
     starts = edges[:-1]
