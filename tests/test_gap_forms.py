@@ -72,3 +72,18 @@ def test_one_repeated_row_is_a_dropout(arm: Arm) -> None:
     found = repeats(replace(bench, readings=readings))
     assert found is not None
     assert np.flatnonzero(found.affected.all(axis=1)).tolist() == [700]
+
+
+def test_each_sensor_has_its_own_latency_though_one_is_earlier(arm: Arm) -> None:
+    """Beside a delay of both the accelerometer is early, which no low-pass can be: two delays, each with its value.
+
+    Five standard deviations: one in a million a delay.
+    """
+    delays = {"accelerometer": 0.1, "magnetometer": 0.4}
+    each = [make_effect("latency", {"where": where, "delay_s": delay}) for where, delay in delays.items()]
+    found = diagnosed(arm, 9, *each, decimation=25)
+    assert {(cause.effect, cause.where) for cause in found.causes} == {("latency", where) for where in delays}
+    assert found.remainder == "noise"
+    for cause in found.causes:
+        estimate = cause.parameters["delay_s"]
+        assert abs(estimate.value - delays[cause.where]) < 5.0 * estimate.std

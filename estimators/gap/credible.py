@@ -17,6 +17,7 @@ from estimators.gap.select import MeanCause, Selection, cost, scanned
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import Effect
 from rig.effects.base import Stage
+from rig.effects.timing import Latency
 
 #: Cosine above which what two causes explain is of one shape.
 ALIKE = 0.95
@@ -56,7 +57,8 @@ def plausible(state: Selection) -> bool:
     bend the same joint or the same field, where a weak one is of the same kin as a strong one, or where three are
     needed of which one is noise or small beside the strongest.
     """
-    names = [cause.fit.candidate.effect.name for cause in state.causes]
+    # each sensor may well have a delay of its own
+    names = [cause.fit.candidate.effect.name for cause in state.causes if cause.fit.candidate.effect is not Latency]
     if len(set(names)) < len(names) or any(_slow(cause, state.bench) for cause in state.causes):
         return False
     effects = [(cause.fit.effect, cause.evidence) for cause in state.causes]

@@ -19,6 +19,7 @@ from estimators.gap.score import Explained, evidence
 from estimators.gap.select import BETTER, TIE, MeanCause, Selection, scanned, with_mean, without_noise
 from estimators.gap.stochastic import NoiseOffer, noise_offers
 from rig.effects import Effect
+from rig.effects.timing import Latency
 
 #: Evidence (twice a log Bayes factor) by which a cause must beat a rival to be named alone: 20 to 1.
 MARGIN = 2.0 * float(np.log(20.0))
@@ -75,6 +76,8 @@ def rivals(state: Selection, cause: MeanCause) -> list[Rival]:
     fits, explained = refit([each.fit for each in others], state.bench)
     own = _own(state, cause, fits, explained)
     taken = {each.fit.candidate.label for each in state.causes}
+    if sum(each.fit.candidate.effect is Latency for each in state.causes) > 1:
+        taken.add("latency@acquisition")  # the same delays, counted otherwise
     every = [offer for offer in scanned(state, fits, explained) if offer.score.strengths.size]
     offers = [offer for offer in every if offer.candidate.label not in taken]
     mine = [offer for offer in every if offer.candidate.label == cause.fit.candidate.label]

@@ -7,7 +7,7 @@ most there are then scored sample by sample.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -83,7 +83,7 @@ class Look:
             if key not in self.kept:
                 columns = candidate.columns(self.bench, shape)
                 self.kept[key] = Kept(columns, explained.projected(columns))
-            score = explained.score(self.kept[key].columns, self.kept[key].gram)
+            score = _possible(candidate, explained.score(self.kept[key].columns, self.kept[key].gram))
             found.append(Offer(candidate, shape, score, len(every)))
         return sorted(found, key=lambda offer: -offer.score.statistic)
 
@@ -173,6 +173,15 @@ class Scanner:
         raw = self._envelopes[candidate.label]
         score, frequency, tried = best_tone(candidate, bench, explained, raw, _NOTHING)
         return Offer(candidate, {"freq_Hz": frequency}, score, tried)
+
+
+def _possible(candidate: Candidate, score: Score) -> Score:
+    """The score; that of nothing where a strength that is never negative would be: a low-pass does not look ahead."""
+    (first, *more) = candidate.strengths
+    one_sided = not more and first.size == 1 and first.lower >= first.neutral
+    if one_sided and score.strengths.size == 1 and score.strengths[0] < first.lower:
+        return replace(score, statistic=0.0)
+    return score
 
 
 def _onset(candidate: Candidate, bench: Bench, explained: Explained) -> Offer:

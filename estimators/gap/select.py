@@ -22,6 +22,7 @@ from estimators.gap.scan import Offer, Scanner
 from estimators.gap.score import Explained, evidence
 from estimators.gap.stochastic import NoiseOffer, noise_offers
 from rig.effects import EFFECTS
+from rig.effects.timing import Latency
 
 Array = NDArray[np.float64]
 
@@ -108,7 +109,23 @@ def start(bench: Bench, without: Sequence[str] = ()) -> Selection:
 
 def select(bench: Bench, without: Sequence[str] = (), progress: Callable[[float], None] | None = None) -> Selection:
     """Forward, then backward selection; where noise and a mean effect both explain the gap, both ways are followed."""
-    return _followed(start(bench, without), without, progress)
+    return _apart(_followed(start(bench, without), without, progress))
+
+
+def _apart(state: Selection) -> Selection:
+    """A delay of all channels and a further one of one sensor as what they are: a delay of each sensor."""
+    delays = {cause.fit.candidate.where: cause for cause in state.causes if cause.fit.candidate.effect is Latency}
+    common = delays.pop("acquisition", None)
+    if common is None or len(delays) != 1:
+        return state
+    ((where, further),) = delays.items()
+    causes = [cause for cause in state.causes if cause is not common and cause is not further]
+    for sensor in state.bench.pipeline.sensors:
+        candidate = replace(common.fit.candidate, where=sensor)
+        values = common.fit.values + (further.fit.values if sensor == where else 0.0)
+        fit = replace(common.fit, candidate=candidate, values=values)
+        causes.append(MeanCause(fit, replace(common.offer, candidate=candidate)))
+    return with_mean(state, causes)
 
 
 def _followed(
