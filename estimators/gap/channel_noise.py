@@ -14,6 +14,7 @@ from functools import cached_property, lru_cache, reduce
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular, toeplitz
+from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
@@ -142,8 +143,6 @@ class Whitener:
         """Whiten along the last axis; while the filter remembers its start, by the exact errors of prediction."""
         if self.white:
             return values / self.sigma
-        from scipy.signal import lfilter  # slow to import, and a white floor does without
-
         white = lfilter(np.array(self.ar) / self.sigma, self.ma, values)
         first = min(len(self._first), values.shape[-1])
         white[..., :first] = values[..., :first] @ self._first[:first, :first].T

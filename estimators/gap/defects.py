@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.stats import binom
 
 from estimators.gap.bench import Bench
-from estimators.gap.tails import binom_logsf
 from rig.channels import CHANNELS
 from rig.effects import Effect
 from rig.pipeline import Pipeline
@@ -79,7 +79,7 @@ def repeats(bench: Bench) -> Defect | None:
     same = (readings[1:] == readings[:-1]).all(axis=1)
     alike = [np.count_nonzero(column[2:] == column[:-2]) for column in readings.T]
     chance = float(np.prod([(each + 1.0) / count for each in alike]))
-    log_p = binom_logsf(int(same.sum()) - 1, count, chance)
+    log_p = float(binom.logsf(same.sum() - 1, count, chance))
     if not same.any() or log_p > np.log(SIGNIFICANT):
         return None
     rows = np.concatenate([[False], same])
@@ -103,7 +103,7 @@ def clipping(bench: Bench, column: int) -> Defect | None:
         step = _step(values)
         below = sign * values > level - max(1.5 * step, 1e-3 * sigma)
         expected = float((below & ~piled).sum())  # on a lattice the next level, else a thousandth of the noise
-        log_p = binom_logsf(int(piled.sum()) - 1, len(values), max(expected, 1.0) / len(values))
+        log_p = float(binom.logsf(piled.sum() - 1, len(values), max(expected, 1.0) / len(values)))
         above = ndtr((sign * bench.base.volts[:, column] - level - 0.5 * step) / sigma)
         log_p = max(log_p, -float(above.sum()))  # a signal that turns at a lattice's top level reaches none above it
         many = piled.sum() >= _PILED and piled.sum() >= _DENSER * max(expected, 0.5)

@@ -64,6 +64,7 @@ def diagnose(
     return examined(run, locked, maneuver2, without, arm, progress)[0]
 
 
+@one_blas_thread()
 def examined(
     run: Recording | PathLike,
     locked: Recording | PathLike | None = None,
@@ -73,18 +74,6 @@ def examined(
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Diagnosis, Bench]:
     """As ``diagnose``, with the bench that the recording was put on: its base fit, nothing left out."""
-    with one_blas_thread():
-        return _diagnosed(run, locked, maneuver2, without, arm, progress)
-
-
-def _diagnosed(
-    run: Recording | PathLike,
-    locked: Recording | PathLike | None,
-    maneuver2: Recording | PathLike | None,
-    without: Sequence[str],
-    arm: Arm | None,
-    progress: Callable[[float], None] | None,
-) -> tuple[Diagnosis, Bench]:
     begun = time.perf_counter()
     recording = run if isinstance(run, Recording) else read_recording(run, joints=None if arm is None else arm.dof)
     check(recording)

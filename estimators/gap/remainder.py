@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.special import log_ndtr
+from scipy.stats import kurtosistest
 
 from estimators.gap import coherent
 from estimators.gap.bench import Bench
@@ -209,8 +210,6 @@ def spectrum_tests(bench: Bench, explained: Explained) -> list[Finding]:
 def line_tests(bench: Bench, explained: Explained, noises: Sequence[NoiseOffer]) -> list[Finding]:
     """Whether noise that was named is a smooth spectrum: lines of a mean in it make its cosine coefficients
     heavy-tailed."""
-    from scipy.stats import kurtosistest  # slow to import, and wanted where noise is named only
-
     found = []
     for offer in noises:
         for column in bench.columns:

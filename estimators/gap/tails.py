@@ -1,9 +1,9 @@
-"""Logarithms of tail probabilities, by scipy.special: scipy.stats is slow to import."""
+"""The logarithm of a tail probability, finite however far out."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import bdtrc, chdtrc, gammaln
+from scipy.special import chdtrc, gammaln
 
 
 def chi2_logsf(statistic: float, rank: int) -> float:
@@ -13,9 +13,3 @@ def chi2_logsf(statistic: float, rank: int) -> float:
         return float(np.log(tail))
     half, order = 0.5 * statistic, 0.5 * rank
     return float(-half + (order - 1.0) * np.log(half) - gammaln(order))
-
-
-def binom_logsf(successes: float, trials: int, probability: float) -> float:
-    """log P(more than so many successes); minus infinity where that is less than a float can be."""
-    tail = float(bdtrc(successes, trials, probability)) if successes >= 0 else 1.0
-    return float(np.log(tail)) if tail > 0.0 else -np.inf
