@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rig.errors import RigError, nearest
+from rig.errors import RigError, nearest, shown
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Reader:
 
     def __init__(self, content: Any, where: str) -> None:
         if not isinstance(content, dict):
-            raise RigError(f"{where}: found {_short(content)}, expected an object")
+            raise RigError(f"{where}: found {shown(content)}, expected an object")
         self.content: dict[str, Any] = content
         self.where = where
 
@@ -65,7 +65,7 @@ class Reader:
         """The objects of a list."""
         values = self._get(name)
         if not isinstance(values, list):
-            raise RigError(f"{self.where}.{name}: found {_short(values)}, expected a list")
+            raise RigError(f"{self.where}.{name}: found {shown(values)}, expected a list")
         for index, value in enumerate(values):
             yield Reader(value, f"{self.where}.{name}[{index}]")
 
@@ -77,7 +77,7 @@ class Reader:
         """A text."""
         value = self.content.get(name, missing) if missing is not None else self._get(name)
         if not isinstance(value, str):
-            raise RigError(f"{self.where}.{name}: found {_short(value)}, expected a text")
+            raise RigError(f"{self.where}.{name}: found {shown(value)}, expected a text")
         return value
 
     def optional_text(self, name: str) -> str | None:
@@ -88,7 +88,7 @@ class Reader:
         """A list of texts."""
         value = self.content.get(name, missing) if missing is not None else self._get(name)
         if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
-            raise RigError(f"{self.where}.{name}: found {_short(value)}, expected a list of texts")
+            raise RigError(f"{self.where}.{name}: found {shown(value)}, expected a list of texts")
         return tuple(value)
 
     def number(self, name: str, missing: float | None = None) -> float:
@@ -102,7 +102,7 @@ class Reader:
         """A number of things: whole and not negative."""
         value = self._get(name)
         if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-            raise RigError(f"{self.where}.{name}: found {_short(value)}, expected a whole number, not negative")
+            raise RigError(f"{self.where}.{name}: found {shown(value)}, expected a whole number, not negative")
         return value
 
     def array(
@@ -125,16 +125,11 @@ def _nested(value: Any, shape: tuple[int, ...], where: str, missing: float | Non
     if not shape:
         return missing if value is None and missing is not None else _number(value, where)
     if not isinstance(value, list) or len(value) != shape[0]:
-        raise RigError(f"{where}: found {_short(value)}, expected a list of {shape[0]}")
+        raise RigError(f"{where}: found {shown(value)}, expected a list of {shape[0]}")
     return [_nested(item, shape[1:], f"{where}[{index}]", missing) for index, item in enumerate(value)]
 
 
 def _number(value: Any, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise RigError(f"{where}: found {_short(value)}, expected a finite number")
+        raise RigError(f"{where}: found {shown(value)}, expected a finite number")
     return float(value)
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -6,12 +6,10 @@ calibration that is written and read again is the same to the last bit.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Final, Self
 
 import numpy as np
@@ -21,7 +19,8 @@ from scipy.special import ndtri, stdtrit
 from estimators._json import Reader, dump, nullable
 from estimators.calibration_parts import AxisCalibration, FieldDirection, Quality
 from rig.channels import SENSORS
-from rig.errors import RigError, unknown_name
+from rig.documents import parse_json, read_bytes
+from rig.errors import RigError, shown, unknown_name
 from rig.files import write_text
 
 Array = NDArray[np.float64]
@@ -250,10 +249,6 @@ def _values(names: tuple[str, ...], axes: tuple[AxisCalibration, ...], common: F
     return np.array([known.get(name, math.nan) for name in names])
 
 
-def _refuse_constant(name: str) -> Any:
-    raise ValueError(f"{name} is not JSON")
-
-
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """What is known about the sensors of one recording.
@@ -307,13 +302,10 @@ class Calibration:
         Raises:
             RigError: not JSON, another format, or a key that is missing or holds something else; ``where`` begins it.
         """
-        try:
-            content = json.loads(text, parse_constant=_refuse_constant)
-        except (ValueError, RecursionError) as error:
-            raise RigError(f"{where}: is not JSON: {error}") from error
+        content = parse_json(text, where, "a calibration")
         reader = Reader(content, where)
         if (found := reader.plain("format")) != FORMAT:
-            raise RigError(f"{where}: format: found {found!r}, expected {FORMAT!r}")
+            raise RigError(f"{where}: format: found {shown(found)}, expected {FORMAT!r}")
         inside = reader.within("sensors")
         if not inside.content:
             raise RigError(f"{inside.where}: found no sensor, expected {' or '.join(SENSORS)}")
@@ -336,8 +328,4 @@ class Calibration:
         Raises:
             RigError: no such file, or as of ``from_json``.
         """
-        try:
-            text = Path(path).read_bytes()
-        except OSError as error:
-            raise RigError(f"{path}: cannot be read: {error.strerror}, expected a calibration") from error
-        return cls.from_json(text, str(path))
+        return cls.from_json(read_bytes(path, "a calibration"), str(path))

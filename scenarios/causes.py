@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from rig.documents import read_json
 from rig.effects import Effect, make_effect
-from rig.errors import RigError, nearest
+from rig.errors import RigError, nearest, shown
 
 _FORMAT: Final = "rig-diagnosis/1"
 _KEYS: Final = ("effect", "where", "parameters")
@@ -25,19 +25,12 @@ def read_causes(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
         RigError: the file cannot be read, is not JSON, or holds something else.
     """
     file = Path(path)
-    try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RigError(f"{file}: cannot be read: {error.strerror}") from error
-    except json.JSONDecodeError as error:
-        raise RigError(f"{file}: not JSON: {error.msg} at line {error.lineno}, column {error.colno}") from error
-    except (UnicodeDecodeError, RecursionError) as error:
-        raise RigError(f"{file}: not JSON text") from error
+    document = read_json(file, "a diagnosis or a cause")
     diagnosis = isinstance(document, dict) and "effect" not in document
     if diagnosis:
         if document.get("format") != _FORMAT or not isinstance(document.get("causes"), list):
             raise RigError(
-                f"{file}: found keys {', '.join(map(repr, document)) or 'none'}, "
+                f"{file}: found keys {shown(', '.join(document)) or 'none'}, "
                 f'expected a diagnosis ("format": "{_FORMAT}") with "causes", a list of causes, '
                 'or one cause with "effect"'
             )
@@ -49,13 +42,13 @@ def read_causes(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
 
 def _effect(cause: Any, where: str, strict: bool) -> Effect:
     if not isinstance(cause, dict) or not isinstance(cause.get("effect"), str):
-        raise RigError(f'{where}: found {str(cause)[:60]}, expected an object with "effect", "where" and "parameters"')
+        raise RigError(f'{where}: found {shown(cause)}, expected an object with "effect", "where" and "parameters"')
     for key in cause:
         if strict and key not in _KEYS:
-            raise RigError(f"{where}: unknown key {key!r}, expected {', '.join(_KEYS)}{nearest(key, _KEYS)}")
+            raise RigError(f"{where}: unknown key {shown(key)}, expected {', '.join(_KEYS)}{nearest(key, _KEYS)}")
     parameters = cause.get("parameters", {})
     if not isinstance(parameters, Mapping):
-        raise RigError(f"{where}: parameters: found {parameters!r}, expected an object of parameters by name")
+        raise RigError(f"{where}: parameters: found {shown(parameters)}, expected an object of parameters by name")
     values = {name: _value(given) for name, given in parameters.items()}
     place = {"where": cause["where"]} if "where" in cause else {}
     try:

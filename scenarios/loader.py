@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
@@ -12,6 +11,7 @@ from typing import Any, Final, TypeVar
 
 from rig.acquisition import Acquisition
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
+from rig.documents import parse_toml, read_toml
 from rig.effects import EFFECTS, Effect, make_effect
 from rig.environment import Environment
 from rig.errors import RigError, nearest, unknown_name
@@ -46,15 +46,7 @@ def read_text(name_or_path: str | os.PathLike[str]) -> str:
     Raises:
         RigError: no such scenario, or a file that cannot be read as text.
     """
-    path = _path(name_or_path)
-    if not path.exists():
-        raise RigError(f"{path}: no such file, expected a scenario in TOML")
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise RigError(f"{path}: not UTF-8 text (byte {error.start}), expected a scenario in TOML") from error
-    except OSError as error:
-        raise RigError(f"{path}: cannot be read: {error.strerror}") from error
+    return read_toml(_path(name_or_path), "a scenario in TOML")
 
 
 def _path(name_or_path: str | os.PathLike[str]) -> Path:
@@ -77,10 +69,7 @@ def from_toml(text: str, file: str) -> Scenario:
     Raises:
         RigError: as ``load``.
     """
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise RigError(f"{file}: not TOML: {error}") from error
+    values = parse_toml(text, file)
     top = Table(file, "", values)
     run = build(RunTable, replace(top, values=_without(values, _SECTIONS)), also=_SECTIONS)
     folder = Path(file).parent

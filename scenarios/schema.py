@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
-from rig.errors import RigError, nearest
+from rig.errors import RigError, nearest, one_line, shown
 
 Built = TypeVar("Built")
 
@@ -170,7 +170,6 @@ def written(value: Any) -> str:
     from scenarios.writer import toml_value
 
     try:
-        text = toml_value(value)
+        return one_line(toml_value(value), 60)
     except TypeError:  # a date or a table: as Python shows it
-        text = str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+        return shown(value)

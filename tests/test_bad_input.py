@@ -237,7 +237,7 @@ def test_a_calibration_that_does_not_fit_the_recording(bench: Bench) -> None:
     assert "expected a sensor that was calibrated: magnetometer" in bench.refused(
         "apply", "half.json", "half.parquet", "-o", "out.parquet"
     )
-    assert "missing.json: cannot be read" in bench.refused("apply", "missing.json", "run.parquet", "-o", "out.parquet")
+    assert "missing.json: no such file" in bench.refused("apply", "missing.json", "run.parquet", "-o", "out.parquet")
 
 
 @pytest.mark.parametrize(
@@ -254,9 +254,9 @@ def test_a_calibration_that_does_not_fit_the_recording(bench: Bench) -> None:
         (["small.toml", "--seed", "one"], "--seed"),
         (["small.toml", "--noise", "-1"], "noise factor: found -1.0, expected zero or a positive number"),
         (["small.toml", "--noise", "nan"], "noise factor: found nan"),
-        (["small.toml", "--with", "none.json"], "none.json: cannot be read"),
-        (["small.toml", "--with", "small.toml"], "small.toml: not JSON"),
-        (["small.toml", "--with", "cal.json"], "cal.json: found keys 'format', "),
+        (["small.toml", "--with", "none.json"], "none.json: no such file"),
+        (["small.toml", "--with", "small.toml"], "small.toml: is not JSON"),
+        (["small.toml", "--with", "cal.json"], "cal.json: found keys 'format, "),
         (["small.toml", "--with", "cause.json"], "cause.json: cause 1: unknown effect 'baklash': expected one of"),
     ],
 )

@@ -220,9 +220,9 @@ def test_missing_keys_and_files_are_named(content: dict[str, Any], tmp_path: Pat
     with pytest.raises(RigError, match=r"sensors.accelerometer: no 'matrix' \(nearest: 'matrx'\)"):
         Calibration.from_json(json.dumps(spoilt))
     for text in ("", "{", "not json", '{"format": NaN}', "\udcff".encode("utf-8", "surrogateescape")):
-        with pytest.raises(RigError, match="is not JSON"):
+        with pytest.raises(RigError, match=r"not (JSON|UTF-8 text)"):
             Calibration.from_json(text)
-    with pytest.raises(RigError, match="cannot be read: No such file"):
+    with pytest.raises(RigError, match="no such file"):
         Calibration.read(tmp_path / "none.json")
     with pytest.raises(RigError, match="unknown calibrated sensor 'gyro'"):
         calibration()["gyro"]

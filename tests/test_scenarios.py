@@ -325,7 +325,7 @@ def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
     for given, expected in (
         ("ann-arbr", r"unknown scenario 'ann-arbr': .*\(nearest: 'ann-arbor'\)$"),
         (tmp_path / "none.toml", "no such file"),
-        (tmp_path, "cannot be read: Is a directory"),
+        (tmp_path, "is a folder"),
         (binary, "not UTF-8 text"),
     ):
         with pytest.raises(RigError, match=expected):

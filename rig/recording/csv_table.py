@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -15,8 +14,11 @@ from typing import Any, BinaryIO, Final
 import pyarrow as pa
 import pyarrow.csv
 
-from rig.errors import RigError
-from rig.recording.table import Array, as_float64, readable, short
+from rig.documents import parse_json
+from rig.errors import RigError, shown
+from rig.recording.table import Array, arrow_file, as_float64, readable
+
+pa.enable_signal_handlers(False)  # its own would hold Ctrl-C back until a block is parsed, or lose it
 
 _COMMENT: Final = re.compile(r"#\s*rig\s*:\s*(.*)", re.DOTALL)
 _LONGEST_LINE: Final = 1 << 20  # of metadata and names [bytes]
@@ -83,7 +85,7 @@ class CsvTable:
 
     def _data(self) -> Any:
         with readable(self.path, "CSV"):
-            file = pa.OSFile(str(self.path))
+            file = arrow_file(self.path)
             file.seek(self.start)
             return file
 
@@ -97,9 +99,7 @@ class CsvTable:
                 if found := _NOT_A_NUMBER.search(str(error)):
                     column, line, text = found.groups()
                     name = self.names[int(column)]
-                    raise RigError(
-                        f"{self.path}: {name}{_row(line)} holds {short(text)!r}, expected a number"
-                    ) from error
+                    raise RigError(f"{self.path}: {name}{_row(line)} holds {shown(text)}, expected a number") from error
                 if found := _CELL_COUNT.search(str(error)):
                     line, expected, cells = found.groups()
                     what = f"found {cells} cells{_row(line)}, expected {expected}"
@@ -124,7 +124,7 @@ def open_csv(path: Path) -> CsvTable:
         metadata = rows = None
         if line.startswith("#"):
             if not (found := _COMMENT.fullmatch(line)):
-                raise RigError(f"{path}: begins with {short(line)!r}, expected '# rig: {{json}}' or the column names")
+                raise RigError(f"{path}: begins with {shown(line)}, expected '# rig: {{json}}' or the column names")
             metadata = found[1].strip()
             rows = _rows_written(metadata)
             line = _line(file, path)
@@ -141,8 +141,8 @@ def _line(file: BinaryIO, path: Path) -> str:
 
 def _rows_written(metadata: str) -> int | None:
     try:
-        content = json.loads(metadata)
-    except (ValueError, RecursionError):
+        content = parse_json(metadata, "")
+    except RigError:
         return None  # complained about by whoever needs the metadata
     rows = content.get("rows") if isinstance(content, dict) else None
     return rows if isinstance(rows, int) else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -11,7 +10,8 @@ from numbers import Real
 from typing import Any, Final
 
 from rig.channels import ACCELEROMETER
-from rig.errors import RigError, unknown_name
+from rig.documents import parse_json
+from rig.errors import RigError, closest, shown, unknown_name
 
 #: The format of a recording, version included.
 FORMAT: Final = "rig-recording/1"
@@ -50,7 +50,7 @@ class Metadata:
         if self.rate_Hz is not None:
             object.__setattr__(self, "rate_Hz", _positive("rate_Hz", self.rate_Hz))
         if not isinstance(self.arm, str) or not self.arm:
-            raise RigError(f"metadata arm: found {self.arm!r}, expected the name of an arm")
+            raise RigError(f"metadata arm: found {shown(self.arm)}, expected the name of an arm")
         if self.magnetic_field_unit is not None and self.magnetic_field_unit not in _FIELD_UNITS:
             raise unknown_name("metadata magnetic_field_unit", str(self.magnetic_field_unit), _FIELD_UNITS)
         object.__setattr__(self, "extra", dict(self.extra))
@@ -84,14 +84,11 @@ class Metadata:
             RigError: not a JSON object, another format, an invalid value, a key that is nearly a known one; ``where``
                 (the file) begins the message.
         """
-        try:
-            content = json.loads(text, parse_constant=_refuse_constant)
-        except (ValueError, RecursionError) as error:
-            raise RigError(f"{where}: metadata is not JSON: {error}") from error
+        content = parse_json(text, f"{where}: metadata")
         if not isinstance(content, dict):
             raise RigError(f"{where}: metadata is a JSON {type(content).__name__}, expected an object")
         if (found := content.pop("format", FORMAT)) != FORMAT:
-            raise RigError(f"{where}: metadata format: found {found!r}, expected {FORMAT!r}")
+            raise RigError(f"{where}: metadata format: found {shown(found)}, expected {FORMAT!r}")
         content.pop("rows", None)  # of the file, not of the recording
         for name in content:
             if name not in _NAMES and (meant := misspelt(name, set(_NAMES) - set(content))):
@@ -111,8 +108,8 @@ _RESERVED: Final = frozenset((*_NAMES, "format", "rows"))
 def misspelt(name: str, valid: Iterable[str]) -> str | None:
     """The valid name that ``name`` was probably meant to be (upper and lower case aside), or None."""
     choices = {choice.casefold(): choice for choice in valid}
-    found = difflib.get_close_matches(name.casefold(), choices, n=1, cutoff=0.85)
-    return choices[found[0]] if found else None
+    found = closest(name.casefold(), choices, 0.85)
+    return None if found is None else choices[found]
 
 
 def _positive(name: str, value: Any) -> float:
@@ -122,8 +119,4 @@ def _positive(name: str, value: Any) -> float:
             return float(value)
         except OverflowError:
             pass  # an integer beyond the floating-point range
-    raise RigError(f"metadata {name}: found {value!r}, expected a positive number")
-
-
-def _refuse_constant(name: str) -> Any:
-    raise ValueError(f"{name} is not JSON")
+    raise RigError(f"metadata {name}: found {shown(value)}, expected a positive number")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from rig.errors import RigError
-from rig.recording.table import Array, as_float64, readable
+from rig.recording.table import Array, arrow_file, as_float64, readable
 
 KEY: Final = b"rig"
 
@@ -45,9 +45,11 @@ class ParquetTable:
                 yield columns
 
 
-def _parquet_file(path: Path) -> Any:
+@contextmanager
+def _parquet_file(path: Path) -> Iterator[Any]:
     # Without pre_buffer and with a buffer, a column is read as it is decoded: a row group of any size needs no memory.
-    return pa.parquet.ParquetFile(path, pre_buffer=False, buffer_size=_BUFFER, page_checksum_verification=True)
+    with arrow_file(path) as source:
+        yield pa.parquet.ParquetFile(source, pre_buffer=False, buffer_size=_BUFFER, page_checksum_verification=True)
 
 
 def open_parquet(path: Path) -> ParquetTable:

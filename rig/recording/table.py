@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from rig.errors import RigError
+from rig.errors import RigError, one_line
 
 Array = NDArray[np.float64]
 
@@ -78,6 +79,11 @@ def as_float64(column: Any) -> Array:
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
+def arrow_file(path: Path) -> Any:
+    """A file for Arrow to read: by the bytes of its name, which may be no UTF-8; a text could be taken for a URL."""
+    return pa.OSFile(os.fsencode(path))
+
+
 @contextmanager
 def readable(path: Path, kind: str) -> Iterator[None]:
     """Whatever the library makes of a damaged file becomes one line."""
@@ -88,10 +94,4 @@ def readable(path: Path, kind: str) -> Iterator[None]:
     except PermissionError as error:
         raise RigError(f"{path}: cannot be read: {error.strerror}") from error
     except _COMPLAINTS as error:
-        raise RigError(f"{path}: is not a whole {kind} file: {short(str(error))}") from error
-
-
-def short(text: str) -> str:
-    """The beginning of a text, in one line that any terminal can show."""
-    line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text[:400].split()))
-    return line if len(line) <= 120 else line[:117] + "..."
+        raise RigError(f"{path}: is not a whole {kind} file: {one_line(str(error), 120)}") from error

@@ -21,7 +21,7 @@ from rig.errors import RigError, nearest
 from rig.files import atomic_path
 from rig.recording.csv_table import open_csv
 from rig.recording.parquet_table import KEY, open_parquet
-from rig.recording.table import Array, Table, checked_suffix, short
+from rig.recording.table import Array, Table, checked_suffix
 
 _ROW_GROUP: Final = 1 << 20  # at most so many rows
 
@@ -80,7 +80,7 @@ class TableWriter:
         with ExitStack() as opened:
             temporary = opened.enter_context(atomic_path(self._path))
             if self._suffix == ".parquet":
-                sink: Any = temporary
+                sink: Any = opened.enter_context(temporary.open("wb"))
                 writer = pa.parquet.ParquetWriter(sink, self._schema, write_page_checksum=True)
             else:
                 sink = opened.enter_context(temporary.open("wb"))
@@ -95,16 +95,13 @@ class TableWriter:
         """Append rows; ``columns`` has every column of the table, all of one length.
 
         Raises:
-            RigError: the disk is full or gone.
+            OSError: the disk is full or gone; at the end of the block it is a RigError.
         """
         batch = pa.record_batch([pa.array(columns[name]) for name in self._schema.names], schema=self._schema)
-        try:
-            if self._suffix == ".parquet":
-                self._writer.write_batch(batch, row_group_size=_ROW_GROUP)
-            else:
-                self._writer.write_batch(batch)
-        except OSError as error:
-            raise RigError(f"{self._path}: cannot be written: {short(str(error))}") from error
+        if self._suffix == ".parquet":
+            self._writer.write_batch(batch, row_group_size=_ROW_GROUP)
+        else:
+            self._writer.write_batch(batch)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

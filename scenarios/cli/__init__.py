@@ -2,6 +2,16 @@
 
 from __future__ import annotations
 
-from scenarios.cli._app import main
+from typing import NoReturn
+
+from scenarios.cli import _signals
 
 __all__ = ["main"]
+
+
+def main() -> NoReturn:
+    """Run the command line; nothing but the signals is ready before, so that Ctrl-C during the imports is heard."""
+    _signals.install()
+    from scenarios.cli._app import main as command
+
+    command()

@@ -13,7 +13,8 @@ from typing import Any, Final, NoReturn
 
 import click
 
-from rig.errors import RigError, nearest
+from rig.errors import LONGEST_MESSAGE, RigError, nearest, one_line, shown
+from scenarios.cli import _signals
 
 #: Exit statuses beside a RigError's own (1 or 2); the last two as the shell gives them for SIGINT and SIGPIPE.
 DONE, USAGE, BUG, INTERRUPTED, UNREAD = 0, 2, 70, 130, 141
@@ -60,7 +61,9 @@ class Commands(click.Group):
         """As click does, but an unknown name is told which names there are."""
         if args and not args[0].startswith("-") and args[0] not in _COMMANDS:
             choices = nearest(args[0], _COMMANDS)
-            raise click.UsageError(f"unknown command {args[0]!r}: expected one of {', '.join(_COMMANDS)}{choices}", ctx)
+            raise click.UsageError(
+                f"unknown command {shown(args[0])}: expected one of {', '.join(_COMMANDS)}{choices}", ctx
+            )
         return super().resolve_command(ctx, args)
 
     def make_context(
@@ -77,7 +80,12 @@ class Commands(click.Group):
 
 
 class _Interrupted(Exception):
-    """Ctrl-C, which click would answer with two lines."""
+    """Ctrl-C or another signal, which click would answer with two lines; its status, and what is said."""
+
+    def __init__(self, error: BaseException) -> None:
+        number = error.number if isinstance(error, _signals.Ending) else None
+        self.status = INTERRUPTED if number is None else 128 + number
+        self.words = "interrupted" if number is None else _signals.WORDS[number]
 
 
 class _Unread(Exception):
@@ -89,8 +97,8 @@ def _ending() -> Iterator[None]:
     """Ends that are ours to report, not click's."""
     try:
         yield
-    except (KeyboardInterrupt, EOFError):
-        raise _Interrupted from None
+    except (KeyboardInterrupt, EOFError) as error:
+        raise _Interrupted(error) from None
     except BrokenPipeError:
         raise _Unread from None
 
@@ -129,25 +137,49 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(str(error), error.exit_status)
     except click.ClickException as error:
         return _fail(_usage(error), USAGE)
-    except (_Interrupted, KeyboardInterrupt, click.Abort):
-        return _fail("interrupted", INTERRUPTED)
+    except _Interrupted as error:
+        return _fail(error.words, error.status)
+    except (KeyboardInterrupt, click.Abort) as error:
+        interrupted = _Interrupted(error)
+        return _fail(interrupted.words, interrupted.status)
     except _Unread:
         return _unread()
+    except MemoryError as error:
+        if _debugging():
+            raise
+        return _fail(f"not enough memory: {one_line(str(error)) or 'for this input'}", USAGE)
     except OSError as error:
         if _debugging() or error.strerror is None:
             return _bug(error)
-        where = f"{error.filename}: " if error.filename else ""
-        return _fail(f"{where}{error.strerror}", USAGE)
+        if error.filename is None:  # all that has no name is what is printed
+            _forget_output()
+        return _fail(f"{error.filename or 'standard output'}: {error.strerror}", USAGE)
     except Exception as error:
         return _bug(error)
 
 
 def main() -> NoReturn:
     """The console command: arguments from the command line, exit status to the shell."""
+    _open_standard_streams()
     if not _debugging():  # what a library has to say to its programmer is not for the user
         warnings.simplefilter("ignore")
         logging.getLogger().addHandler(logging.NullHandler())
-    sys.exit(run(sys.argv[1:]))
+    status = run(sys.argv[1:])
+    _signals.ended()
+    sys.exit(status)
+
+
+def _open_standard_streams() -> None:
+    """A closed stream is an empty one (else the next file to be opened would take its place), and a letter that the
+    terminal does not have is written by its number."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            while os.open(os.devnull, os.O_RDWR) < number:
+                pass
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
+        elif mode == "w" and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _debugging() -> bool:
@@ -157,27 +189,32 @@ def _debugging() -> bool:
 def _bug(error: Exception) -> int:
     if _debugging():
         raise error
-    return _fail(
-        f"this is a bug in rig, not in your call: {type(error).__name__}: {error} (RIG_DEBUG=1 shows where)", BUG
-    )
+    what = f"{type(error).__name__}: {one_line(str(error), 150)}"
+    return _fail(f"this is a bug in rig, not in your call: {what} (RIG_DEBUG=1 shows where)", BUG)
 
 
 def _fail(message: str, status: int) -> int:
     """One line on stderr."""
     try:
-        print(f"rig: {' '.join(message.split())}", file=sys.stderr)
+        print(f"rig: {one_line(message)}", file=sys.stderr)
     except OSError:  # nobody listens
         return _unread()
     return status
 
 
 def _unread() -> int:
-    """End silently, as after ``| head``, and let nothing be flushed at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    """End silently, as after ``| head``."""
+    _forget_output()
     return UNREAD
 
 
+def _forget_output() -> None:
+    """Let nothing be flushed at exit: it cannot be written."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def _usage(error: click.ClickException) -> str:
-    message = error.format_message().strip().rstrip(".")
     command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "rig"
-    return f"{message[:1].lower()}{message[1:]}; see {command} --help"
+    hint = f"; see {command} --help"
+    message = one_line(error.format_message(), LONGEST_MESSAGE - len(hint)).rstrip(".")
+    return f"{message[:1].lower()}{message[1:]}{hint}"

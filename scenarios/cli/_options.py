@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from rig.errors import RigError, nearest
+from rig.errors import RigError, nearest, shown
+from rig.files import check_not_input, check_writable
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -31,7 +32,7 @@ class Choice(click.Choice[str]):
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
         """What was found, what was expected and the nearest of it."""
-        return f"found {value!r}, expected one of {', '.join(self.choices)}{nearest(str(value), self.choices)}"
+        return f"found {shown(value)}, expected one of {', '.join(self.choices)}{nearest(str(value), self.choices)}"
 
 
 def json_option(command: Command) -> Command:
@@ -41,7 +42,13 @@ def json_option(command: Command) -> Command:
 
 def print_json(document: Any) -> None:
     """Print a document as JSON; not-a-number becomes null."""
-    click.echo(json.dumps(_plain(document), indent=1, allow_nan=False, ensure_ascii=False))
+    plain = _plain(document)
+    text = json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:  # an ASCII terminal, or a name that is not UTF-8
+        text = json.dumps(plain, indent=1, allow_nan=False)
+    click.echo(text)
 
 
 def _plain(value: Any) -> Any:
@@ -59,22 +66,17 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def check_output(path: Path, suffixes: Sequence[str]) -> Path:
-    """Refuse, before any work, a file that could not be written at the end.
+def check_output(path: Path, suffixes: Sequence[str], *inputs: Path | None) -> Path:
+    """Refuse, before any work, a file that could not be written at the end, or that is read.
 
     Raises:
-        RigError: another suffix, a folder, or a folder that is missing or not writable.
+        RigError: another suffix, a folder, a folder that is missing or not writable, or one of ``inputs``.
     """
     if path.suffix not in suffixes:
-        raise RigError(
-            f"{path}: found suffix {path.suffix!r}, expected {' or '.join(suffixes)}{nearest(path.suffix, suffixes)}"
-        )
-    if path.is_dir():
-        raise RigError(f"{path}: is a folder, expected the name of a file to write")
-    if not path.parent.is_dir():
-        raise RigError(f"{path}: folder {path.parent} does not exist")
-    if not os.access(path.parent, os.W_OK):
-        raise RigError(f"{path}: folder {path.parent} cannot be written to")
+        near = nearest(path.suffix, suffixes)
+        raise RigError(f"{path}: found suffix {shown(path.suffix)}, expected {' or '.join(suffixes)}{near}")
+    check_writable(path)
+    check_not_input(path, *inputs)
     return path
 
 

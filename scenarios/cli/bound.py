@@ -32,7 +32,7 @@ def bound(scenario: str, output: Path | None, method: Any, as_json: bool) -> Non
       rig bound mine.toml -o bound.png
     """
     if output is not None:
-        check_output(output, (".png", ".svg", ".pdf"))
+        check_output(output, (".png", ".svg", ".pdf"), Path(scenario))
     from scenarios.bound import bound_of
     from scenarios.loader import load
 

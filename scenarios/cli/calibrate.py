@@ -79,9 +79,9 @@ def calibrate(
     from rig.errors import RigError
 
     if output is not None:
-        check_output(output, (".json",))
+        check_output(output, (".json",), run, locked, urdf)
     if coverage is not None:
-        check_output(coverage, (".png", ".svg", ".pdf"))
+        check_output(coverage, (".png", ".svg", ".pdf"), run, locked, urdf)
     if locked is not None and noise is not None:
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
@@ -211,7 +211,7 @@ def apply(calibration: Path, run: Path, output: Path, as_json: bool) -> None:
     Example:
       rig apply cal.json run.parquet -o fields.parquet
     """
-    check_output(output, RECORDING_SUFFIXES)
+    check_output(output, RECORDING_SUFFIXES, calibration, run)
     from estimators import Calibration
     from estimators.fields import apply_file
     from rig.recording import scan_recording

@@ -27,7 +27,7 @@ def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: 
       rig noise run.locked.parquet -o noise.png --calibration cal.json
     """
     if output is not None:
-        check_output(output, (".png", ".svg", ".pdf"))
+        check_output(output, (".png", ".svg", ".pdf"), locked, calibration)
     from estimators.calibration import Calibration
     from estimators.noise_study import study_noise
     from rig.recording import read_recording

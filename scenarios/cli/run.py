@@ -86,7 +86,9 @@ def sweep(
       rig sweep ann-arbor -o run.parquet --locked
       rig sweep mine.toml -o run.csv --seed 7 --engine dynamic --with backlash.json
     """
-    check_output(output, RECORDING_SUFFIXES)
+    check_output(output, RECORDING_SUFFIXES, Path(scenario), *causes)
+    if locked:
+        check_output(output.with_name(f"{output.stem}.locked.parquet"), RECORDING_SUFFIXES, output)
     from scenarios.causes import read_causes
     from scenarios.loader import load
 

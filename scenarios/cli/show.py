@@ -131,7 +131,7 @@ def view(
       rig view run.parquet --calibration cal.json -o run.rrd
     """
     if output is not None:
-        check_output(output, (".rrd",))
+        check_output(output, (".rrd",), run, calibration, urdf)
     target = output if output is not None else Path(mkdtemp(prefix="rig-view-")) / f"{run.stem}.rrd"
     try:
         _draw(run, calibration, chosen_arm(urdf, tip), target)

@@ -21,7 +21,7 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rig.errors import RigError
+from rig.errors import RigError, shown
 from rig.files import atomic_path, write_text
 from scenarios.studies.executor import Settings, Trial, Workers, package_version
 
@@ -163,7 +163,7 @@ class StudyFolder:
         for name, value in self.settings.items():
             if (other := document["settings"].get(name)) != value:
                 raise RigError(
-                    f"{self.path}: found a study with {name} {_short(other)}, expected {_short(value)} as asked for, or"
+                    f"{self.path}: found a study with {name} {shown(other)}, expected {shown(value)} as asked for, or"
                     " a new folder"
                 )
         if not any_version and document["version"] != package_version():
@@ -213,14 +213,9 @@ def _document(path: Path) -> dict[str, Any]:
         raise RigError(f"{file}: not JSON: {error}") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         found = content.get("format") if isinstance(content, dict) else content
-        raise RigError(f"{file}: format: found {_short(found)}, expected {FORMAT!r}")
+        raise RigError(f"{file}: format: found {shown(found)}, expected {FORMAT!r}")
     return content
 
 
 def _empty(path: Path) -> bool:
     return path.is_dir() and not any(path.iterdir())
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
