@@ -1,8 +1,9 @@
-"""A serial arm of hinges with a sensor at its end: where the sensor is and how it moves, from joint angles."""
+"""A serial arm with a sensor at its end: where the sensor is and how it moves, from joint values."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -18,6 +19,7 @@ from rig.rotation_map import RotationMap
 
 Array = NDArray[np.float64]
 
+_SPEEDS = "joint_speed_limit_deg_s"
 _LIMIT_SLACK_RAD = 1e-6  # a limit reached exactly, then written and read again in degrees, is still within it
 
 
@@ -33,8 +35,8 @@ class Poses:
 class LinkPoses:
     """Where the N links are: ``rotation`` (n, N, 3, 3) R_base_link and ``position`` (n, N, 3) [m], in the base frame.
 
-    Link j is the body that joint j moves, and the frame is that body's own: for the A465 Denavit-Hartenberg frame j,
-    except that link 2 has its origin on the axis of joint 2.
+    Link j is the body that joint j moves, joints that only follow another one not counted, and the frame is that body's
+    own: for the A465 Denavit-Hartenberg frame j, except that link 2 has its origin on the axis of joint 2.
     """
 
     rotation: Array
@@ -43,17 +45,20 @@ class LinkPoses:
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A chain of N hinges from a base to the site of the sensor.
+    """A chain of N joints from a base to the site of the sensor.
 
-    The base frame is the frame of the body that carries joint 1; the tool frame is the site's.
+    The base frame is the frame of the body that carries joint 1; the tool frame is the site's. A joint's value is an
+    angle [rad], or of one that slides a way [m]. Joints that only follow another one have no value of their own.
 
     Attributes:
         name: how recordings refer to it.
         model: the full MuJoCo model: geometry, inertia, actuators.
         site: the sensor's site in ``model``.
-        joint_names: the N joints, base to sensor.
-        lower, upper: (N,) [rad] limits, -inf and inf where free.
+        joint_names: the N joints, base to sensor, by the names of their file.
+        lower, upper: (N,) [rad, m] limits, -inf and inf where free.
         roll_range: (2,) [rad] range of the last joint for maneuvers that keep within it.
+        speed: (N,) [rad/s, m/s] the fastest that each may go, inf where nothing is stated.
+        file, tip: what it was read from; None where it came with the rig.
         urdf: the same arm as URDF, where there is one.
         chain: the bare kinematics from the base to the site.
     """
@@ -65,8 +70,11 @@ class Arm:
     lower: Array
     upper: Array
     roll_range: tuple[float, float]
+    speed: Array
     urdf: Path | None
     chain: Chain
+    file: Path | None = None
+    tip: str | None = None
 
     @staticmethod
     def a465() -> Arm:
@@ -74,28 +82,44 @@ class Arm:
         return _a465()
 
     @classmethod
-    def from_mjcf(cls, path: str | os.PathLike[str], site: str = "imu") -> Arm:
-        """The arm that carries ``site`` in an MJCF file.
+    def from_file(cls, path: str | os.PathLike[str], tip: str | None = None) -> Arm:
+        """The arm in a URDF file, an MJCF file, or a folder with one of these (as in a collection of models).
+
+        Args:
+            path: the file or folder.
+            tip: what carries the sensor: a link of a URDF, a site or body of an MJCF; None: the end of the arm, where
+                that is beyond doubt.
 
         Raises:
-            RigError: the file is missing or not valid MJCF, has no such site, or the site hangs on other than hinges.
+            RigError: as ``from_urdf`` and ``from_mjcf``; a folder with several models or none.
         """
-        file = Path(path)
-        if not file.is_file():
-            raise RigError(f"{file}: no such file, expected an MJCF model")
-        try:
-            spec = mujoco.MjSpec.from_file(str(file))
-            model = spec.compile()
-        except ValueError as error:
-            raise RigError(f"{file}: not a valid MJCF model: {' '.join(str(error).split())}") from error
-        chain = extract_chain(model, site, str(file))
-        return cls._assemble(spec.modelname or file.stem, model, site, chain)
+        from rig.arm_file import is_urdf, model_file
+
+        file = model_file(Path(path))
+        return cls.from_urdf(file, tip) if is_urdf(file) else cls.from_mjcf(file, tip)
 
     @classmethod
-    def from_urdf(cls, path: str | os.PathLike[str], tip: str) -> Arm:
-        """The revolute and continuous joints of a URDF file from its root link to the link ``tip``.
+    def from_mjcf(cls, path: str | os.PathLike[str], tip: str | None = "imu") -> Arm:
+        """The arm that carries the site or body ``tip`` in an MJCF file.
+
+        Meshes that are missing are left out, with a warning: they change nothing about where the sensor is.
+
+        Raises:
+            RigError: the file is missing or not valid MJCF, has no such site, or the site hangs on a ball or nothing.
+        """
+        from rig.arm_file import compiled_mjcf
+
+        file = Path(path)
+        name, model, site = compiled_mjcf(file, tip)
+        arm = cls._assemble(name, model, site, extract_chain(model, site, str(file)))
+        return replace(arm, file=file, tip=tip)
+
+    @classmethod
+    def from_urdf(cls, path: str | os.PathLike[str], tip: str | None = None) -> Arm:
+        """The joints of a URDF file from its root link to the link ``tip``.
 
         The base frame is the root link's, the tool frame that of ``tip``. Branches off the way to ``tip`` are ignored.
+        Without ``tip`` it is the end of the arm.
 
         Raises:
             RigError: the file is missing, no valid URDF, has no such link, or another kind of joint on the way to it.
@@ -104,26 +128,32 @@ class Arm:
         from rig.urdf import read_urdf  # brings trimesh with it: only where it is wanted
 
         file = Path(path)
-        name, spec = read_urdf(file, tip)
+        found = read_urdf(file, tip)
         try:
-            model = spec.compile()
+            model = found.spec.compile()
         except ValueError as error:
             raise RigError(f"{file}: not a valid arm: {' '.join(str(error).split())}") from error
-        return cls._assemble(name, model, URDF_SITE, extract_chain(model, URDF_SITE, str(file)), urdf=file)
+        arm = cls._assemble(found.name, model, URDF_SITE, extract_chain(model, URDF_SITE, str(file)), found.speeds)
+        return replace(arm, urdf=file, file=file, tip=found.tip)
 
     @classmethod
-    def _assemble(cls, name: str, model: mujoco.MjModel, site: str, chain: Chain, urdf: Path | None = None) -> Arm:
+    def _assemble(
+        cls, name: str, model: mujoco.MjModel, site: str, chain: Chain, speeds: Mapping[str, float] | None = None
+    ) -> Arm:
         limited = model.jnt_limited[chain.joints].astype(bool)
         lower, upper = model.jnt_range[chain.joints].T
+        names = [model.joint(int(joint)).name for joint in chain.joints]
+        turns = model.jnt_type[chain.joints[-1]] == mujoco.mjtJoint.mjJNT_HINGE
         return cls(
             name=name,
             model=model,
             site=site,
-            joint_names=tuple(model.joint(int(joint)).name for joint in chain.joints),
+            joint_names=tuple(name or f"joint{number}" for number, name in enumerate(names, start=1)),
             lower=np.where(limited, lower, -np.inf),
             upper=np.where(limited, upper, np.inf),
-            roll_range=(float(lower[-1]), float(upper[-1])) if limited[-1] else (-np.pi, np.pi),
-            urdf=urdf,
+            roll_range=(float(lower[-1]), float(upper[-1])) if limited[-1] or not turns else (-np.pi, np.pi),
+            speed=_stated_speeds(model, names, speeds or {}),
+            urdf=None,
             chain=chain,
         )
 
@@ -133,17 +163,48 @@ class Arm:
         return len(self.joint_names)
 
     @cached_property
+    def slides(self) -> tuple[bool, ...]:
+        """Of each of the N joints whether it slides."""
+        kinds = self.model.jnt_type[self.chain.joints]
+        return tuple(bool(kind == mujoco.mjtJoint.mjJNT_SLIDE) for kind in kinds)
+
+    @cached_property
+    def joint_axes(self) -> Array:
+        """(N, 3) unit vectors, base frame: the axes of the joints with all joints at zero."""
+        axes = self._at_zero().xaxis[[int(np.argmax(self.chain.members == joint)) for joint in self.chain.joints]]
+        return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
+
+    @property
+    def place_names(self) -> dict[str, str]:
+        """The arm's own names of the places joint1..jointN, where they differ."""
+        places = {f"joint{number}": name for number, name in enumerate(self.joint_names, start=1)}
+        return {place: name for place, name in places.items() if name != place}
+
+    @cached_property
     def rotation_map(self) -> RotationMap:
         """The rotation R_base_tool as a function of the joints' cosines and sines."""
-        data = self._at_zero()
-        return RotationMap(axes=data.xaxis.copy(), R_zero=data.site_xmat.reshape(3, 3).copy())
+        return self._map(self._at_zero().site_xmat.reshape(3, 3), len(self.chain.members))
 
     @cached_property
     def link_maps(self) -> tuple[RotationMap, ...]:
-        """The rotation of each link as a function of the joints up to it."""
-        data = self._at_zero()
-        zero = data.xmat[self.chain.links].reshape(-1, 3, 3)
-        return tuple(RotationMap(axes=data.xaxis[: index + 1].copy(), R_zero=zero[index]) for index in range(self.dof))
+        """The rotation of each link as a function of the values of all N joints."""
+        zero = self._at_zero().xmat[self.chain.links].reshape(-1, 3, 3)
+        if self.chain.coupling is None:
+            counts = list(range(1, self.dof + 1))
+        else:  # up to the member that is the joint itself
+            counts = [int(np.argmax(self.chain.members == joint)) + 1 for joint in self.chain.joints]
+        return tuple(self._map(R, count, partial=True) for R, count in zip(zero, counts, strict=True))
+
+    def _map(self, R_zero: Array, count: int, partial: bool = False) -> RotationMap:
+        """The rotation after the first ``count`` joints of the chain."""
+        chain = self.chain
+        turning = np.flatnonzero(~chain.slides[:count])
+        axes = self._at_zero().xaxis[turning].copy()
+        if chain.coupling is None and not chain.slides.any() and not partial:
+            return RotationMap(axes, R_zero.copy())
+        coupling = np.eye(self.dof) if chain.coupling is None else chain.coupling
+        offset = None if chain.offset is None else chain.offset[turning]
+        return RotationMap(axes, R_zero.copy(), coupling[turning], offset)
 
     def _at_zero(self) -> mujoco.MjData:
         data = mujoco.MjData(self.chain.bare)
@@ -152,7 +213,7 @@ class Arm:
         return data
 
     def poses(self, q: ArrayLike) -> Poses:
-        """The sensor's pose at joint angles ``q`` (n, N) [rad]; no limit is checked."""
+        """The sensor's pose at joint values ``q`` (n, N) [rad, m]; no limit is checked."""
         angles = self._angles(q)
         rotation, position = np.empty((len(angles), 3, 3)), np.empty((len(angles), 3))
         for rows, (xmat, xpos) in self.chain.evaluated(angles, "site_xmat", "site_xpos"):
@@ -161,7 +222,7 @@ class Arm:
         return Poses(rotation, position)
 
     def link_poses(self, q: ArrayLike) -> LinkPoses:
-        """The poses of all links at joint angles ``q`` (n, N) [rad]; no limit is checked."""
+        """The poses of all links at joint values ``q`` (n, N) [rad, m]; no limit is checked."""
         angles = self._angles(q)
         links = self.chain.links
         rotation, position = np.empty((len(angles), self.dof, 3, 3)), np.empty((len(angles), self.dof, 3))
@@ -174,7 +235,7 @@ class Arm:
         """The sensor's acceleration (n, 3) [m/s^2], base frame, without gravity, by ``mj_inverse``.
 
         Args:
-            q, qd, qdd: (n, N) [rad], [rad/s], [rad/s^2].
+            q, qd, qdd: (n, N) [rad], [rad/s], [rad/s^2]; of joints that slide with m.
         """
         motion = [self._angles(values) for values in (q, qd, qdd)]
         if not motion[0].shape == motion[1].shape == motion[2].shape:
@@ -182,10 +243,10 @@ class Arm:
         return self.chain.acceleration(*motion)
 
     def check_limits(self, q: ArrayLike, name: str) -> None:
-        """Refuse joint angles beyond the arm's limits.
+        """Refuse joint values beyond the arm's limits.
 
         Args:
-            q: (n, N) [rad].
+            q: (n, N) [rad, m].
             name: what the angles belong to, for the message.
 
         Raises:
@@ -196,11 +257,31 @@ class Arm:
         if beyond.any():
             row = int(np.flatnonzero(beyond.any(axis=1))[0])
             joint = int(np.flatnonzero(beyond[row])[0])
-            low, high = np.degrees([self.lower[joint], self.upper[joint]])
+            found, low, high = self.shown(joint, angles[row, joint], self.lower[joint], self.upper[joint])
             raise RigError(
-                f"{name}: {self.joint_names[joint]} is at {np.degrees(angles[row, joint]):.6g} deg in sample {row}, "
-                f"expected {low:.6g} to {high:.6g} deg"
+                f"{name}: {self.joint_names[joint]} is at {found:.6g} {self.shown_unit(joint)} in sample {row}, "
+                f"expected {low:.6g} to {high:.6g} {self.shown_unit(joint)}"
             )
+
+    def check_speeds(self, qd: ArrayLike, name: str) -> None:
+        """Refuse joint velocities ``qd`` (n, N) [rad/s, m/s] beyond the arm's speeds, as ``check_limits`` does."""
+        fastest = np.abs(self._angles(qd)).max(axis=0, initial=0.0)
+        beyond = np.flatnonzero(fastest > self.speed * (1.0 + _LIMIT_SLACK_RAD))
+        if beyond.size:
+            joint = int(beyond[0])
+            found, limit = self.shown(joint, fastest[joint], self.speed[joint])
+            raise RigError(
+                f"{name}: {self.joint_names[joint]} goes at {found:.6g} {self.shown_unit(joint)}/s, "
+                f"expected at most {limit:.6g} {self.shown_unit(joint)}/s"
+            )
+
+    def shown(self, joint: int, *values: float) -> tuple[float, ...]:
+        """Values [rad, m] of a joint (a column) as people read them: in ``shown_unit``."""
+        return values if self.slides[joint] else tuple(float(np.degrees(value)) for value in values)
+
+    def shown_unit(self, joint: int) -> str:
+        """deg, or m of a joint that slides."""
+        return "m" if self.slides[joint] else "deg"
 
     def _angles(self, q: ArrayLike) -> Array:
         angles = np.atleast_2d(np.asarray(q, dtype=float))
@@ -209,7 +290,17 @@ class Arm:
         return angles
 
 
+def _stated_speeds(model: mujoco.MjModel, names: Sequence[str], stated: Mapping[str, float]) -> Array:
+    """(N,) [rad/s, m/s]: by the joints' names, or of the model's own numbers in deg/s; inf where there is none."""
+    custom = {model.numeric(index).name for index in range(model.nnumeric)}
+    if _SPEEDS in custom:
+        speeds = np.radians(np.array(model.numeric(_SPEEDS).data, dtype=float))
+        if len(speeds) >= len(names):
+            return np.asarray(speeds[: len(names)])
+    return np.array([stated.get(name, np.inf) for name in names])
+
+
 @cache
 def _a465() -> Arm:
     arm = Arm.from_mjcf(model_path("a465/scene.xml"))
-    return replace(arm, name="a465", urdf=model_path("a465/a465.urdf"))
+    return replace(arm, name="a465", urdf=model_path("a465/a465.urdf"), file=None, tip=None)

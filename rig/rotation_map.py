@@ -31,15 +31,19 @@ _ROUNDING = 4 * np.finfo(float).eps  # components and coefficients below this ar
 
 @dataclass(frozen=True, eq=False)
 class RotationMap:
-    """R_base_tool as a function of N joint angles.
+    """R_base_tool as a function of N joint values, which turn M hinges; mostly M = N, hinge j by joint value j.
 
     Attributes:
-        axes: (N, 3) unit vectors, the joints' axes with all joints at zero, base frame.
-        R_zero: (3, 3) R_base_tool with all joints at zero.
+        axes: (M, 3) unit vectors, the hinges' axes with all of them at zero, base frame.
+        R_zero: (3, 3) R_base_tool with all hinges at zero.
+        coupling, offset: (M, N), (M,) [rad]: the hinges' angles are coupling q + offset, where a joint slides and turns
+            nothing, or turns several hinges; None: they are q.
     """
 
     axes: Array
     R_zero: Array
+    coupling: Array | None = None
+    offset: Array | None = None
 
     def __post_init__(self) -> None:
         # Axes and rotation come out of a chain of quaternions: taking the rounding off them makes the result four times
@@ -60,7 +64,7 @@ class RotationMap:
         if result.shape != (len(angles), 9):
             raise ValueError(f"out has shape {result.shape}, expected {(len(angles), 9)}")
         with one_blas_thread():  # on several, products this small wait for each other
-            for rows, block in self.blocks(angles):
+            for rows, block in self._blocks(angles, _ROWS):
                 result[rows] = block.T
         return result
 
@@ -73,7 +77,9 @@ class RotationMap:
             q: (n, N) [rad].
             rows: samples a block.
         """
-        angles = self._checked(q)
+        return self._blocks(self._checked(q), rows)
+
+    def _blocks(self, angles: Array, rows: int) -> Iterator[tuple[slice, Array]]:
         if not len(angles):
             return
         moving = moving_joints(angles)
@@ -94,7 +100,7 @@ class RotationMap:
             yield span, reduce(_product, factors) if factors else constant[:, :count]
 
     def folded(self, q: Array, moving: Sequence[int]) -> tuple[Array, Array]:
-        """The map of the moving joints alone, the others held at ``q`` (N,) [rad]: axes (m, 3) and R at zero (3, 3)."""
+        """The map of the moving hinges alone, the others held at ``q`` (M,) [rad]: axes (m, 3) and R at zero (3, 3)."""
         carried = np.eye(3)
         axes = []
         for joint, axis in enumerate(self.axes):
@@ -106,10 +112,14 @@ class RotationMap:
         return np.reshape(axes, (-1, 3)), carried @ self.R_zero
 
     def _checked(self, q: ArrayLike) -> Array:
+        """The hinges' angles (n, M)."""
         angles = np.asarray(q, dtype=float)
-        if angles.ndim != 2 or angles.shape[1] != len(self.axes):
-            raise RigError(f"found joint angles of shape {angles.shape}, expected (n, {len(self.axes)})")
-        return angles
+        count = len(self.axes) if self.coupling is None else self.coupling.shape[1]
+        if angles.ndim != 2 or angles.shape[1] != count:
+            raise RigError(f"found joint angles of shape {angles.shape}, expected (n, {count})")
+        if self.coupling is not None:
+            angles = angles @ self.coupling.T
+        return angles if self.offset is None else angles + self.offset
 
 
 def moving_joints(q: Array) -> list[int]:

@@ -110,7 +110,7 @@ class Signals:
         """
         if self.known_links is not None and self.known_links[0] is self.q:
             return self.known_links[1].rotation[:, link]
-        rotation = self._jointed_arm.link_maps[link].rotations(self.q[:, : link + 1])
+        rotation = self._jointed_arm.link_maps[link].rotations(self.q)
         return rotation.reshape(-1, 3, 3)
 
     @property

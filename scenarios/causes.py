@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from rig.arm import Arm
 from rig.documents import read_json
 from rig.effects import Effect, make_effect
 from rig.errors import RigError, nearest, shown
@@ -15,11 +16,12 @@ _FORMAT: Final = "rig-diagnosis/1"
 _KEYS: Final = ("effect", "where", "parameters")
 
 
-def read_causes(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
+def read_causes(path: str | os.PathLike[str], arm: Arm | None = None) -> tuple[Effect, ...]:
     """The effects that a file names: all causes of a diagnosis, a list of causes, or one cause.
 
     A cause is ``{"effect": .., "where": .., "parameters": {..}}`` with each parameter a number, a list of them, or
     ``{"value": ..}`` as in a diagnosis, whose further keys are passed over. A diagnosis without causes gives no effect.
+    With an ``arm`` a place may be a joint's own name, and must be one that the arm has.
 
     Raises:
         RigError: the file cannot be read, is not JSON, or holds something else.
@@ -37,10 +39,10 @@ def read_causes(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
         document = document["causes"]
     causes = document if isinstance(document, list) else [document]
     places = [f"{file}: cause {number}" for number in range(1, len(causes) + 1)]
-    return tuple(_effect(cause, where, strict=not diagnosis) for cause, where in zip(causes, places, strict=True))
+    return tuple(_effect(cause, where, arm, strict=not diagnosis) for cause, where in zip(causes, places, strict=True))
 
 
-def _effect(cause: Any, where: str, strict: bool) -> Effect:
+def _effect(cause: Any, where: str, arm: Arm | None, strict: bool) -> Effect:
     if not isinstance(cause, dict) or not isinstance(cause.get("effect"), str):
         raise RigError(f'{where}: found {shown(cause)}, expected an object with "effect", "where" and "parameters"')
     for key in cause:
@@ -52,7 +54,7 @@ def _effect(cause: Any, where: str, strict: bool) -> Effect:
     values = {name: _value(given) for name, given in parameters.items()}
     place = {"where": cause["where"]} if "where" in cause else {}
     try:
-        return make_effect(cause["effect"], {**place, **values})
+        return make_effect(cause["effect"], {**place, **values}, arm)
     except RigError as error:
         raise RigError(f"{where}: {error}") from error
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from rig.acquisition import Acquisition
+from rig.arm import Arm
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.documents import parse_toml, read_toml
 from rig.effects import EFFECTS, Effect, make_effect
@@ -79,16 +80,15 @@ def from_toml(text: str, file: str) -> Scenario:
         raise top.error("no sensor: expected a section [accelerometer], [magnetometer] or both")
     environment, unit = _environment(top.sub("environment"))
     truths = {name: _checked(top.sub(name), sensor.sensor) for name, sensor in sensors.items()}
+    arm = _checked(top.sub("arm"), partial(arm_table.arm, folder))
     rig = Rig(
-        arm=_checked(top.sub("arm"), partial(arm_table.arm, folder)),
+        arm=arm,
         environment=environment,
         accelerometer=truths.get(ACCELEROMETER),
         magnetometer=truths.get(MAGNETOMETER),
         acquisition=_acquisition(top.sub("acquisition"), sensors),
-        effects=_effects(top.sub("effects")),
+        effects=_effects(top.sub("effects"), arm),
     )
-    if arm_table.urdf is not None:
-        arm_table = replace(arm_table, urdf=str(folder / arm_table.urdf))
     return Scenario(
         name=Path(file).stem,
         rig=rig,
@@ -100,7 +100,6 @@ def from_toml(text: str, file: str) -> Scenario:
         motion=run.motion,
         locked=build(LockedPoses, top.sub("locked")),
         seed=run.seed,
-        arm_table=arm_table,
         magnetic_field_unit=unit,
         datasheets={name: sensor.datasheet for name, sensor in sensors.items() if sensor.datasheet},
     )
@@ -136,7 +135,7 @@ def _acquisition(table: Table, sensors: Mapping[str, SensorTable]) -> Acquisitio
     return build(Acquisition, table, leave_out=("noise_V",), given={"noise_V": (*noise[0], *noise[1])})
 
 
-def _effects(table: Table) -> tuple[Effect, ...]:
+def _effects(table: Table, arm: Arm | None) -> tuple[Effect, ...]:
     effects: list[Effect] = []
     for name, values in table.values.items():
         if name not in EFFECTS:
@@ -145,7 +144,8 @@ def _effects(table: Table) -> tuple[Effect, ...]:
         for entry in entries:
             if not isinstance(entry, dict):
                 raise table.wrong(name, f"a table [effects.{name}] or several [[effects.{name}]]")
-            effects.append(_checked(Table(table.file, table.path(name), entry), partial(make_effect, name, entry)))
+            own = Table(table.file, table.path(name), entry)
+            effects.append(_checked(own, partial(make_effect, name, entry, arm)))
     return tuple(effects)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -88,7 +87,6 @@ class Scenario:
         engine, motion: as in ``Rig.simulate``.
         locked: the maneuver of the locked-arm recording that gives the noise floor.
         seed: where a simulation names none.
-        arm_table: how a file names the arm.
         magnetic_field_unit: unit of the environment's magnetic field; None: relative, as in Renk et al.
         datasheets: sensor -> data sheet in models/sensors.
     """
@@ -103,7 +101,6 @@ class Scenario:
     motion: Motion = "quasi-static"
     locked: LockedPoses = field(default_factory=LockedPoses)
     seed: int = 0
-    arm_table: ArmTable = field(default_factory=ArmTable)
     magnetic_field_unit: FieldUnit | None = None
     datasheets: Mapping[str, str] = field(default_factory=dict)
 
@@ -173,7 +170,7 @@ def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
     texts = {key: getattr(scenario, key) for key in ("title", "description", "source")}
     run = {"engine": scenario.engine, "motion": scenario.motion, "seed": scenario.seed}
     yield "", {**{key: text for key, text in texts.items() if text}, **run}
-    yield "[arm]", _arm_table(scenario)
+    yield "[arm]", set_fields(ArmTable.of(scenario.rig.arm)) or {"model": "a465"}
     kinds: dict[type, str] = {cls: kind for kind, cls in MANEUVERS.items()}
     if type(scenario.maneuver) not in kinds:
         kind = type(scenario.maneuver).__name__
@@ -190,14 +187,3 @@ def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
         yield "[locked]", locked
     for effect in scenario.rig.effects:
         yield f"[[effects.{effect.name}]]", asdict(effect)
-
-
-def _arm_table(scenario: Scenario) -> dict[str, Any]:
-    arm = scenario.rig.arm
-    if arm is None:
-        return {"model": "none"}
-    if scenario.arm_table.urdf is not None:  # absolute: the text may be saved anywhere
-        return {"urdf": str(Path(scenario.arm_table.urdf).absolute()), "tip": scenario.arm_table.tip}
-    if arm.urdf is not None and arm.name != "a465":
-        raise RigError(f"arm {arm.name} cannot be written: expected the scenario to name its URDF and tip in arm_table")
-    return {"model": scenario.arm_table.model}

@@ -47,29 +47,44 @@ class RunTable:
 
 @dataclass(frozen=True)
 class ArmTable:
-    """``[arm]``: a model that comes with the package, or a URDF file and the link that carries the sensor.
+    """``[arm]``: a model that comes with the package, or a file and what in it carries the sensor.
 
     Attributes:
         model: "a465", or "none" for a sensor in a hand.
-        urdf: path of a URDF file; a scenario file's relative path starts at its own folder.
-        tip: link of the URDF whose frame is the sensor's.
+        file: path of a URDF or MJCF file, or of a folder with one; a scenario file's relative path starts at its own
+            folder.
+        tip: the link of a URDF, the site or body of an MJCF, whose frame is the sensor's; by default the arm's end.
     """
 
     model: str = "a465"
-    urdf: str | None = None
+    file: str | None = None
     tip: str | None = None
 
     def __post_init__(self) -> None:
-        if (self.urdf is None) != (self.tip is None):
-            missing = "urdf" if self.urdf is None else "tip"
-            raise RigError(f"{missing}: is missing, expected both urdf and tip, a file and a link of it, or neither")
+        if self.file is None and self.tip is not None:
+            raise RigError(f"file: is missing, expected the arm's file beside tip = {self.tip!r}")
         if self.model not in ARMS:
             raise unknown_name("model", self.model, ARMS)
 
+    @classmethod
+    def of(cls, arm: Arm | None) -> ArmTable:
+        """What a file says of an arm; its path is absolute, as the text may be saved anywhere.
+
+        Raises:
+            RigError: the arm has neither a name of the package nor a file.
+        """
+        if arm is None:
+            return cls(model="none")
+        if arm.file is not None:
+            return cls(file=str(arm.file.absolute()), tip=arm.tip)
+        if arm.name not in ARMS:
+            raise RigError(f"arm {arm.name} cannot be written: expected one that was read from a file")
+        return cls(model=arm.name)
+
     def arm(self, folder: Path) -> Arm | None:
         """The arm; relative paths start at ``folder``."""
-        if self.urdf is not None and self.tip is not None:
-            return Arm.from_urdf(folder / self.urdf, self.tip)
+        if self.file is not None:
+            return Arm.from_file(folder / self.file, self.tip)
         return Arm.a465() if self.model == "a465" else None
 
 

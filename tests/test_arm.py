@@ -108,7 +108,7 @@ def test_link_maps_are_the_links_rotations(arm: Arm) -> None:
     q = random_angles(50)
     links = arm.link_poses(q)
     for link, turned in enumerate(arm.link_maps):
-        rotation = turned.rotations(q[:, : link + 1]).reshape(-1, 3, 3)
+        rotation = turned.rotations(q).reshape(-1, 3, 3)
         np.testing.assert_allclose(rotation, links.rotation[:, link], rtol=0, atol=ROUNDING)
 
 
@@ -213,10 +213,8 @@ HINGE = '<joint type="hinge" name="a" axis="0 0 1"/><geom size="0.1"/>'
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ('<body><joint type="slide" name="s"/><geom size="0.1"/>{site}</body>', "'s' is of type slide: expected hinge"),
         ('<body><joint type="ball" name="b"/><geom size="0.1"/>{site}</body>', "'b' is of type ball: expected hinge"),
         ('<body><freejoint name="f"/><geom size="0.1"/>{site}</body>', "'f' is of type free: expected hinge"),
-        (f'<body name="two">{HINGE}<joint type="hinge" axis="1 0 0"/>{{site}}</body>', "body 'two' has 2 joints"),
         ("<body>{site}</body>", "the site is fixed to the base"),
         (f'<body>{HINGE}<site name="imuu"/></body>', r"no site 'imu': expected one of imuu \(nearest: 'imuu'\)"),
         (f"<body>{HINGE}</body>", r"no site 'imu': expected one of \(none\)"),

@@ -191,7 +191,7 @@ WRONG = {
     "out below a file": (["--out", "small.toml/o"], "is a file"),
     "the same name twice": (["x/run.parquet"], "different names"),
     "no processes": (["--jobs", "0"], "jobs"),
-    "an arm without its tip": (["--arm", "x.urdf"], "--tip"),
+    "a tip without its arm": (["--tip", "imu"], "--arm"),
 }
 
 

@@ -268,7 +268,7 @@ def test_bad_parameters_are_refused_in_one_line(name: str) -> None:
     good = {"where": effect.places[0], **values(effect)}
     if good.get("source") == good["where"]:
         good["source"] = "mag2"
-    bad = [good | {"where": "joint9"}, good | {"widht": 1.0}]
+    bad = [good | {"where": "joint0"}, good | {"widht": 1.0}]
     for item in effect.parameters():
         wrong = [np.nan, np.inf, "much", None, (1.0,) * (item.size + 1), (1.0,) * max(item.size - 1, 0)]
         bad += [good | {item.name: value} for value in wrong[(2 if item.name == "order" else 0) :]]

@@ -174,10 +174,10 @@ def test_an_arm_of_ones_own_is_named_by_its_file(tmp_path: Path) -> None:
     run, locked = recorded()
     diagnosis = by_hand(causes=())
     arm = Arm.from_urdf(urdf, tip)
-    text = improved_rig(diagnosis, gap_residuals(run, diagnosis, locked, arm), locked, urdf, tip).to_toml()
+    text = improved_rig(diagnosis, gap_residuals(run, diagnosis, locked, arm), locked).to_toml()
     made = from_toml(text, str(tmp_path / "mine.toml"))
-    assert made.arm_table.urdf == str(urdf)
     assert made.rig.arm is not None
+    assert (made.rig.arm.file, made.rig.arm.tip) == (urdf, tip)
     assert made.rig.arm.dof == 6
 
 

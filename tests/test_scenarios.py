@@ -209,7 +209,7 @@ def test_a_urdf_is_found_beside_the_scenario(tmp_path: Path) -> None:
     from rig.assets import model_path
 
     (tmp_path / "mine.urdf").write_bytes(model_path("a465/a465.urdf").read_bytes())
-    text = SMALL + '[arm]\nurdf = "mine.urdf"\ntip = "imu"\n'
+    text = SMALL + '[arm]\nfile = "mine.urdf"\ntip = "imu"\n'
     (tmp_path / "mine.toml").write_text(text)
     scenario = scenarios.load(tmp_path / "mine.toml")
     assert scenario.rig.arm is not None
@@ -285,15 +285,15 @@ def test_a_urdf_is_found_beside_the_scenario(tmp_path: Path) -> None:
         ),
         (("[maneuver]", "[environment.earth]\nnorth_G = 1\n[maneuver]"), r"\[environment\.earth\] east_G: is missing"),
         (("[maneuver]", '[arm]\nmodel = "a456"\n[maneuver]'), r"\[arm\] unknown model 'a456': .*\(nearest: 'a465'\)$"),
-        (("[maneuver]", '[arm]\nurdf = "a.urdf"\n[maneuver]'), r"\[arm\] tip: is missing, expected both urdf and tip"),
-        (("[maneuver]", '[arm]\nurdf = "no.urdf"\ntip = "imu"\n[maneuver]'), r"\[arm\] no\.urdf: no such file"),
+        (("[maneuver]", '[arm]\ntip = "imu"\n[maneuver]'), r"\[arm\] file: is missing, expected the arm's file"),
+        (("[maneuver]", '[arm]\nfile = "no.urdf"\ntip = "imu"\n[maneuver]'), r"\[arm\] no\.urdf: no such file"),
         (
             ("[maneuver]", '[effects.baklash]\nwhere = "joint5"\n[maneuver]'),
             r"\[effects\] unknown effect 'baklash': .*\(nearest: 'backlash'\)$",
         ),
         (
             ("[maneuver]", '[effects.backlash]\nwhere = "joint55"\n[maneuver]'),
-            r"\[effects\.backlash\] unknown place of effect backlash 'joint55': .*\(nearest: 'joint5'\)$",
+            r"\[effects\.backlash\] effect backlash at joint55: the arm has 6 joints, .*\(nearest: 'joint5'\)$",
         ),
         (
             ("[maneuver]", '[[effects.backlash]]\nwhere = "joint5"\nwidth = 0.1\n[maneuver]'),

@@ -143,12 +143,10 @@ AXIS = '<axis xyz="0 0 1"/>'
     ("content", "tip", "message"),
     [
         (ODD, "tipp", r"no link 'tipp': expected one of root, .*\(nearest: 'tip'\)"),
-        (ODD, "finger", "joint 'grip' is of type 'prismatic': expected revolute, continuous or fixed"),
         (ODD, "root", "link 'root' is fixed to the root"),
         (ODD, "plate", "link 'plate' is fixed to the root"),
         (joints(f"j floating root a {AXIS}"), "a", "joint 'j' is of type 'floating'"),
         (joints(f"j bendy root a {AXIS}"), "a", "joint 'j' is of type 'bendy'"),
-        (joints(f"k continuous root a {AXIS}", f'j continuous a b {AXIS}<mimic joint="k"/>'), "b", "'j' mimics 'k'"),
         (joints(f"k continuous root a {AXIS}", f"j continuous b a {AXIS}"), "a", "link 'a' hangs on 2 joints"),
         (joints(f"k continuous b a {AXIS}", f"j continuous a b {AXIS}"), "a", "form a loop"),
         (joints(f"k continuous nowhere a {AXIS}"), "a", "joint 'k' has parent 'nowhere', which is no link"),

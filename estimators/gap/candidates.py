@@ -109,7 +109,7 @@ def all_candidates(bench: Bench, without: Sequence[str] = ()) -> list[Candidate]
         if effect.kind is not Kind.MEAN or effect.name in without or effect.lacking(bench.base):
             continue
         choices = effect.choices()
-        for where, *names in itertools.product(effect.places, *choices.values()):
+        for where, *names in itertools.product(effect.places_on(bench.base), *choices.values()):
             candidate = Candidate(effect, where, dict(zip(choices, names, strict=True)))
             if where not in names and present(candidate, bench):
                 found.append(candidate)

@@ -66,6 +66,14 @@ def _interpolated(table: Array, q: Array) -> Array:
     return values
 
 
+def is_loaded(arm: Arm, joint: int) -> bool:
+    """Whether gravity loads a joint (a column) in any pose."""
+    try:
+        return largest_gravity_torque(arm, joint) > 0.0
+    except RigError:
+        return False
+
+
 @lru_cache(maxsize=64)
 def largest_gravity_torque(arm: Arm, joint: int) -> float:
     """The largest torque [N m] on one joint (a column) of any pose, limits aside.
@@ -97,14 +105,14 @@ def largest_gravity_torque(arm: Arm, joint: int) -> float:
 
 def _evaluated(arm: Arm, q: Array, joint: int) -> Array:
     """The torque (n,) [N m] sample by sample: MuJoCo's bias force at zero velocity."""
-    model, joints = arm.model, arm.chain.joints
+    model, chain = arm.model, arm.chain
     batch = Batch(model, min(_ROWS, len(q)), 1)
     qpos, bias = batch.bind("qpos"), batch.bind("qfrc_bias")
-    addresses, degree = model.jnt_qposadr[joints], int(model.jnt_dofadr[joints[joint]])
+    addresses, degree = model.jnt_qposadr[chain.members], int(model.jnt_dofadr[chain.joints[joint]])
     torque = np.empty(len(q))
     for start in range(0, len(q), _ROWS):
         block = q[start : start + _ROWS]
-        qpos[: len(block), addresses] = block
+        qpos[: len(block), addresses] = chain.spread(block)
         batch.forward(np.arange(len(block)), stage=mujoco.mjtStage.mjSTAGE_VEL.value)
         torque[start : start + len(block)] = bias[: len(block), degree]
     return torque

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Any, ClassVar, Final, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from numpy.typing import NDArray
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.errors import RigError, nearest, unknown_name
 from rig.signals import Signals
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
 
 Array = NDArray[np.float64]
 
@@ -111,6 +115,9 @@ JOINTS: Final = tuple(f"joint{number}" for number in range(1, 7))
 SWEPT_JOINTS: Final = ("joint1", "joint5", "joint6")
 LINKS: Final = tuple(f"link{number}" for number in range(1, 6))
 
+_NUMBERED: Final = re.compile(r"(joint|link)([1-9]\d?)")
+MOVED_RAD: Final = 1e-3  #: a joint that turns by less is locked
+
 Requirement = Literal["joints", "position", "temperature"]
 
 
@@ -119,13 +126,16 @@ class Effect(ABC):
     """An unmodelled effect at its place.
 
     Attributes:
-        where: the place, one of ``places``.
+        where: the place, one of ``places``; of an effect on joints or links, any number of them.
     """
 
     name: ClassVar[str]
     stage: ClassVar[Stage]
     kind: ClassVar[Kind] = Kind.MEAN
+    #: On the A465 in its sweep; on another arm and maneuver see ``places_on``.
     places: ClassVar[tuple[str, ...]]
+    #: Of an effect on joints: True where only a joint that moves can show it.
+    needs_motion: ClassVar[bool] = False
     #: What a recording must have for the effect to act on it.
     requires: ClassVar[tuple[Requirement, ...]] = ()
     #: True where the effect acts by being there, even with all its strengths at zero.
@@ -165,7 +175,7 @@ class Effect(ABC):
         """The signals with the effect; the input is left as it is. Neutral strengths change nothing."""
 
     def __post_init__(self) -> None:
-        if self.where not in self.places:
+        if self.where not in self.places and not self._is_numbered_place():
             raise unknown_name(f"place of effect {self.name}", str(self.where), self.places)
         for name, choices in self.choices().items():
             if getattr(self, name) not in choices:
@@ -184,6 +194,50 @@ class Effect(ABC):
                 bounds = f"{item.lower:g} to {item.upper:g} [{item.unit}]"
                 raise RigError(f"effect {self.name}.{item.name}: found {value}, expected {bounds}")
             object.__setattr__(self, item.name, float(values) if item.size == 1 else tuple(float(x) for x in values))
+
+    @classmethod
+    def numbered(cls) -> str:
+        """``"joint"`` or ``"link"`` where the effect's places are those of an arm, else empty."""
+        found = _NUMBERED.fullmatch(cls.places[0])
+        return found[1] if found else ""
+
+    def _is_numbered_place(self) -> bool:
+        found = _NUMBERED.fullmatch(str(self.where))
+        return found is not None and found[1] == self.numbered()
+
+    @classmethod
+    def places_on(cls, signals: Signals) -> tuple[str, ...]:
+        """The places at which the effect can act on a recording: of its arm every joint that turns, or that turns and
+        moves; every link but the last, which carries the sensor; else ``places``."""
+        kind = cls.numbered()
+        if not kind:
+            return cls.places
+        if signals.q_encoder is None:
+            return ()
+        count = signals.q_encoder.shape[1]
+        if kind == "link":
+            return tuple(f"link{number}" for number in range(1, count))
+        slides = signals.arm.slides if signals.arm is not None else (False,) * count
+        turning = [joint for joint in range(count) if not slides[joint]]
+        if cls.needs_motion:
+            turning = [joint for joint in turning if np.ptp(signals.q_encoder[:, joint]) > MOVED_RAD]
+        return tuple(f"joint{joint + 1}" for joint in turning)
+
+    def misplaced(self, signals: Signals) -> str:
+        """Why the place is none of the recording's arm, in words; empty where it is one."""
+        if not self.numbered() or signals.q_encoder is None:
+            return ""
+        return self.misplaced_on(signals.q_encoder.shape[1], signals.arm.slides if signals.arm is not None else ())
+
+    def misplaced_on(self, dof: int, slides: Sequence[bool]) -> str:
+        """As ``misplaced``, of an arm with ``dof`` joints, some of which may slide."""
+        kind = self.numbered()
+        if kind and self.joint >= dof:
+            choices = [f"{kind}{number}" for number in range(1, dof + 1)]
+            return f"the arm has {dof} joints, expected {kind}1 to {kind}{dof}{nearest(self.where, choices)}"
+        if kind == "joint" and self.joint < len(slides) and slides[self.joint]:
+            return f"{self.where} slides, expected a joint that turns"
+        return ""
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
@@ -244,7 +298,10 @@ class Effect(ABC):
     @property
     def joint(self) -> int:
         """The column of the joint or link that ``where`` names."""
-        return int(self.where[-1]) - 1
+        found = _NUMBERED.fullmatch(self.where)
+        if found is None:
+            raise ValueError(f"{self.where} is neither a joint nor a link")
+        return int(found[2]) - 1
 
     @property
     def columns(self) -> slice:
@@ -269,15 +326,28 @@ def register(effect: EffectClass) -> EffectClass:
     return effect
 
 
-def make_effect(name: str, values: Mapping[str, Any]) -> Effect:
+def make_effect(name: str, values: Mapping[str, Any], arm: Arm | None = None) -> Effect:
     """An effect by its name in the catalogue and a table of ``where``, parameters and choices.
+
+    Args:
+        name, values: what it is.
+        arm: where one is given, ``where`` may be a joint's own name, and must be a place that the arm has.
 
     Raises:
         RigError: the catalogue has no such effect, or its table is wrong.
     """
     if name not in EFFECTS:
         raise unknown_name("effect", name, EFFECTS)
-    return EFFECTS[name].from_mapping(values)
+    if arm is None:
+        return EFFECTS[name].from_mapping(values)
+    own = {joint: place for place, joint in arm.place_names.items()}
+    where = values.get("where")
+    effect = EFFECTS[name].from_mapping(
+        {**values, "where": own[where]} if isinstance(where, str) and where in own else values
+    )
+    if misplaced := effect.misplaced_on(arm.dof, arm.slides):
+        raise RigError(f"effect {name} at {effect.where}: {misplaced}")
+    return effect
 
 
 def apply_stage(effects: Sequence[Effect], stage: Stage, signals: Signals, rng: np.random.Generator) -> Signals:
@@ -289,5 +359,7 @@ def apply_stage(effects: Sequence[Effect], stage: Stage, signals: Signals, rng: 
     for effect in sorted((effect for effect in effects if effect.stage is stage), key=lambda each: _ORDER[each.kind]):
         if lacking := effect.lacking(signals):
             raise RigError(f"effect {effect.name} at {effect.where}: the recording lacks {lacking}")
+        if misplaced := effect.misplaced(signals):
+            raise RigError(f"effect {effect.name} at {effect.where}: {misplaced}")
         signals = effect.apply(signals, rng)
     return signals

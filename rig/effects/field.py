@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from rig.effects.transmission import smooth_sign
 from rig.signals import Signals
 
 Array = NDArray[np.float64]
-
-#: The link that carries the motor of a joint.
-MOTOR_LINK: Final = {"joint1": "link1", "joint5": "link4", "joint6": "link5"}
 
 #: A dipole is searched on a grid of this step, so far around the sensor's path, and no nearer to it than this [m].
 DIPOLE_STEP, DIPOLE_REACH, DIPOLE_CLEARANCE = 0.25, 0.4, 0.1
@@ -35,9 +31,9 @@ def with_field(signals: Signals, change: Array) -> Signals:
     return replace(signals, magnetic=signals.magnetic + magnetic_reference(signals) * change)
 
 
-def link_rotations(signals: Signals, link: str) -> Array:
-    """R_base_link (n, 3, 3) of a link by its name."""
-    return signals.link_rotation(LINKS.index(link))
+def motor_link(joint: int) -> int:
+    """The link, counted from 0, that carries the motor of a joint (a column): the one before it, or the first."""
+    return max(joint - 1, 0)
 
 
 @register
@@ -121,7 +117,7 @@ class LinkHardIron(Effect):
     field: tuple[float, ...] = parameter("relative", 0.01, size=3)
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        return with_field(signals, link_rotations(signals, self.where) @ np.asarray(self.field))
+        return with_field(signals, signals.link_rotation(self.joint) @ np.asarray(self.field))
 
 
 @register
@@ -146,7 +142,7 @@ class LinkSoftIron(Effect):
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        rotation = link_rotations(signals, self.where)
+        rotation = signals.link_rotation(self.joint)
         in_link = np.einsum("nij,ni->nj", rotation, np.broadcast_to(signals.magnetic, (len(signals), 3)))
         change = np.einsum("nij,nj->ni", rotation, in_link @ self.matrix)
         return replace(signals, magnetic=signals.magnetic + change)
@@ -157,14 +153,15 @@ class LinkSoftIron(Effect):
 class MotorCurrentField(Effect):
     """A joint's motor makes a field as it pulls: B + R_base_link h s, h fixed in the link that carries the motor.
 
-    That is link 1, 4, 5 for joints 1, 5, 6. s is the logged current [A] where there is one, h then per ampere; else the
-    smooth sign of the joint's velocity, as friction makes most of a slow joint's current. h is relative to the stated
-    magnitude; 0.1-2 %; a guess.
+    That is the link before the joint (4, 5 for joints 5, 6), and link 1 for joint 1. s is the logged current [A] where
+    there is one, h then per ampere; else the smooth sign of the joint's velocity, as friction makes most of a slow
+    joint's current. h is relative to the stated magnitude; 0.1-2 %; a guess.
     """
 
     name = "motor_current_field"
     stage = Stage.FIELD
     places = SWEPT_JOINTS
+    needs_motion = True
     requires = ("joints",)
 
     field: tuple[float, ...] = parameter("relative", 5e-3, size=3)
@@ -172,5 +169,5 @@ class MotorCurrentField(Effect):
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         current = signals.currents.get(self.joint + 1)
         drive = smooth_sign(signals.joint_velocity[:, self.joint]) if current is None else current
-        in_base = link_rotations(signals, MOTOR_LINK[self.where]) @ np.asarray(self.field)
+        in_base = signals.link_rotation(motor_link(self.joint)) @ np.asarray(self.field)
         return with_field(signals, drive[:, None] * in_base)

@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.effects._numerics import turned
 from rig.effects.base import Effect, Stage, Value, parameter, register
 from rig.signals import Signals
+
+Array = NDArray[np.float64]
+
+_PARALLEL = 1e-6  # sine of the angle between axes that count as parallel
 
 #: Instants that are tried for a jump, evenly over the recording.
 INSTANTS = 60
@@ -20,12 +25,35 @@ def instants(signals: Signals) -> list[dict[str, Value]]:
     return [{"at_s": float(at)} for at in np.linspace(signals.t[0], signals.t[-1], INSTANTS + 2)[1:-1]]
 
 
+def twist_axis(signals: Signals, joint: int) -> Array:
+    """(3,) in the frame of the link of a joint (a column): the x axis of Denavit and Hartenberg."""
+    arm = signals.arm
+    x = np.array([1.0, 0.0, 0.0])
+    if arm is None or joint + 1 >= arm.dof:
+        return x
+    own, following = arm.joint_axes[joint], arm.joint_axes[joint + 1]  # base frame, all joints at zero
+    R_link_base = arm.link_maps[joint].R_zero.T
+    normal = R_link_base @ np.cross(own, following)
+    size = float(np.linalg.norm(normal))
+    if size < _PARALLEL:
+        along = R_link_base @ following
+        if abs(x @ along) > 1.0 - _PARALLEL:
+            return np.array([0.0, 1.0, 0.0])
+        across = x - (x @ along) * along
+        return np.asarray(across / np.linalg.norm(across))
+    normal /= size
+    return x if abs(normal[0]) > 1.0 - _PARALLEL else normal
+
+
 @register
 @dataclass(frozen=True)
 class AxisMisalignment(Effect):
     """The next joint's axis is not quite where it should be: the Denavit-Hartenberg twist is alpha_j + c.
 
-    R_0j' = R_0j Rx(c): everything beyond link j turns by c about the link's x axis, the sensor's position too.
+    R_0j' = R_0j Rx(c): everything beyond link j turns by c about the link's x axis, the sensor's position too. Where a
+    model's links have other axes, x is the common normal of the joint's axis and the next one's, or, where these are
+    parallel, at right angles to them.
+
     1 mrad; a guess.
     """
 
@@ -36,8 +64,13 @@ class AxisMisalignment(Effect):
 
     twist_rad: float = parameter("rad", 1e-3, lower=-0.5, upper=0.5)
 
+    @classmethod
+    def places_on(cls, signals: Signals) -> tuple[str, ...]:
+        """The joints with another one after them."""
+        return super().places_on(signals)[:-1]
+
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        axis = signals.links.rotation[:, self.joint, :, 0]
+        axis = signals.links.rotation[:, self.joint] @ twist_axis(signals, self.joint)
         lever = signals.position - signals.links.position[:, self.joint]
         return replace(
             signals,

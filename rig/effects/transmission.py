@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.effects._gravity import relative_gravity_torque
+from rig.effects._gravity import is_loaded, relative_gravity_torque
 from rig.effects.base import JOINTS, SWEPT_JOINTS, Effect, Stage, parameter, phase, register
 from rig.signals import Signals
 
@@ -25,6 +25,11 @@ GEAR_RATIO: Final = {"joint1": 100, "joint2": 100, "joint3": 100, "joint4": 101,
 def smooth_sign(velocity: Array) -> Array:
     """tanh(velocity / SIGN_WIDTH): the direction of travel, zero at rest, differentiable at a reversal."""
     return np.tanh(velocity / SIGN_WIDTH)
+
+
+def is_a465(signals: Signals) -> bool:
+    """Whether the arm is the rig's own, of which more is known than its model says."""
+    return signals.arm is not None and signals.arm.name == "a465"
 
 
 def turn_joint(signals: Signals, column: int, change: Array | float) -> Signals:
@@ -64,6 +69,7 @@ class JointScale(Effect):
     name = "joint_scale"
     stage = Stage.TRANSMISSION
     places = SWEPT_JOINTS
+    needs_motion = True
     requires = ("joints",)
 
     scale: float = parameter("relative", 1e-3, lower=-0.1, upper=0.1)
@@ -83,6 +89,7 @@ class JointEccentricity(Effect):
     name = "joint_eccentricity"
     stage = Stage.TRANSMISSION
     places = SWEPT_JOINTS
+    needs_motion = True
     requires = ("joints",)
 
     amplitude_rad: float = parameter("rad", 1e-3, lower=-0.5, upper=0.5)
@@ -99,13 +106,14 @@ class HarmonicDriveError(Effect):
     """The harmonic drive's kinematic error, twice a turn of its wave generator: q = qe + A sin(2 N qe + p).
 
     N is the gear ratio, 100 for joints 1 and 5, 101 for joint 6 (PyPI ctu_crs 1.0.6), and the default of ``order`` is
-    2 N; as another source has other ratios, 196 to 206 are tried. 1-1.5 arcmin peak to peak (CSF/CSG catalogue, table
-    40): A is 0.15-0.22 mrad; the catalogue of effects has 1-2 arcmin.
+    2 N; as another source has other ratios, and those of other arms are not known, 196 to 206 are tried. 1-1.5 arcmin
+    peak to peak (CSF/CSG catalogue, table 40): A is 0.15-0.22 mrad; the catalogue of effects has 1-2 arcmin.
     """
 
     name = "harmonic_drive_error"
     stage = Stage.TRANSMISSION
     places = SWEPT_JOINTS
+    needs_motion = True
     requires = ("joints",)
     rapid = True
 
@@ -122,8 +130,8 @@ class HarmonicDriveError(Effect):
     )
 
     def __post_init__(self) -> None:
-        if isinstance(self.order, float) and np.isnan(self.order) and self.where in GEAR_RATIO:
-            object.__setattr__(self, "order", 2.0 * GEAR_RATIO[self.where])
+        if isinstance(self.order, float) and np.isnan(self.order):
+            object.__setattr__(self, "order", 2.0 * GEAR_RATIO.get(self.where, 100))
         super().__post_init__()
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
@@ -142,6 +150,7 @@ class Backlash(Effect):
     name = "backlash"
     stage = Stage.TRANSMISSION
     places = SWEPT_JOINTS
+    needs_motion = True
     requires = ("joints",)
 
     width_rad: float = parameter("rad", 3e-3, lower=-0.5, upper=0.5)
@@ -156,9 +165,9 @@ class Backlash(Effect):
 class JointCompliance(Effect):
     """The joint droops under the arm's weight: q = qe - c tau_g(q) / max tau_g.
 
-    For joints 2 and 3 tau_g is the torque that holds the joint against gravity, from the arm's MuJoCo model at rest,
-    and max tau_g the largest that any pose asks for, limits aside: c is the droop there, a property of the arm and not
-    of the maneuver. For joint 5, which carries the tool alone, q = qe - c cos qe.
+    tau_g is the torque that holds the joint against gravity, from the arm's MuJoCo model at rest, and max tau_g the
+    largest that any pose asks for, limits aside: c is the droop there, a property of the arm and not of the maneuver.
+    For the A465's joint 5, which carries the tool alone, q = qe - c cos qe.
 
     1 mrad: the 42 N m that this model's stretched arm puts on joint 2, over 2.5-5e4 N m/rad of a size 25-32 drive
     (CSF/CSG catalogue, table 42); the model's masses are a guess.
@@ -171,8 +180,15 @@ class JointCompliance(Effect):
 
     droop_rad: float = parameter("rad", 1e-3, lower=-0.5, upper=0.5)
 
+    @classmethod
+    def places_on(cls, signals: Signals) -> tuple[str, ...]:
+        """Of the A465 those of the catalogue, of another arm the joints that gravity loads."""
+        if signals.arm is None or is_a465(signals):
+            return cls.places if signals.q_encoder is not None else ()
+        return tuple(place for place in super().places_on(signals) if is_loaded(signals.arm, int(place[5:]) - 1))
+
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        if self.where == "joint5":
+        if self.where == "joint5" and is_a465(signals):
             load = np.cos(signals.encoder_angles[:, self.joint])
         else:
             load = relative_gravity_torque(signals, self.joint)

@@ -109,21 +109,29 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
 def arm_options(command: Command) -> Command:
     """``--arm`` and ``--tip``: the user's own arm."""
-    tip = click.option("--tip", metavar="LINK", help="The URDF's link whose frame is the sensor's.")
-    urdf = click.option("--arm", "urdf", type=PATH, metavar="my.urdf", help="Another arm than the A465, as URDF.")
-    return urdf(tip(command))
+    tip = click.option(
+        "--tip", metavar="LINK", help="What carries the sensor: a link, of an MJCF a site or body; the arm's end else."
+    )
+    file = click.option(
+        "--arm",
+        "arm_file",
+        type=PATH,
+        metavar="FILE",
+        help="Another arm than the A465: URDF, MJCF or a folder with one.",
+    )
+    return file(tip(command))
 
 
-def chosen_arm(urdf: Path | None, tip: str | None) -> Arm | None:
+def chosen_arm(arm_file: Path | None, tip: str | None) -> Arm | None:
     """The arm of ``--arm`` and ``--tip``; None where neither is given.
 
     Raises:
-        RigError: one without the other, or the URDF cannot be used.
+        RigError: a tip without an arm, or the file cannot be used.
     """
-    if urdf is None and tip is None:
+    if arm_file is None:
+        if tip is not None:
+            raise RigError(f"--tip: found {tip!r} without --arm, expected the file of the arm that has it")
         return None
-    if urdf is None or tip is None:
-        raise RigError(f"--arm and --tip: found only {'--tip' if urdf is None else '--arm'}, expected both")
     from rig.arm import Arm
 
-    return Arm.from_urdf(urdf, tip)
+    return Arm.from_file(arm_file, tip)

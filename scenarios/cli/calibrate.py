@@ -54,7 +54,7 @@ def calibrate(
     output: Path | None,
     method: Any,
     parameters: str | None,
-    urdf: Path | None,
+    arm_file: Path | None,
     tip: str | None,
     locked: Path | None,
     noise: str | None,
@@ -79,9 +79,9 @@ def calibrate(
     from rig.errors import RigError
 
     if output is not None:
-        check_output(output, (".json",), run, locked, urdf)
+        check_output(output, (".json",), run, locked, arm_file)
     if coverage is not None:
-        check_output(coverage, (".png", ".svg", ".pdf"), run, locked, urdf)
+        check_output(coverage, (".png", ".svg", ".pdf"), run, locked, arm_file)
     if locked is not None and noise is not None:
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
@@ -89,7 +89,7 @@ def calibrate(
     from estimators.pipeline import has_pose
     from rig.recording import locked_beside, scan_recording
 
-    arm = chosen_arm(urdf, tip)
+    arm = chosen_arm(arm_file, tip)
     scan = scan_recording(run, joints=None if arm is None else arm.dof)
     attitude_free = method == "ellipsoid" or (method is None and not has_pose(scan))
     if attitude_free and (arm is not None or equal_weights):

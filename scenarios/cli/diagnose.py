@@ -45,7 +45,7 @@ def diagnose(
     locked: Path | None,
     maneuver2: Path | None,
     without: tuple[str, ...],
-    urdf: Path | None,
+    arm_file: Path | None,
     tip: str | None,
     jobs: int | None,
     saved: Path | None,
@@ -70,11 +70,11 @@ def diagnose(
     from rig.recording import scan_recording
     from scenarios.gap_report.batch import Outcome, Task, outcomes
 
-    arm = chosen_arm(urdf, tip)
+    arm = chosen_arm(arm_file, tip)
     for path in (locked, maneuver2):  # a file for all recordings is not to be refused once for each
         if path is not None:
             scan_recording(path, joints=None if arm is None else arm.dof)
-    tasks = [Task(run, locked, maneuver2, without, urdf, tip, saved is not None, minutes) for run in chosen]
+    tasks = [Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes) for run in chosen]
     found: dict[int, Outcome | Exception] = {}
     words = str(chosen[0]) if len(chosen) == 1 else f"{len(chosen)} recordings"
     with progress_bar(f"diagnosing {words}") as progress:

@@ -92,7 +92,8 @@ def sweep(
     from scenarios.causes import read_causes
     from scenarios.loader import load
 
-    chosen = load(scenario).with_effects(effect for path in causes for effect in read_causes(path))
+    chosen = load(scenario)
+    chosen = chosen.with_effects(effect for path in causes for effect in read_causes(path, chosen.rig.arm))
     if noise is not None:
         chosen = chosen.scaled_noise(noise)
     chosen = replace(chosen, engine=engine or chosen.engine, motion=motion or chosen.motion)

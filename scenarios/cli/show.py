@@ -117,7 +117,7 @@ def _draw_effect(name: str | None, output: Path | None, where: str | None) -> No
 @arm_options
 @json_option
 def view(
-    run: Path, output: Path | None, calibration: Path | None, urdf: Path | None, tip: str | None, as_json: bool
+    run: Path, output: Path | None, calibration: Path | None, arm_file: Path | None, tip: str | None, as_json: bool
 ) -> None:
     """Look at RUN in the rerun viewer: the arm in its sweep, the readings, and what a calibration leaves over; or at a
     study, which is a folder.
@@ -131,10 +131,10 @@ def view(
       rig view run.parquet --calibration cal.json -o run.rrd
     """
     if output is not None:
-        check_output(output, (".rrd",), run, calibration, urdf)
+        check_output(output, (".rrd",), run, calibration, arm_file)
     target = output if output is not None else Path(mkdtemp(prefix="rig-view-")) / f"{run.stem}.rrd"
     try:
-        _draw(run, calibration, chosen_arm(urdf, tip), target)
+        _draw(run, calibration, chosen_arm(arm_file, tip), target)
         if output is None:
             from scenarios.view import open_view
 

@@ -216,7 +216,7 @@ def subsets(
     count: int,
     method: Any,
     locked: Path | None,
-    urdf: Path | None,
+    arm_file: Path | None,
     tip: str | None,
     as_json: bool,
 ) -> None:
@@ -234,7 +234,7 @@ def subsets(
     from rig.recording import locked_beside, scan_recording
     from scenarios.studies.subsets import study as study_subsets
 
-    arm = chosen_arm(urdf, tip)
+    arm = chosen_arm(arm_file, tip)
     scan = scan_recording(run, joints=None if arm is None else arm.dof)
     still = locked or locked_beside(run)
     with progress_bar(f"{count} subsets of {run}") as progress:

@@ -36,7 +36,7 @@ class Task:
         locked: the locked recording; None: the one beside it, if there is one.
         maneuver2: another maneuver of the same rig.
         without: effects to leave out of the catalogue.
-        urdf, tip: the arm; None: the A465.
+        arm_file, tip: the arm; None: the A465.
         improved: whether the improved rig is wanted.
         minutes: how long the next maneuver may take; None: as long as the recording.
     """
@@ -45,7 +45,7 @@ class Task:
     locked: Path | None = None
     maneuver2: Path | None = None
     without: tuple[str, ...] = ()
-    urdf: Path | None = None
+    arm_file: Path | None = None
     tip: str | None = None
     improved: bool = False
     minutes: float | None = None
@@ -75,7 +75,7 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     Raises:
         RigError, RefusedFit: the recording cannot be read or diagnosed.
     """
-    arm = None if task.urdf is None or task.tip is None else Arm.from_urdf(task.urdf, task.tip)
+    arm = None if task.arm_file is None else Arm.from_file(task.arm_file, task.tip)
     joints = None if arm is None else arm.dof
     recording = read_recording(task.run, joints)
     if task.improved:
@@ -89,7 +89,7 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
         ambiguous = diagnosis.verdict == "ambiguous"
         rig, step = None, None
         if task.improved or (ambiguous and set(recording.units.values()) == {"V"}):
-            rig = improved_rig(diagnosis, residuals, locked, task.urdf, task.tip)
+            rig = improved_rig(diagnosis, residuals, locked)
         if ambiguous:
             step = next_step(diagnosis, residuals, None if rig is None else rig.scenario, task.minutes)
             diagnosis = replace(diagnosis, next=None if step is None else step.words)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -25,7 +24,6 @@ from scenarios.gap_report.closest_maneuver import closest_maneuver
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import cause_title, sentence
 from scenarios.scenario import Scenario
-from scenarios.tables import ArmTable
 
 Array = NDArray[np.float64]
 
@@ -50,15 +48,12 @@ def improved_rig(
     diagnosis: Diagnosis,
     residuals: GapResiduals,
     locked: Recording | None = None,
-    urdf: Path | None = None,
-    tip: str | None = None,
 ) -> ImprovedRig:
     """The rig of a recording.
 
     Args:
         residuals: of the diagnosed recording.
         locked: the locked recording, whose converter step is the rig's.
-        urdf, tip: the arm, where it is not the A465.
 
     Raises:
         RigError: the readings are not in volts, or the arm cannot be named in a file.
@@ -87,9 +82,6 @@ def improved_rig(
         title=f"The rig of {diagnosis.recording} with the causes of its gap",
         description=sentence(diagnosis),
         source=f"Calibration and effects fitted to {recording.name} by rig diagnose.",
-        arm_table=ArmTable(model="none")
-        if rig.arm is None
-        else ArmTable(urdf=None if urdf is None else str(urdf), tip=tip),
     )
     return ImprovedRig(scenario, (played.difference, *_remarks(diagnosis, residuals, rig)))
 
