@@ -152,7 +152,8 @@ def test_what_is_no_study_is_refused(here: Path, rig: Rig) -> None:
     (here / "empty").mkdir(exist_ok=True)
     assert "holds no study.json" in rig.refused("view", "empty", "-o", "x.rrd")
     assert "no such file or folder, expected a recording or a study" in rig.refused("view", "nowhere", "-o", "x.rrd")
-    assert "no such folder, expected one for paper.md" in rig.refused("study", "paper", "-o", "nowhere")
+    (here / "taken").write_text("")
+    assert "the folder cannot be made" in rig.refused("study", "paper", "-o", "taken")
 
 
 def entities_of(path: Path) -> set[str]:

@@ -14,6 +14,7 @@ from rig.channels import SENSORS
 from rig.errors import RigError
 from scenarios.plots.study_gap import gap_figure
 from scenarios.plots.style import save
+from scenarios.studies.paper.dip import dip_argument
 from scenarios.studies.paper.renk_text import misfits
 from scenarios.studies.paper.twin import SCENARIO, settled, stray_fields, subsets_of_twin
 from scenarios.studies.paper.twin_page import (
@@ -21,6 +22,7 @@ from scenarios.studies.paper.twin_page import (
     FOLDER,
     PAGE,
     PICTURE,
+    from_earth,
     make_gap_page,
     meets,
     page,
@@ -66,7 +68,7 @@ def test_the_scenarios_truth_gives_tables_5_and_10() -> None:
 
 def test_magnets_at_other_places_do_as_well_and_iron_in_the_forearm_does_not() -> None:
     found = {field.name: meets(field) for field in stray_fields()}
-    assert sum(like for name, like in found.items() if "magnet" in name) == 3
+    assert sum(like for name, like in found.items() if "magnet" in name) == 4
     assert not found["a field fixed in the forearm"]
 
 
@@ -88,6 +90,15 @@ def test_another_diagnosis_is_told_as_it_is() -> None:
     assert "closes" not in text
 
 
-def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RigError, match="no such folder"):
+def test_one_magnet_makes_the_dip_too() -> None:
+    """From the Earth's own field; of the others none is added to that one."""
+    [one] = [field for field in stray_fields() if from_earth(field)]
+    assert meets(one)
+    # The simultaneous fit's phi, which the search took to a few hundredths of a degree.
+    assert one.dip_deg == pytest.approx(dip_argument().found_deg, abs=0.05)
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "none").write_text("")
+    with pytest.raises(RigError, match="cannot be made"):
         make_gap_page(tmp_path / "none")

@@ -15,6 +15,7 @@ from rig.channels import SENSORS
 from rig.errors import RigError
 from scenarios.plots.style import save
 from scenarios.studies import consistency
+from scenarios.studies.paper.camps import two_sided
 from scenarios.studies.paper.compare import Comparison, compare, findings
 from scenarios.studies.paper.page import FOLDER, PICTURES, page
 from scenarios.studies.paper.published import (
@@ -200,6 +201,60 @@ def test_camps_row_that_holds_a_column(comparison: Comparison) -> None:
     slips = {one.about: one.holds for one in comparison.statements if one.paper == "camps"}
     assert slips["(5)"] is False
     assert slips["section 4"] is False
+
+
+def test_rows_that_agree_are_told_apart_by_what_that_rests_on(comparison: Comparison) -> None:
+    """What went into the rig cannot disagree with it, and sums of published rows need no rig."""
+    by_table = {(one.paper, one.table): one.basis for one in comparison.rows if one.word == "agrees"}
+    for table in ("3", "7", "8", "12"):
+        assert by_table["renk", table] == "tested"
+    for table in ("4", "6", "11"):
+        assert by_table["renk", table] == "arithmetic"
+    assert by_table["renk", "2"] == by_table["camps", "1"] == by_table["camps", "4"] == "by construction"
+    assert {one.basis for one in comparison.rows if one.word == "is the rig's truth"} == {"by construction"}
+    tested = [one for one in comparison.rows if one.basis == "tested" and one.word == "agrees"]
+    assert f"{len(tested)} were tested" in findings(comparison)[0]
+
+
+def test_the_dip_takes_a_stray_field_of_a_fifth_of_the_earths(comparison: Comparison) -> None:
+    dip = comparison.dip
+    # The weakest field that turns another by an angle is at right angles to the result: by vectors, not by a sine.
+    earth = np.array([np.cos(np.radians(70.24)), np.sin(np.radians(70.24))])
+    found = np.array([np.cos(np.radians(59.4127)), np.sin(np.radians(59.4127))])
+    assert dip.least == pytest.approx(np.linalg.norm(earth - (earth @ found) * found), rel=1e-4)
+    assert dip.low < dip.least < dip.high
+    assert dip.low > 0.17
+
+
+def test_an_early_stop_does_not_explain_tables_3_and_7(comparison: Comparison) -> None:
+    assert not any(one.like_table_7 or one.like_table_3 for one in comparison.early_stops)
+    assert {one.tolerance for one in comparison.early_stops} >= {None, 1e-6, 1e-4}
+    # Ended by the gradient it is the optimum: no more than four standard deviations of a standard deviation of 25.
+    whole = next(one for one in comparison.early_stops if one.tolerance is None)
+    expected = printed_bounds("accelerometer")
+    shown = {one.channel: one.noise_like / one.noise for one in misfits("accelerometer")}
+    assert whole.beta2_deg == pytest.approx(expected["beta2_deg"] * shown[1], rel=4.0 / np.sqrt(48.0))
+
+
+def test_what_was_found_beside_the_tables(comparison: Comparison) -> None:
+    found = {one.about: one for one in comparison.statements if not one.holds}
+    assert "-1, 0, -1, +1 g" in found["the kinematic model's example"].finds
+    [phi] = [one for one in comparison.statements if one.about == "phi of Table 5 and of Table 3"]
+    assert "make 89.9923, which is 0.0100 off the printed 90.0023" in phi.finds
+    text = " ".join(one.finds for one in comparison.statements)
+    for part in ("at -1.52 g", "11.8%", "27.73 min", "15 times the stated precision", "2.23° off", "8 of 9 parameters"):
+        assert part in text
+    assert "right-handed" in text
+    assert "left-handed" in text
+    assert found["Table 12"].says == "beta3 and gamma3 are in V"
+    assert found["section 4, S(p)"].paper == "camps"
+    assert "true of the orientation, false of the sensitivity" in text
+
+
+def test_three_tests_are_held_against_the_rigs_from_both_sides() -> None:
+    assert two_sided(1e-3) < 1e-5
+    assert two_sided(5.0) < 1e-5
+    assert two_sided(np.sqrt(np.log(2.0))) == pytest.approx(1.0)  # the median of chi-square over two
 
 
 def test_the_page_is_up_to_date(comparison: Comparison, kept: Summary) -> None:

@@ -7,6 +7,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.maneuver.axis_rotations import AxisRotations
 from rig.maneuver.hand_tumble import HandTumble
 from rig.maneuver.locked_poses import LockedPoses
 from rig.maneuver.static_poses import StaticPoses
@@ -33,11 +34,12 @@ class Maneuver(Protocol):
 
 
 #: What a scenario's [maneuver] table may name.
-MANEUVERS: Final[dict[str, type[TorusSweep] | type[LockedPoses] | type[HandTumble] | type[StaticPoses]]] = {
+MANEUVERS: Final[dict[str, type[TorusSweep | LockedPoses | HandTumble | StaticPoses | AxisRotations]]] = {
     "torus-sweep": TorusSweep,
     "locked-poses": LockedPoses,
     "static-poses": StaticPoses,
     "hand-tumble": HandTumble,
+    "axis-rotations": AxisRotations,
 }
 
-__all__ = ["MANEUVERS", "HandTumble", "LockedPoses", "Maneuver", "StaticPoses", "TorusSweep"]
+__all__ = ["MANEUVERS", "AxisRotations", "HandTumble", "LockedPoses", "Maneuver", "StaticPoses", "TorusSweep"]

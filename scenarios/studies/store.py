@@ -51,7 +51,7 @@ class StudyFolder:
         """A new study, or the one that is there if it is of the same kind, settings and version.
 
         Args:
-            path: of the folder, which is made; its parent must be there.
+            path: of the folder, which is made.
             kind: of the study.
             settings: a dataclass of plain values.
             any_version: take a study by another version of the package too: its results are wanted, not more of them.
@@ -68,9 +68,9 @@ class StudyFolder:
                 study._check_same(any_version)
                 return study
         try:
-            path.mkdir(exist_ok=True)
+            path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RigError(f"{path}: cannot be made: {error.strerror}, expected a folder in one that exists") from error
+            raise RigError(f"{path}: cannot be made: {error.strerror}") from error
         document = {"format": FORMAT, "kind": kind, "version": package_version(), "settings": plain}
         write_text(path / DOCUMENT, json.dumps(document, indent=1) + "\n")
         return study

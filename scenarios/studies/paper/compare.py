@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from rig.channels import SENSORS
-from scenarios.studies.paper import camps, renk, renk_text
+from scenarios.studies.paper import camps, camps_text, renk, renk_checks, renk_text
+from scenarios.studies.paper.dip import DipArgument, dip_argument, dip_words
+from scenarios.studies.paper.early_stop import EarlyStop, early_stops
 from scenarios.studies.paper.figures_text import OneDraw, one_draws
+from scenarios.studies.paper.published import spread_table
 from scenarios.studies.paper.renk_text import PublishedMisfit, field_chi_square, misfits
-from scenarios.studies.paper.rows import Row, Statement
+from scenarios.studies.paper.rows import Basis, Row, Statement
 
 
 @dataclass(frozen=True)
@@ -19,12 +23,15 @@ class Comparison:
     Attributes:
         rows: of the tables. statements: of the texts. misfits: the published fit errors taken apart.
         one_draws: what the text reads off Figures 3 and 4.
+        dip: what the dip of Table 10 says. early_stops: whether fits that end early scatter as Table 7.
     """
 
     rows: tuple[Row, ...]
     statements: tuple[Statement, ...]
     misfits: tuple[PublishedMisfit, ...]
     one_draws: tuple[OneDraw, ...]
+    dip: DipArgument
+    early_stops: tuple[EarlyStop, ...]
 
     def table(self, paper: str, number: str) -> tuple[Row, ...]:
         """The rows of one table."""
@@ -35,13 +42,19 @@ class Comparison:
         return tuple(dict.fromkeys(row.table for row in self.rows if row.paper == paper))
 
 
+#: What verdicts rest on, in the order of the page.
+BASES: Final[tuple[Basis, ...]] = ("tested", "by construction", "arithmetic")
+
+
 def compare() -> Comparison:
     """Make the comparison: a few seconds, and the same every time."""
     return Comparison(
         (*renk.rows(), *camps.rows()),
-        (*renk_text.statements(), *camps.statements()),
+        (*renk_text.statements(), *renk_checks.statements(), *camps_text.statements()),
         tuple(row for sensor in SENSORS for row in misfits(sensor)),
         one_draws(),
+        dip_argument(),
+        early_stops(),
     )
 
 
@@ -52,11 +65,16 @@ def findings(comparison: Comparison) -> tuple[str, ...]:
 
 def _findings(comparison: Comparison) -> Iterator[str]:
     judged = [row for row in comparison.rows if row.word in ("agrees", "differs")]
-    agreeing = sum(row.word == "agrees" for row in judged)
+    agreeing = [row for row in judged if row.word == "agrees"]
+    counts = {basis: sum(row.basis == basis for row in agreeing) for basis in BASES}
     yield (
-        f"{agreeing} of {len(judged)} published rows that can be judged agree with the rig; the other"
-        f" {len(judged) - agreeing} differ for a reason that is stated."
+        f"Of {len(judged)} published rows that can be judged, {len(agreeing)} agree with the rig; the other"
+        f" {len(judged) - len(agreeing)} differ for a reason that is stated. Of those that agree, {counts['tested']}"
+        f" were tested: they could have come out otherwise; {counts['by construction']} are consistent by"
+        " construction, for they went into the rig as its truth or its noise; and"
+        f" {counts['arithmetic']} are arithmetic between published numbers."
     )
+    yield dip_words(comparison.dip)
     for sensor in SENSORS:
         own = [row for row in comparison.misfits if row.sensor == sensor]
         errors = ", ".join(f"{1e3 * row.fit_error:.0f}" for row in own)
@@ -74,8 +92,10 @@ def _findings(comparison: Comparison) -> Iterator[str]:
         chi_square = field_chi_square(sensor, levels)
         yield (
             f"The three separate {sensor} fits do not agree on one field direction: chi-square {chi_square:.0f} for 4"
-            " degrees of freedom, at the noise that the subsets' scatter shows."
+            " degrees of freedom, at the noise that the subsets' scatter shows: the model misses something"
+            " systematic, and the tables do not tell what."
         )
+    yield early_stop_words(comparison.early_stops)
     slips = [row for row in comparison.rows if "radians" in row.why]
     if slips:
         names = " and ".join(row.quantity for row in slips)
@@ -102,5 +122,31 @@ def _findings(comparison: Comparison) -> Iterator[str]:
         if "holds test 1's column" in row.why:
             yield f"Camps et al., Table {row.table}, {row.item}: {row.why}."
     for statement in comparison.statements:
-        if statement.paper == "camps" and statement.about in ("(5)", "section 4") and not statement.holds:
+        if statement.paper == "camps" and not statement.holds and statement.about in _TOLD:
             yield f"Camps et al., {statement.about}: {statement.finds}."
+
+
+#: Of what the text of Camps et al. says, what a reader of the tables should know at once.
+_TOLD: Final = (
+    "(5)",
+    "(5) in their code",
+    "section 4",
+    "3.1, magnitude of the field",
+    "3.1 and Figure 3, accelerometer",
+)
+
+
+def early_stop_words(found: tuple[EarlyStop, ...]) -> str:
+    """Whether ending the search early explains Tables 3 and 7."""
+    like = [one for one in found if one.like_table_7 or one.like_table_3]
+    phi = f"{min(one.phi_deg for one in found):.3f} to {max(one.phi_deg for one in found):.3f}"
+    beta = f"{min(one.beta2_deg for one in found):.3f} to {max(one.beta2_deg for one in found):.3f}"
+    published = spread_table("7").std
+    there = f"{published['phi_deg'].text}° and {published['beta2_deg'].text}°"
+    text = (
+        f"An optimiser that stops early {'may explain' if like else 'does not explain'} the accelerometers' odd"
+        f" figures: in {len(found)} ways of ending quasi-Newton fits phi scatters by {phi}° and beta2 by {beta}°"
+        f" (Table 7: {there}), separate fields lie up to {max(one.apart_deg for one in found):.2f}° apart (Table 3:"
+        " 0.35°)"
+    )
+    return text + ("." if like else "; no way gives both of Table 7, none Table 3.")

@@ -115,6 +115,7 @@ class SpreadTable:
     Attributes:
         number, title, sensor: of the table. of_table: whose estimates come from one subset.
         mean, std: parameter -> number.
+        printed_units: parameter -> the unit that is printed beside it, where it is not the parameter's.
     """
 
     number: str
@@ -123,6 +124,7 @@ class SpreadTable:
     of_table: str
     mean: dict[str, Printed]
     std: dict[str, Printed]
+    printed_units: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,8 @@ def spread_table(number: str) -> SpreadTable:
     table = _table("renk", number)
     mean = {row["parameter"]: Printed.of(row["mean"]) for row in table["mean_std"]}
     std = {row["parameter"]: Printed.of(row["std"]) for row in table["mean_std"]}
-    return SpreadTable(number, table["title"], table["sensor"], table["of_table"], mean, std)
+    units = {row["parameter"]: row["printed_unit"] for row in table["mean_std"] if "printed_unit" in row}
+    return SpreadTable(number, table["title"], table["sensor"], table["of_table"], mean, std, units)
 
 
 def ellipsoid_table(number: str) -> EllipsoidTable:

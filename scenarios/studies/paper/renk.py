@@ -20,7 +20,7 @@ from scenarios.studies.paper.published import (
     spread_table,
     unit_of,
 )
-from scenarios.studies.paper.rows import SIGMAS, Row, Word
+from scenarios.studies.paper.rows import SIGMAS, Basis, Row, Word
 from scenarios.studies.paper.simulated import Drawn, displacement_deg, drawn, noiseless, subsets
 
 Array = NDArray[np.float64]
@@ -59,7 +59,9 @@ def _truth(number: str) -> Iterator[Row]:
             difference = (value - printed.value + 180.0) % 360.0 - 180.0 if angle else value - printed.value
             word: Word = "agrees" if abs(difference) < 1e-9 * max(abs(printed.value), 1.0) else "differs"
             why = "found again without noise to nine digits" if word == "agrees" else f"off by {difference:.1g}"
-            yield _row(table, k, column, printed, printed.value + difference, np.nan, np.nan, word, why)
+            yield _row(
+                table, k, column, printed, printed.value + difference, np.nan, np.nan, word, "by construction", why
+            )
 
 
 def _separate(number: str) -> Iterator[Row]:
@@ -80,7 +82,7 @@ def _separate(number: str) -> Iterator[Row]:
             sigmas = float(difference / np.hypot(apart[column] / factor, rounding))
             word: Word = "agrees" if abs(sigmas) <= SIGMAS else "differs"
             why = f"{abs(sigmas):.1f}σ from Table {other.number}, for two fits to the same data"
-            yield _row(table, k, column, printed, float(own.mean()), float(own.std()), sigmas, word, why)
+            yield _row(table, k, column, printed, float(own.mean()), float(own.std()), sigmas, word, "tested", why)
         yield _direction(table, other, many, k)
 
 
@@ -114,6 +116,7 @@ def _direction(table: ParameterTable, other: ParameterTable, many: Drawn, k: int
         float(own.std()),
         sigmas,
         word,
+        "tested",
         why,
     )
 
@@ -142,10 +145,22 @@ def _simultaneous(number: str) -> Iterator[Row]:
         own = values["phi_deg"]
         why = "gravity lies along joint 1 within its uncertainty, so psi means nothing"
         yield _row(
-            table, 0, "phi", folded, float(own.mean()), float(own.std()), np.nan, "is the rig's truth", "", "all"
+            table,
+            0,
+            "phi",
+            folded,
+            float(own.mean()),
+            float(own.std()),
+            np.nan,
+            "is the rig's truth",
+            "by construction",
+            "",
+            "all",
         )
         around = values["psi_deg"]
-        yield _row(table, 0, "psi", psi, np.nan, float(around.std()), np.nan, "cannot be told", why, "all")
+        yield _row(
+            table, 0, "psi", psi, np.nan, float(around.std()), np.nan, "cannot be told", "by construction", why, "all"
+        )
         return
     for column, printed in (("phi", phi), ("psi", psi)):
         yield _found_again(table, "all", column, printed, values[f"{column}_deg"])
@@ -156,7 +171,9 @@ def _found_again(table: ParameterTable, item: str, column: str, printed: Printed
     word: Word = "is the rig's truth" if abs(sigmas) <= SIGMAS else "differs"
     why = "" if word != "differs" else f"the mean of {len(own)} experiments is off by {sigmas:.1f} standard errors"
     k = 0 if item == "all" else int(item) - 1
-    return _row(table, k, column, printed, float(own.mean()), float(own.std()), sigmas, word, why, item)
+    return _row(
+        table, k, column, printed, float(own.mean()), float(own.std()), sigmas, word, "by construction", why, item
+    )
 
 
 def _angles(number: str) -> Iterator[Row]:
@@ -186,6 +203,7 @@ def _angles(number: str) -> Iterator[Row]:
             float(own[pair].std()),
             float((printed.value - own[pair].mean()) / own[pair].std()),
             word,
+            "arithmetic",
             why,
         )
 
@@ -215,10 +233,12 @@ def _spread(number: str) -> Iterator[Row]:
         bound = bounds[name]
         if not np.isfinite(bound):
             why = f"gravity lies along joint 1; the rig's 25 subsets scatter by {one.std:.0f}° as well"
-            yield Row("renk", number, item, quantity, unit, text, np.nan, one.std, np.nan, "cannot be told", why)
+            yield Row(
+                "renk", number, item, quantity, unit, text, np.nan, one.std, np.nan, "cannot be told", "tested", why
+            )
             continue
         word, why = on_spread(std.value / bound, name)
-        yield Row("renk", number, item, quantity, unit, text, one.mean, one.std, np.nan, word, why)
+        yield Row("renk", number, item, quantity, unit, text, one.mean, one.std, np.nan, word, "tested", why)
 
 
 def printed_bounds(sensor: str) -> dict[str, float]:
@@ -281,9 +301,10 @@ def _row(
     rig_std: float,
     sigmas: float,
     word: Word,
+    basis: Basis,
     why: str,
     item: str | None = None,
 ) -> Row:
     unit = unit_of(column, table.sensor)
     name = item or str(k + 1)
-    return Row("renk", table.number, name, column, unit, printed.text, rig, rig_std, sigmas, word, why)
+    return Row("renk", table.number, name, column, unit, printed.text, rig, rig_std, sigmas, word, basis, why)

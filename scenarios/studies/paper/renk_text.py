@@ -127,7 +127,15 @@ def _within(entry: Mapping[str, Any]) -> Statement:
     slack = left_slack + right_slack
     holds = largest <= limit.value + limit.half_unit + slack
     decimals = max(len(limit.text.partition(".")[2]), 2)
-    return Statement("renk", entry["what"], f"within {limit.text}", f"up to {largest:.{decimals}f}", bool(holds))
+    finds = f"up to {largest:.{decimals}f}"
+    if not holds and "right" in entry:
+        worst = int(differences.argmax())
+        towards = right[worst] + np.copysign(limit.value, left[worst] - right[worst])
+        finds += (
+            f": {right[worst]:.{decimals}f} and {limit.text} make {towards:.{decimals}f}, which is"
+            f" {abs(left[worst] - towards):.{decimals}f} off the printed {left[worst]:.{decimals}f}"
+        )
+    return Statement("renk", entry["what"], f"within {limit.text}", finds, bool(holds))
 
 
 def _numbers(place: Mapping[str, str]) -> tuple[Array, float]:
@@ -261,7 +269,7 @@ def _fields_agree(sensor: str) -> Statement:
         "the separate fits find nearly one field direction, so the model has no fundamental problem",
         f"they lie up to {RADIAN_DEG * apart:.2f}° apart; chi-square against one direction, 4 degrees of freedom, is"
         f" {at_noise:.0f} at the stated noise and {at_scatter:.0f} ({probability}) at the noise that the 25 subsets"
-        f" scatter by{'' if agree else ': the model misses something systematic'}",
+        f" scatter by{'' if agree else ': the model misses something systematic, and the tables do not tell what'}",
         agree,
     )
 

@@ -8,6 +8,11 @@ from typing import Final, Literal
 
 Word = Literal["agrees", "differs", "cannot be told", "is the rig's truth"]
 
+#: What a verdict rests on. "tested": the published row could have come out otherwise than the rig predicts it. "by
+#: construction": it went into the rig (its truth, or its noise), so that the rig gives it back. "arithmetic": it is
+#: held against other published rows alone.
+Basis = Literal["tested", "by construction", "arithmetic"]
+
 #: A difference of more standard deviations than this is none of chance: among the 150 rows of both papers one in
 #: fourteen such comparisons would find one by accident.
 SIGMAS: Final = 3.5
@@ -24,7 +29,7 @@ class Row:
         rig, rig_std: what the rig gives under the same conditions, and how far one experiment scatters about it; NaN
             where it has no such number.
         sigmas: the difference in standard deviations; NaN where rounding or a ratio decides.
-        word, why: the verdict.
+        word, why: the verdict. basis: what it rests on.
     """
 
     paper: str
@@ -37,6 +42,7 @@ class Row:
     rig_std: float
     sigmas: float
     word: Word
+    basis: Basis
     why: str = ""
 
     @property

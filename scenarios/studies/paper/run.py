@@ -15,8 +15,7 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from rig.channels import ACCELEROMETER
-from rig.errors import RigError
-from rig.files import write_text
+from rig.files import own_folder, write_text
 from scenarios.loader import load
 from scenarios.studies.consistency import run, trial
 from scenarios.studies.executor import Workers
@@ -62,16 +61,13 @@ def make_paper(
     """Write paper.md, its pictures, and the results of its consistency study.
 
     Args:
-        folder: exists. chosen: of the consistency study; None: 2,000 draws.
+        folder: is made if it is not there. chosen: of the consistency study; None: 2,000 draws.
         workers, progress: as of ``consistency.run``. A study whose results are there is not made again.
 
     Raises:
-        RigError: the folder is missing or cannot be written, or as of ``consistency.run``.
+        RigError: the folder cannot be made or written to, or as of ``consistency.run``.
     """
-    if not folder.is_dir():
-        raise RigError(f"{folder}: no such folder, expected one for {PAGE}")
-    beside = folder / FOLDER
-    beside.mkdir(exist_ok=True)
+    beside = own_folder(folder / FOLDER)
     wanted = chosen or settings()
     there = all((beside / STUDY / name).is_file() for name in (SUMMARY, RATES, BLOCKS))
     study = StudyFolder.begin(beside / STUDY, "consistency", wanted, any_version=there)

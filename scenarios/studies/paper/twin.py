@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from estimators import Calibration, calibrate
 from estimators.model import Method
 from rig.channels import ACCELEROMETER, MAGNETOMETER
-from rig.directions import direction_from_angles
+from rig.directions import angles_from_direction, direction_from_angles
 from rig.effects import Effect, make_effect
 from rig.maneuver import TorusSweep
 from rig.sensor import TriaxialSensor
@@ -37,7 +37,7 @@ SIMULTANEOUS: Final = {ACCELEROMETER: "5", MAGNETOMETER: "10"}
 #: Steps of the fixed point, which gains a digit in each.
 _ROUNDS: Final = 8
 
-#: Other stray fields, fitted as the scenario's was.
+#: Other stray fields, fitted as the scenario's was; the field that they are added to may point anywhere.
 OTHERS: Final[dict[str, tuple[str, dict[str, object]]]] = {
     "a magnet beside the arm": (
         "base_dipole",
@@ -51,19 +51,31 @@ OTHERS: Final[dict[str, tuple[str, dict[str, object]]]] = {
     "a field fixed in the forearm": ("link_hard_iron", {"where": "link4", "field": (-0.536, 0.2634, -0.0278)}),
 }
 
+#: Magnets that are added to the Earth's own field (its dip is that of IGRF-14; psi is the base's heading [deg]) and
+#: turn it as well.
+FROM_EARTH: Final[dict[str, tuple[dict[str, object], float]]] = {
+    "one strong magnet in the Earth's own field": (
+        {"position_m": (-0.44769, -1.395, 1.10295), "moment": (-0.16113, -0.19234, -0.71235)},
+        70.5488,
+    ),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class StrayField:
-    """What a stray field leaves in the magnetometers' separate fits.
+    """What a stray field leaves in the magnetometers' fits.
 
     Attributes:
         name: what it is.
-        fit_error: (3,) [V]. apart: (3, 3) [deg] each fit's field less their mean.
+        fit_error: (3,) of the separate fits [V]. apart: (3, 3) [deg] each fit's field less their mean.
+        dip_deg: phi of the simultaneous fit. undisturbed_deg: that of the field without it.
     """
 
     name: str
     fit_error: Array
     apart: Array
+    dip_deg: float
+    undisturbed_deg: float
 
 
 @cache
@@ -86,12 +98,31 @@ def stray_fields() -> tuple[StrayField, ...]:
     found = []
     for name, effects in sets.items():
         rig = settled(replace(scenario, rig=replace(scenario.rig, effects=(*effects, *kept))))
-        fits = _calibrated(rig, "separate").sensors[MAGNETOMETER]
-        noise = np.sqrt(_noise_squared(scenario))
-        values = np.array([[fits.value(f"{angle}{axis}_deg") for axis in (1, 2, 3)] for angle in ("phi", "psi")])
-        fields = direction_from_angles(*values)
-        found.append(StrayField(name, np.hypot(fits.fit_rms, noise), np.degrees(fields - fields.mean(axis=0))))
+        found.append(_seen(name, rig))
+    for name, (parameters, psi_deg) in FROM_EARTH.items():
+        towards = direction_from_angles(float(renk()["place"]["dip_deg"]), psi_deg)
+        environment = replace(
+            scenario.rig.environment, magnetic_direction=(float(towards[0]), float(towards[1]), float(towards[2]))
+        )
+        strong = (make_effect("base_dipole", parameters), *kept)
+        rig = settled(replace(scenario, rig=replace(scenario.rig, environment=environment, effects=strong)), False)
+        found.append(_seen(name, rig))
     return tuple(found)
+
+
+def _seen(name: str, rig: Scenario) -> StrayField:
+    fits = _calibrated(rig, "separate").sensors[MAGNETOMETER]
+    together = _calibrated(rig, "simultaneous").sensors[MAGNETOMETER]
+    noise = np.sqrt(_noise_squared(rig))
+    values = np.array([[fits.value(f"{angle}{axis}_deg") for axis in (1, 2, 3)] for angle in ("phi", "psi")])
+    fields = direction_from_angles(*values)
+    return StrayField(
+        name,
+        np.hypot(fits.fit_rms, noise),
+        np.degrees(fields - fields.mean(axis=0)),
+        together.value("phi_deg"),
+        float(np.degrees(np.arcsin(-rig.rig.environment.magnetic_direction[2]))),
+    )
 
 
 def published_apart(sensor: str) -> Array:
@@ -100,14 +131,17 @@ def published_apart(sensor: str) -> Array:
     return np.asarray(np.degrees(fields - fields.mean(axis=0)))
 
 
-def settled(scenario: Scenario) -> Scenario:
+def settled(scenario: Scenario, free_field: bool = True) -> Scenario:
     """The scenario with the truth whose simultaneous calibration, without noise, is the paper's.
 
-    Gravity's direction stays: so close to joint 1's axis its azimuth cannot be told.
+    Gravity's direction stays: so close to joint 1's axis its azimuth cannot be told. So does the magnetic field's
+    unless it is free.
     """
     tables = {sensor: parameter_table(number) for sensor, number in SIMULTANEOUS.items()}
     wanted = {sensor: _values(table) for sensor, table in tables.items()}
     truth = {sensor: values.copy() for sensor, values in wanted.items()}
+    if not free_field:
+        truth[MAGNETOMETER][-2:] = angles_from_direction(np.array(scenario.rig.environment.magnetic_direction))
     made = _with_truth(scenario, truth)
     for _ in range(_ROUNDS):
         found = _calibrated(made, "simultaneous")
@@ -116,7 +150,7 @@ def settled(scenario: Scenario) -> Scenario:
             off = np.array([found.sensors[sensor].value(name) for name in names]) - wanted[sensor]
             angles = np.array([name.endswith("_deg") for name in names])
             off[angles] = (off[angles] + 180.0) % 360.0 - 180.0
-            if sensor == ACCELEROMETER:
+            if sensor == ACCELEROMETER or not free_field:
                 off[-2:] = 0.0
             values -= off
         made = _with_truth(scenario, truth)
