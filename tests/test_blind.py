@@ -22,7 +22,8 @@ from rig.environment import Environment
 from rig.errors import RigError
 from rig.recording import Recording, read_recording
 from rig.sensor import TriaxialSensor
-from scenarios.blind import likeness, solve
+from scenarios.blind import answers, likeness
+from scenarios.blind.answers import Answers
 from scenarios.blind.baselines import BASELINES
 from scenarios.blind.floors import Floor
 from scenarios.blind.intervals import Rate
@@ -31,10 +32,10 @@ from scenarios.blind.mechanics import MECHANISMS
 from scenarios.blind.outcome import judge
 from scenarios.blind.power import crossing, half_power, ideal_power
 from scenarios.blind.report import page
-from scenarios.blind.score import is_right, read_order, score_set, summary, withheld_effect
-from scenarios.blind.seal import commitment, read_manifest, read_truth, sealed_folder
+from scenarios.blind.score import is_right, score_set, summary, withheld_effect
+from scenarios.blind.seal import commitment, read_manifest, read_order, read_truth, sealed_folder
 from scenarios.blind.settings import draw_setting
-from scenarios.blind.solve import ANSWERS, read_answer, solve_set
+from scenarios.blind.solve import ANSWERS, solve_set
 from scenarios.blind.strata import MECHANICS, STRATA, plans
 from scenarios.blind.strength import signal_to_noise
 from scenarios.blind.truth import TrueCause, Truth
@@ -175,7 +176,7 @@ def test_solving_scoring_and_the_page(made: Path, tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(scoring, "baseline_answers", lambda recording, locked: silent)  # they take seconds a case
     hidden = sealed.rename(tmp_path / "hidden")  # solving does without it
     assert solve_set(folder, HERE) == 10
-    assert read_answer(folder / ANSWERS, "case001")["verdict"] == "refused"
+    assert Answers(folder / ANSWERS).read("case001")["verdict"] == "refused"
     (folder / ANSWERS / "case002.diagnosis.json").unlink()
     assert solve_set(folder, HERE) == 1
     assert set(asked) == {()}
@@ -220,11 +221,11 @@ def test_the_simple_judges_see_a_strong_effect() -> None:
 def test_two_versions_of_the_diagnosis_are_not_mixed(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solve.check_solver(tmp_path)
-    solve.check_solver(tmp_path)
-    monkeypatch.setattr(solve, "solver_hash", lambda: "another")
+    Answers(tmp_path).begin()
+    Answers(tmp_path).begin()
+    monkeypatch.setattr(answers, "solver_hash", lambda: "another")
     with pytest.raises(RigError, match="another version"):
-        solve.check_solver(tmp_path)
+        Answers(tmp_path).begin()
 
 
 def truth_of(*causes: TrueCause, stratum: str = "one") -> Truth:
@@ -349,3 +350,53 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "rig blind make" in capsys.readouterr().err
     assert _app.run(["blind", "score", str(tmp_path), "-o", "page.txt"]) == 2
     assert _app.run(["blind", "make", str(tmp_path / "set"), "--cases", "3"]) == 2
+
+
+@pytest.mark.parametrize("key", ["name", "recording", "locked"])
+@pytest.mark.parametrize("name", ["../../../x", "/etc/passwd", "a/b", "", "..", 5, None], ids=repr)
+def test_a_set_does_not_lead_out_of_its_folder(made: Path, tmp_path: Path, key: str, name: object) -> None:
+    folder = tmp_path / "deep" / "set"
+    shutil.copytree(made, folder)
+    document = json.loads((folder / "manifest.json").read_text())
+    document["cases"][2][key] = name
+    (folder / "manifest.json").write_text(json.dumps(document))
+    before = sorted(tmp_path.rglob("*"))
+    for command in (("blind", "solve", str(folder)), ("blind", "score", str(folder), "--truth", str(made) + ".sealed")):
+        assert _app.run([*command]) == 2
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_set_does_not_write_through_links(made: Path, tmp_path: Path) -> None:
+    folder, elsewhere = tmp_path / "set", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    shutil.copytree(made, folder)
+    (folder / ANSWERS).symlink_to(elsewhere)
+    with pytest.raises(RigError, match="answers: is a link"):
+        solve_set(folder, HERE)
+    (folder / ANSWERS).unlink()
+    (folder / "case000.parquet").unlink()
+    (folder / "case000.parquet").symlink_to("/etc/passwd")
+    with pytest.raises(RigError, match=r"case000.parquet: is a link"):
+        solve_set(folder, HERE)
+    assert not list(elsewhere.iterdir())
+
+
+def test_a_damaged_answer_is_found_and_made_again(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "set"
+    shutil.copytree(made, folder)
+    asked: list[str] = []
+
+    def judge_all(run: Path, locked: Path, without: tuple[str, ...] = ()) -> Diagnosis:
+        asked.append(run.stem)
+        return stub(read_recording(run), "named", ("backlash", "joint5"))
+
+    monkeypatch.setattr(estimators.gap, "diagnose", judge_all)
+    assert solve_set(folder, HERE) == 10
+    kept = Answers(folder / ANSWERS)
+    path = kept.path("case004")
+    path.write_text(path.read_text().replace("named", "no-gap"))
+    with pytest.raises(RigError, match="is damaged or was changed: run rig blind solve again"):
+        kept.read("case004")
+    assert solve_set(folder, HERE) == 1
+    assert asked[-1] == "case004"
+    assert kept.read("case004")["verdict"] == "named"

@@ -66,7 +66,7 @@ def test_consistency_leaves_tables_and_plots(studied: Path) -> None:
     plots = {
         f"{sensor}-separate{suffix}" for sensor in ("accelerometer", "magnetometer") for suffix in (".png", ".svg")
     }
-    assert names == {"study.json", "table.parquet", "summary.parquet", "rates.parquet"} | plots
+    assert names == {"study.json", "table.parquet", "summary.parquet", "rates.parquet", "tables.json"} | plots
     assert pq.read_metadata(studied / "table.parquet").num_rows == 30 * 3 * 2 * 2 * 2
     assert matplotlib.image.imread(studied / "accelerometer-separate.png").shape[1] > 1500
     document = json.loads((studied / "study.json").read_text())
@@ -138,7 +138,7 @@ def test_subsets_are_tabled_plotted_and_looked_at(here: Path, rig: Rig) -> None:
     assert "noise of the bound of the locked arm" in text
     assert "accel3" in text
     assert "field direction: chi-square" in text
-    names = {"channels.parquet", "fields.parquet", "study.json", "subsets.png", "subsets.svg"}
+    names = {"channels.parquet", "fields.parquet", "study.json", "tables.json", "subsets.png", "subsets.svg"}
     assert {path.name for path in (here / "sub").iterdir()} == names | {"summary.parquet", "table.parquet"}
     document = json.loads(rig.done("study", "subsets", "run.parquet", "--subsets", "10", "--json"))
     assert len(document["channels"]) == 6

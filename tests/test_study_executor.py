@@ -10,12 +10,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from study_trials import always_dying, dying, failing, squares
 
@@ -307,8 +307,10 @@ def test_a_spoilt_trial_is_made_again(reference: bytes, tmp_path: Path) -> None:
     study = StudyFolder.begin(tmp_path / "study", "consistency", small())
     (study.path / "trials").mkdir()
     for number in (0, 1):
-        pq.write_table(consistency.trial(small(), number), study.path / "trials" / f"{number:05d}.parquet")
-    (study.path / "trials" / "00001.parquet").write_bytes(b"")
+        study._keep(number, consistency.trial(small(), number))
+    assert study.finished() == {0, 1}
+    spoilt = next((study.path / "trials").glob("00001-*.parquet"))
+    spoilt.write_bytes(b"")
     assert study.finished() == {0}
     consistency.run(small(), study, Workers(0))
     assert table_of(study.path) == reference
@@ -326,3 +328,69 @@ def test_nobody_else_fills_the_same_study(tmp_path: Path) -> None:
 def test_a_negative_number_of_workers_is_refused() -> None:
     with pytest.raises(RigError, match="workers: found -1, expected zero"):
         Workers(-1)
+
+
+def flipped(path: Path, where: float) -> None:
+    """One bit of a file is another; ``where`` is a share of its length."""
+    content = bytearray(path.read_bytes())
+    content[int(where * (len(content) - 1))] ^= 4
+    path.write_bytes(bytes(content))
+
+
+@pytest.mark.parametrize("where", [0.0, 0.1, 0.5, 0.9, 0.99, 1.0, None])
+def test_a_damaged_table_is_named_and_made_again(reference: bytes, tmp_path: Path, where: float | None) -> None:
+    """Wherever a bit has changed, in the data or at the end, and where nothing is left (None)."""
+    study = StudyFolder.begin(tmp_path / "study", "consistency", small())
+    consistency.run(small(), study, Workers(0))
+    path = study.path / TABLE
+    if where is None:
+        path.write_bytes(b"")
+    else:
+        flipped(path, where)
+    assert not study.done
+    with pytest.raises(RigError, match=r"table.parquet: is damaged .*run the study again"):
+        study.table(TABLE)
+    consistency.run(small(), StudyFolder.begin(study.path, "consistency", small()), Workers(0))
+    assert table_of(study.path) == reference
+    assert not (study.path / "trials").exists()
+
+
+def test_sound_trials_of_a_damaged_table_are_kept(tmp_path: Path) -> None:
+    study = StudyFolder.begin(tmp_path / "study", "consistency", small())
+    consistency.run(small(), study, Workers(0))
+    flipped(study.path / TABLE, 0.5)
+    made: list[int] = []
+
+    def counted(settings: Settings, number: int) -> pa.Table:
+        made.append(number)
+        return consistency.trial(settings, number)
+
+    study.fill(counted, small(), small().trials, Workers(0))
+    assert len(made) == 1
+
+
+def test_no_bit_of_a_study_changes_unseen(tmp_path: Path) -> None:
+    """Of 300 flipped bits none reads back as another study."""
+    study = StudyFolder.begin(tmp_path / "study", "consistency", Plain())
+    study.write("a.parquet", pa.table({"x": np.arange(1000) * 0.1}))
+    before = {path.name: path.read_bytes() for path in study.path.iterdir()}
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        name = str(rng.choice(sorted(before)))
+        content = bytearray(before[name])
+        content[rng.integers(len(content))] ^= 1 << rng.integers(8)
+        (study.path / name).write_bytes(bytes(content))
+        with suppress(RigError):
+            found = StudyFolder.read(study.path)
+            assert (found.kind, found.settings) == ("consistency", {"seed": 5})
+            assert found.table("a.parquet")["x"].to_numpy().tolist() == (np.arange(1000) * 0.1).tolist()
+        (study.path / name).write_bytes(before[name])
+
+
+def test_trials_are_not_written_through_a_link(tmp_path: Path) -> None:
+    study = StudyFolder.begin(tmp_path / "study", "consistency", small())
+    (tmp_path / "elsewhere").mkdir()
+    (study.path / "trials").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(RigError, match="trials: is a link"):
+        consistency.run(small(), study, Workers(0))
+    assert not list((tmp_path / "elsewhere").iterdir())

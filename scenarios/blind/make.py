@@ -10,10 +10,19 @@ from pathlib import Path
 import numpy as np
 
 from rig.errors import RigError
-from rig.files import atomic_path
+from rig.files import atomic_path, own_folder
 from rig.threads import one_blas_thread
 from scenarios.blind.cases import make_case
-from scenarios.blind.seal import MANIFEST, TRUTH_FORMAT, commitment, file_hash, new_salt, write_manifest, write_truth
+from scenarios.blind.seal import (
+    CHANGES,
+    MANIFEST,
+    TRUTH_FORMAT,
+    commitment,
+    file_hash,
+    new_salt,
+    write_manifest,
+    write_truth,
+)
 from scenarios.blind.strata import Plan, plans
 from scenarios.loader import load
 from scenarios.studies.executor import Workers
@@ -60,8 +69,8 @@ def make_set(order: Order, workers: Workers | None = None, progress: Callable[[f
     folder, sealed = Path(order.folder), Path(order.sealed)
     if (folder / MANIFEST).exists():
         raise RigError(f"{folder}: holds a set already, expected a new folder")
-    (sealed / "changes").mkdir(parents=True, exist_ok=True)
-    folder.mkdir(parents=True, exist_ok=True)
+    own_folder(sealed / CHANGES)
+    own_folder(folder)
     count = len(order.plans)
     entries: dict[int, tuple[dict[str, str], dict[str, object]]] = {}
     for number, entry in (workers or Workers(0)).completed(_make_one, order, range(count)):
@@ -87,7 +96,7 @@ def _make_one(order: Order, number: int) -> tuple[dict[str, str], dict[str, obje
     files = {"recording": f"{name}.parquet", "locked": f"{name}.locked.parquet"}
     case.recording.write(folder / files["recording"])
     case.locked.write(folder / files["locked"])
-    change = sealed / "changes" / f"{name}.npz"
+    change = sealed / CHANGES / f"{name}.npz"
     with atomic_path(change) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, change=case.change.astype(np.float32))
     truth = json.loads(json.dumps(replace(case.truth, change_sha256=file_hash(change)).to_json()))

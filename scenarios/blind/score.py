@@ -12,24 +12,29 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
+from zipfile import ZipFile
 
 import numpy as np
 
+from rig.channels import CHANNELS
 from rig.errors import RigError
-from rig.files import write_text
+from rig.files import child, write_text
 from rig.recording import read_recording
 from rig.threads import one_blas_thread
+from scenarios.blind.answers import Answers
 from scenarios.blind.baselines import BASELINES, baseline_answers
 from scenarios.blind.closure import Closure, closure
 from scenarios.blind.outcome import CONFIDENT, Outcome, judge
-from scenarios.blind.seal import TRUTH, check_recording, file_hash, read_manifest, read_truth
-from scenarios.blind.solve import ANSWERS, answer_path, read_answer, solve_cases
+from scenarios.blind.seal import CHANGES, TRUTH, check_recording, file_hash, read_manifest, read_truth
+from scenarios.blind.solve import ANSWERS, solve_cases
 from scenarios.blind.strata import MECHANICS
 from scenarios.blind.truth import Truth
 from scenarios.studies.executor import Workers
+from scenarios.studies.tables import fitting_together
 
 WITHHELD_FOLDER: Final = "withheld"
 _BASELINE_FOLDER: Final = "baselines"
+_HEADER: Final = 4096  # of an array in its file, at most [bytes]
 
 Progress = Callable[[float], None]
 
@@ -65,9 +70,9 @@ def score_set(
     cases = read_manifest(folder)
     for case in cases:
         check_recording(folder, case)
-        if not answer_path(folder / ANSWERS, case["name"]).exists():
-            raise RigError(f"{folder / ANSWERS}: has no diagnosis of {case['name']}: run rig blind solve first")
-    truths = {name: Truth.from_json(each) for name, each in read_truth(sealed, cases).items()}
+        Answers(folder / ANSWERS).read(case["name"])
+    with fitting_together(sealed / TRUTH):
+        truths = {name: Truth.from_json(each) for name, each in read_truth(sealed, cases).items()}
     report = progress or (lambda share: None)
     half = 0.5 if withheld else 0.0
     if withheld:
@@ -75,7 +80,11 @@ def score_set(
         asked = [(case, left_out) for case, left_out in asked if left_out[0]]
         solve_cases(folder, sealed / WITHHELD_FOLDER, asked, workers, lambda share: report(half * share))
     _run_baselines(folder, sealed, cases, workers, lambda share: report(half + (1.0 - half) * share))
-    return [_score_one(folder, sealed, case["name"], truths[case["name"]]) for case in cases]
+    scores = []
+    for case in cases:
+        with fitting_together(Answers(folder / ANSWERS).path(case["name"])):
+            scores.append(_score_one(folder, sealed, case, truths[case["name"]]))
+    return scores
 
 
 def withheld_effect(truth: Truth) -> str:
@@ -84,25 +93,30 @@ def withheld_effect(truth: Truth) -> str:
     return truth.visible[0].effect if single else ""
 
 
-def _score_one(folder: Path, sealed: Path, name: str, truth: Truth) -> CaseScore:
-    answers = folder / ANSWERS
-    answer = read_answer(answers, name)
-    recording = read_recording(folder / f"{name}.parquet")
-    compared = closure(truth, _change(sealed, truth), recording, answer, answer_path(answers, name))
+def _score_one(folder: Path, sealed: Path, case: dict[str, str], truth: Truth) -> CaseScore:
+    name, answers = case["name"], Answers(folder / ANSWERS)
+    answer = answers.read(name)
+    recording = read_recording(folder / case["recording"])
+    compared = closure(truth, _change(sealed, truth, len(recording)), recording, answer, answers.path(name))
     second = None
     left_out = withheld_effect(truth)
-    if left_out and answer_path(sealed / WITHHELD_FOLDER, name).exists():
-        again = read_answer(sealed / WITHHELD_FOLDER, name)
+    withheld = Answers(sealed / WITHHELD_FOLDER)
+    if left_out and withheld.path(name).exists():
+        again = withheld.read(name)
         second = (again, judge(truth, again, left_out))
-    simple = json.loads((sealed / _BASELINE_FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    simple = Answers(sealed / _BASELINE_FOLDER, ".json").read(name)
     judged = {judge_name: judge(truth, simple[judge_name]) for judge_name in BASELINES}
     return CaseScore(truth, answer, judge(truth, answer), compared, second, judged)
 
 
-def _change(sealed: Path, truth: Truth) -> np.ndarray[Any, np.dtype[np.float64]]:
-    path = sealed / "changes" / f"{truth.case}.npz"
+def _change(sealed: Path, truth: Truth, samples: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    path = child(sealed / CHANGES, f"{truth.case}.npz", str(sealed))
     if not path.is_file() or file_hash(path) != truth.change_sha256:
         raise RigError(f"{path}: missing or changed since it was sealed")
+    with ZipFile(path) as archive:  # a few bytes of it can unpack to any size
+        unpacked = sum(entry.file_size for entry in archive.infolist())
+    if unpacked > (expected := samples * len(CHANNELS) * np.dtype(np.float32).itemsize + _HEADER):
+        raise RigError(f"{path}: unpacks to {unpacked} bytes, expected {expected} at most for {samples} samples")
     with np.load(path) as arrays:
         return np.asarray(arrays["change"], dtype=float)
 
@@ -117,19 +131,22 @@ class _Asked:
 def _run_baselines(
     folder: Path, sealed: Path, cases: list[dict[str, str]], workers: Workers, progress: Progress
 ) -> None:
-    output = sealed / _BASELINE_FOLDER
-    output.mkdir(exist_ok=True)
-    left = tuple(case for case in cases if not (output / f"{case['name']}.json").exists())
-    asked = _Asked(str(folder), str(output), left)
-    for done, _ in enumerate(workers.completed(_baseline_one, asked, range(len(left))), start=1):
+    answers = Answers(sealed / _BASELINE_FOLDER, ".json")
+    answers.begin()
+    missing = set(answers.missing(case["name"] for case in cases))
+    left = tuple(case for case in cases if case["name"] in missing)
+    asked = _Asked(str(folder), str(answers.folder), left)
+    for done, (number, _) in enumerate(workers.completed(_baseline_one, asked, range(len(left))), start=1):
+        answers.note(left[number]["name"])
         progress(done / len(left))
 
 
 def _baseline_one(asked: _Asked, number: int) -> None:
     case, folder = asked.cases[number], Path(asked.folder)
+    check_recording(folder, case)
     with one_blas_thread():
         answers = baseline_answers(folder / case["recording"], folder / case["locked"])
-    write_text(Path(asked.output) / f"{case['name']}.json", json.dumps(answers, indent=1) + "\n")
+    write_text(Answers(Path(asked.output), ".json").path(case["name"]), json.dumps(answers, indent=1) + "\n")
 
 
 def is_right(score: CaseScore) -> bool:
@@ -142,12 +159,6 @@ def is_right(score: CaseScore) -> bool:
     if truth.stratum in ("form", MECHANICS):
         return not outcome.confidently_wrong and (bool(outcome.in_set) or outcome.verdict == "unknown")
     return outcome.verdict in CONFIDENT and not outcome.confidently_wrong and bool(outcome.in_set)
-
-
-def read_order(sealed: Path) -> dict[str, Any]:
-    """What the set was made by: seed, numbers, scenario."""
-    document = json.loads((sealed / TRUTH).read_text(encoding="utf-8"))
-    return dict(document["order"])
 
 
 def summary(scores: list[CaseScore]) -> list[dict[str, Any]]:

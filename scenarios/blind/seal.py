@@ -10,19 +10,26 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
+import re
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from rig.errors import RigError
-from rig.files import atomic_path, write_text
+from estimators._json import Reader
+from rig.documents import read_json
+from rig.errors import RigError, shown
+from rig.files import child, write_text
 
 SET_FORMAT: Final = "rig-blind/1"
 TRUTH_FORMAT: Final = "rig-blind-truth/1"
 MANIFEST: Final = "manifest.json"
 TRUTH: Final = "truth.json"
+CHANGES: Final = "changes"
+_FILES: Final = ("name", "recording", "locked")
+_HASHES: Final = ("recording_sha256", "locked_sha256", "commitment")
+_HASH: Final = re.compile("[0-9a-f]{64}")
+_LARGEST: Final = 64 << 20  # of either half: some thousand cases [bytes]
 
 
 def new_salt() -> str:
@@ -55,19 +62,29 @@ def write_manifest(folder: Path, cases: list[dict[str, str]]) -> None:
 
 def write_truth(folder: Path, document: Mapping[str, Any]) -> None:
     """The sealed half, readable by its owner alone."""
-    with atomic_path(folder / TRUTH) as temporary:
-        temporary.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    os.chmod(folder / TRUTH, 0o600)
+    write_text(folder / TRUTH, json.dumps(document, indent=1, allow_nan=False) + "\n", mode=0o600)
 
 
 def read_manifest(folder: Path) -> list[dict[str, str]]:
     """The cases: ``name``, ``recording``, ``locked``, the hashes of both files, ``commitment``.
 
     Raises:
-        RigError: no such set.
+        RigError: no such set, a name that is no plain name of a file in the folder, or no hash.
     """
-    document = _read(folder / MANIFEST, SET_FORMAT, "a folder that rig blind make has written")
-    cases: list[dict[str, str]] = document["cases"]
+    path = folder / MANIFEST
+    content = Reader(_read(path, SET_FORMAT, "a folder that rig blind make has written"), str(path))
+    cases = []
+    for item in content.items("cases"):
+        case = {key: item.text(key) for key in (*_FILES, *_HASHES)}
+        for key in _FILES:
+            child(folder, case[key], f"{item.where}.{key}")
+        for key in _HASHES:
+            if not _HASH.fullmatch(case[key]):
+                raise RigError(f"{item.where}.{key}: found {shown(case[key])}, expected 64 hexadecimal digits")
+        cases.append(case)
+    names = [case["name"] for case in cases]
+    if not names or len(set(names)) < len(names):
+        raise RigError(f"{path}: expected at least one case, and each name once")
     return cases
 
 
@@ -77,17 +94,33 @@ def read_truth(folder: Path, cases: list[dict[str, str]]) -> dict[str, dict[str,
     Raises:
         RigError: no truth there, or another one than was committed to.
     """
-    document = _read(folder / TRUTH, TRUTH_FORMAT, "the sealed folder of the set")
+    path = folder / TRUTH
+    inside = Reader(_read(path, TRUTH_FORMAT, "the sealed folder of the set"), str(path)).within("cases")
     found = {}
     for case in cases:
         name = case["name"]
-        if name not in document["cases"]:
-            raise RigError(f"{folder / TRUTH}: has no {name}, expected the truth of this very set")
-        entry = document["cases"][name]
-        if commitment(entry["salt"], entry["truth"]) != case["commitment"]:
-            raise RigError(f"{folder / TRUTH}: {name} is not what the set was sealed with")
-        found[name] = entry["truth"]
+        if name not in inside.content:
+            raise RigError(f"{path}: has no {name}, expected the truth of this very set")
+        entry = inside.within(name)
+        truth = entry.within("truth").content
+        if commitment(entry.text("salt"), truth) != case["commitment"] or truth.get("case") != name:
+            raise RigError(f"{path}: {name} is not what the set was sealed with")
+        found[name] = truth
     return found
+
+
+def read_order(folder: Path) -> dict[str, Any]:
+    """What a set was made by: seed, numbers, scenario.
+
+    Raises:
+        RigError: no truth there.
+    """
+    path = folder / TRUTH
+    order = Reader(_read(path, TRUTH_FORMAT, "the sealed folder of the set"), str(path)).within("order")
+    for key in ("seed", "cases", "mechanics", "samples"):
+        order.whole(key)
+    order.text("scenario")
+    return order.content
 
 
 def check_recording(folder: Path, case: Mapping[str, str]) -> None:
@@ -97,7 +130,7 @@ def check_recording(folder: Path, case: Mapping[str, str]) -> None:
         RigError: a file is missing or has changed.
     """
     for key in ("recording", "locked"):
-        path = folder / case[key]
+        path = child(folder, case[key], str(folder / MANIFEST))
         if not path.is_file():
             raise RigError(f"{path}: no such file, expected a recording of the set")
         if file_hash(path) != case[f"{key}_sha256"]:
@@ -105,12 +138,7 @@ def check_recording(folder: Path, case: Mapping[str, str]) -> None:
 
 
 def _read(path: Path, form: str, expected: str) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RigError(f"{path}: cannot be read ({error.strerror}), expected {expected}") from error
-    except ValueError as error:
-        raise RigError(f"{path}: not JSON, expected {expected}") from error
+    document = read_json(path, expected, _LARGEST)
     if not isinstance(document, dict) or document.get("format") != form:
         raise RigError(f"{path}: expected the format {form!r}: {expected}")
     return document

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from rig.errors import RigError
 from rig.files import write_text
 from rig.threads import one_blas_thread
-from scenarios.blind.seal import check_recording, file_hash, read_manifest
+from scenarios.blind.answers import Answers
+from scenarios.blind.seal import check_recording, read_manifest
 from scenarios.studies.executor import Workers
 
 ANSWERS: Final = "answers"
-_SOLVER: Final = "solver.json"
-_FORMAT: Final = "rig-blind-answers/1"
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class Task:
 
 
 def solve_set(folder: Path, workers: Workers, progress: Callable[[float], None] | None = None) -> int:
-    """Diagnose every recording of a set into ``answers`` beside them; those already there are kept.
+    """Diagnose every recording of a set into ``answers`` beside them; those there as they were written are kept.
 
     Returns:
         How many were diagnosed now.
@@ -57,71 +54,16 @@ def solve_cases(
     progress: Callable[[float], None] | None = None,
 ) -> int:
     """Diagnose some recordings of a set with effects left out; as ``solve_set``."""
-    output.mkdir(parents=True, exist_ok=True)
-    check_solver(output)
-    left = [(case, without) for case, without in cases if not answer_path(output, case["name"]).exists()]
-    task = Task(str(folder), str(output), tuple(left))
-    for done, _ in enumerate(workers.completed(_solve_one, task, range(len(left))), start=1):
+    answers = Answers(output)
+    answers.begin()
+    asked = {case["name"]: (case, without) for case, without in cases}
+    left = answers.missing(asked)
+    task = Task(str(folder), str(output), tuple(asked[name] for name in left))
+    for done, (number, _) in enumerate(workers.completed(_solve_one, task, range(len(left))), start=1):
+        answers.note(left[number])
         if progress is not None:
             progress(done / len(left))
     return len(left)
-
-
-def answer_path(output: Path, name: str) -> Path:
-    """Where the diagnosis of a case is."""
-    return output / f"{name}.diagnosis.json"
-
-
-def read_answer(output: Path, name: str) -> dict[str, Any]:
-    """The diagnosis of a case, as JSON; a refusal has the verdict "refused".
-
-    Raises:
-        RigError: it has not been diagnosed.
-    """
-    path = answer_path(output, name)
-    try:
-        document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RigError(f"{path}: no diagnosis, expected those of rig blind solve") from error
-    return document
-
-
-def check_solver(output: Path) -> None:
-    """Note which version of the diagnosis answers; refuse to mix two.
-
-    Raises:
-        RigError: answers are there of another version.
-    """
-    path = output / _SOLVER
-    document = {"format": _FORMAT, "sources_sha256": solver_hash()}
-    if path.exists():
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if found != document:
-            raise RigError(
-                f"{output}: holds answers of another version of the diagnosis: remove that folder to start anew"
-            )
-    else:
-        write_text(path, json.dumps(document, indent=1) + "\n")
-
-
-def noted_solver(output: Path) -> str:
-    """SHA-256 of the sources that the answers were made by."""
-    return str(json.loads((output / _SOLVER).read_text(encoding="utf-8"))["sources_sha256"])
-
-
-@cache
-def solver_hash() -> str:
-    """SHA-256 of all that the diagnosis is made of: the sources of ``rig`` and ``estimators``."""
-    import estimators
-    import rig
-
-    digest = hashlib.sha256()
-    for package in (rig, estimators):
-        root = Path(str(package.__file__)).parent
-        for path in sorted(root.rglob("*.py")):
-            digest.update(f"{package.__name__}/{path.relative_to(root).as_posix()}\n".encode())
-            digest.update(bytes.fromhex(file_hash(path)))
-    return digest.hexdigest()
 
 
 def _solve_one(task: Task, number: int) -> None:
@@ -130,7 +72,7 @@ def _solve_one(task: Task, number: int) -> None:
     case, without = task.cases[number]
     folder = Path(task.folder)
     check_recording(folder, case)
-    path = answer_path(Path(task.output), case["name"])
+    path = Answers(Path(task.output)).path(case["name"])
     try:
         with one_blas_thread():
             found = diagnose(folder / case["recording"], folder / case["locked"], without=without)

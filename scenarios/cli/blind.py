@@ -183,11 +183,12 @@ def _make(
 def _score(
     folder: Path, sealed: Path | None, output: Path | None, withheld: bool, draws: int, jobs: int | None, as_json: bool
 ) -> None:
+    from scenarios.blind.answers import Answers
     from scenarios.blind.power import PowerStudy, power
     from scenarios.blind.report import page, write_report
-    from scenarios.blind.score import read_order, score_set, summary
-    from scenarios.blind.seal import sealed_folder
-    from scenarios.blind.solve import ANSWERS, noted_solver
+    from scenarios.blind.score import score_set, summary
+    from scenarios.blind.seal import read_order, sealed_folder
+    from scenarios.blind.solve import ANSWERS
     from scenarios.studies.executor import Workers
 
     hidden = sealed or sealed_folder(folder)
@@ -197,7 +198,7 @@ def _score(
     if draws:
         with progress_bar("detection power") as progress:
             curve = power(PowerStudy(draws=draws), Workers(jobs), progress)
-    order, solver = read_order(hidden), noted_solver(folder / ANSWERS)
+    order, solver = read_order(hidden), Answers(folder / ANSWERS).solver()
     if output is not None:
         write_report(output, scores, order, solver, curve)
     if as_json:

@@ -1,15 +1,18 @@
 """A study on disk: settings, trials as they come, and the table that they make.
 
     STUDY/study.json        what is studied, of which version
-    STUDY/trials/00007.parquet   one file a trial while it runs, written whole or not at all
+    STUDY/trials/00007-9f2c...parquet   one file a trial while it runs, with its hash in its name
     STUDY/table.parquet     all of them, in the order of their numbers, once they are all there
+    STUDY/tables.json       the hashes of that and all other tables
 
+All are written whole or not at all. What is damaged later is found when it is read, and made again by the same command.
 A study that was ended in the middle goes on where it was: only trials without a file are made. As a trial depends on
 the settings and its number alone, the table is the same to the byte.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping
@@ -21,15 +24,20 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rig.errors import RigError, shown
-from rig.files import atomic_path, write_text
+from rig.documents import read_json
+from rig.errors import RigError, nearest, shown
+from rig.files import atomic_path, own_folder, sync_folder, write_text
 from scenarios.studies.executor import Settings, Trial, Workers, package_version
+from scenarios.studies.tables import file_hash, opened_table, read_table, write_table
 
 FORMAT: Final = "rig-study/1"
 DOCUMENT: Final = "study.json"
 TABLE: Final = "table.parquet"
 SUMMARY: Final = "summary.parquet"
+HASHES: Final = "tables.json"
 _TRIALS: Final = "trials"
+_DIGITS: Final = 32  # of a trial's hash
+_KEYS: Final = {"format": str, "kind": str, "version": str, "settings": dict, "sha256": str}
 
 
 @dataclass(frozen=True)
@@ -72,6 +80,7 @@ class StudyFolder:
         except OSError as error:
             raise RigError(f"{path}: cannot be made: {error.strerror}") from error
         document = {"format": FORMAT, "kind": kind, "version": package_version(), "settings": plain}
+        document["sha256"] = _digest(document)
         write_text(path / DOCUMENT, json.dumps(document, indent=1) + "\n")
         return study
 
@@ -87,18 +96,26 @@ class StudyFolder:
 
     @property
     def done(self) -> bool:
-        """Whether the table is there."""
-        return (self.path / TABLE).is_file()
+        """Whether the table is there, as it was written."""
+        return self.holds(TABLE)
+
+    def holds(self, *names: str) -> bool:
+        """Whether some tables are there, as they were written."""
+        hashes = self._hashes()
+        return all(_is_sound(self.path / name, name, hashes) for name in names)
+
+    def table(self, name: str) -> pa.Table:
+        """A table of the study.
+
+        Raises:
+            RigError: it is missing, or is not what was written.
+        """
+        hashes = self._hashes()
+        return read_table(self.path / name, None if hashes is None else hashes.get(name, ""))
 
     def finished(self) -> set[int]:
         """The trials whose files are there and whole."""
-        found = set()
-        for file in (self.path / _TRIALS).glob("[0-9]*.parquet"):
-            # Renamed into place after it was written; but a machine that lost its power may leave an empty file.
-            with suppress(pa.ArrowInvalid, OSError):
-                pq.read_metadata(file)
-                found.add(int(file.stem))
-        return found
+        return set(self._trials())
 
     def fill(
         self,
@@ -108,7 +125,7 @@ class StudyFolder:
         workers: Workers,
         progress: Callable[[float], None] | None = None,
     ) -> pa.Table:
-        """Make the trials that are missing, and the table of all.
+        """Make the trials that are missing or damaged, and the table of all.
 
         Args:
             trial: gives a table with the same columns for every number.
@@ -123,38 +140,99 @@ class StudyFolder:
         """
         with self._alone(), self._withdrawn_if_empty():
             if not self.done:
-                finished = self.finished()
-                done = len(finished)
-                if progress is not None:
-                    progress(done / count)
-                (self.path / _TRIALS).mkdir(exist_ok=True)
-                for number, table in workers.completed(trial, settings, sorted({*range(count)} - finished)):
-                    with atomic_path(self._trial(number)) as temporary:
-                        pq.write_table(table, temporary, compression="zstd")
-                    done += 1
-                    if progress is not None:
-                        progress(done / count)
-                self._merge(count)
-            shutil.rmtree(self.path / _TRIALS, ignore_errors=True)
-        return pq.read_table(self.path / TABLE)
+                before = (self._hashes() or {}).get(TABLE)
+                self._rescue(count)
+                digest = self._make(trial, settings, count, workers, progress)
+                if before is not None and digest != before:  # the damage was in what was rescued
+                    shutil.rmtree(self.path / _TRIALS)
+                    self._make(trial, settings, count, workers, progress)
+            if not (self.path / _TRIALS).is_symlink():
+                shutil.rmtree(self.path / _TRIALS, ignore_errors=True)
+        return self.table(TABLE)
 
     def write(self, name: str, table: pa.Table) -> None:
         """Keep a table beside the study's own, whole or not at all."""
-        with atomic_path(self.path / name) as temporary:
-            pq.write_table(table, temporary, compression="zstd")
+        self._note(name, write_table(self.path / name, table))
 
-    def _trial(self, number: int) -> Path:
-        return self.path / _TRIALS / f"{number:05d}.parquet"
+    def _make(
+        self,
+        trial: Trial[Settings, pa.Table],
+        settings: Settings,
+        count: int,
+        workers: Workers,
+        progress: Callable[[float], None] | None,
+    ) -> str:
+        """Make the trials that are missing and merge all; gives the hash of the table."""
+        own_folder(self.path / _TRIALS)
+        finished = self._trials()
+        if progress is not None:
+            progress(len(finished) / count)
+        for number, table in workers.completed(trial, settings, sorted({*range(count)} - set(finished))):
+            finished[number] = self._keep(number, table)
+            if progress is not None:
+                progress(len(finished) / count)
+        return self._merge([finished[number] for number in range(count)])
 
-    def _merge(self, count: int) -> None:
+    def _keep(self, number: int, table: pa.Table) -> Path:
+        """Write a trial; its file's name says what must be in it."""
+        fresh = self.path / _TRIALS / f"{number:05d}.parquet"
+        kept = fresh.with_name(f"{number:05d}-{write_table(fresh, table)[:_DIGITS]}.parquet")
+        fresh.replace(kept)
+        sync_folder(kept.parent)
+        return kept
+
+    def _trials(self) -> dict[int, Path]:
+        found = {}
+        for file in (self.path / _TRIALS).glob("[0-9]*-*.parquet"):
+            number, _, digest = file.stem.partition("-")
+            if number.isdecimal() and not file.is_symlink() and file_hash(file).startswith(digest):
+                found[int(number)] = file
+        return found
+
+    def _merge(self, files: list[Path]) -> str:
         """One file out of many, trial by trial: the memory is that of one."""
-        schema = pq.read_schema(self._trial(0))
-        with (
-            atomic_path(self.path / TABLE) as temporary,
-            pq.ParquetWriter(temporary, schema, compression="zstd") as writer,
-        ):
-            for number in range(count):
-                writer.write_table(pq.read_table(self._trial(number)))
+        schema = pq.read_schema(pa.BufferReader(files[0].read_bytes()))
+        with atomic_path(self.path / TABLE) as temporary:
+            with (
+                temporary.open("wb") as sink,
+                pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer,
+            ):
+                for file in files:
+                    writer.write_table(read_table(file))
+            digest = file_hash(temporary)
+        self._note(TABLE, digest)
+        return digest
+
+    def _rescue(self, count: int) -> None:
+        """Keep those trials of a damaged table that are sound: each is a row group, whose pages have checksums.
+
+        What a damaged end of the file makes of them is found out by the hash of the whole, once it is made again.
+        """
+        table = self.path / TABLE
+        if not table.is_file():
+            return
+        own_folder(self.path / _TRIALS)
+        with suppress(RigError), opened_table(table) as file:
+            if file.num_row_groups == count:
+                for number in range(count):
+                    with suppress(pa.ArrowException, OSError, ValueError):
+                        self._keep(number, file.read_row_group(number))
+        table.unlink()
+
+    def _hashes(self) -> dict[str, str] | None:
+        """File -> SHA-256 of what was written; None for a study by a version that did not note them."""
+        file = self.path / HASHES
+        if not file.exists():
+            return None
+        try:
+            content = read_json(file, "the hashes of a study's tables")
+        except RigError:
+            return {}
+        return content if isinstance(content, dict) else {}
+
+    def _note(self, name: str, digest: str) -> None:
+        hashes = {**(self._hashes() or {}), name: digest}
+        write_text(self.path / HASHES, json.dumps(hashes, indent=1, sort_keys=True) + "\n")
 
     def _check_same(self, any_version: bool) -> None:
         document = _document(self.path)
@@ -178,7 +256,7 @@ class StudyFolder:
         try:
             yield
         except BaseException:
-            if {file.name for file in self.path.iterdir()} <= {DOCUMENT, _TRIALS} and not self.finished():
+            if {file.name for file in self.path.iterdir()} <= {DOCUMENT, _TRIALS, HASHES} and not self.finished():
                 shutil.rmtree(self.path)
             raise
 
@@ -207,14 +285,39 @@ def _document(path: Path) -> dict[str, Any]:
     file = path / DOCUMENT
     if not file.is_file():
         raise RigError(f"{path}: holds no {DOCUMENT}, expected the folder of a study")
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise RigError(f"{file}: not JSON: {error}") from error
+    content = read_json(file, "a study")
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         found = content.get("format") if isinstance(content, dict) else content
         raise RigError(f"{file}: format: found {shown(found)}, expected {FORMAT!r}")
+    for key, value in content.items():
+        if key not in _KEYS:
+            raise RigError(f"{file}: unknown key {shown(key)}, expected {', '.join(_KEYS)}{nearest(key, _KEYS)}")
+        if not isinstance(value, _KEYS[key]):
+            raise RigError(f"{file}: {key}: found {shown(value)}, expected a {_KEYS[key].__name__}")
+    for key in ("kind", "version", "settings"):
+        if key not in content:
+            raise RigError(f"{file}: {key} is missing, expected the document of a study")
+    stated = content.pop("sha256", None)
+    if stated is not None and stated != _digest(content):
+        raise RigError(f"{file}: is damaged or was changed (another SHA-256): expected a study as it was begun")
     return content
+
+
+def _digest(document: Mapping[str, Any]) -> str:
+    """SHA-256 of a document's canonical JSON."""
+    return hashlib.sha256(json.dumps(document, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _is_sound(file: Path, name: str, hashes: Mapping[str, str] | None) -> bool:
+    if not file.is_file():
+        return False
+    if hashes is None:
+        try:
+            read_table(file)
+        except RigError:
+            return False
+        return True
+    return file_hash(file) == hashes.get(name)
 
 
 def _empty(path: Path) -> bool:

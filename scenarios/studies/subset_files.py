@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from rig.errors import RigError
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
 from scenarios.studies.subset_results import FieldAgreement, SubsetChannel, SubsetParameter, SubsetStudy
+from scenarios.studies.tables import rows_of
 
 CHANNELS: Final = "channels.parquet"
 FIELDS: Final = "fields.parquet"
@@ -58,29 +57,18 @@ def read_subsets(folder: StudyFolder) -> SubsetStudy:
     """Back from ``write_subsets``.
 
     Raises:
-        RigError: files are missing.
+        RigError: files are missing, or are not what was written.
     """
     settings = SubsetSettings(**folder.settings)
-    tables: list[pa.Table] = []
-    for name in (TABLE, SUMMARY, CHANNELS, FIELDS):
-        file = folder.path / name
-        if not file.is_file():
-            raise RigError(f"{file}: is missing, expected a finished study: run it again")
-        tables.append(pq.read_table(file))
-    estimates, parameters, channels, agreements = tables
+    estimates, parameters, channels, agreements = map(folder.table, (TABLE, SUMMARY, CHANNELS, FIELDS))
     return SubsetStudy(
         settings.recording,
         settings.samples,
         settings.subsets,
         settings.method,  # type: ignore[arg-type]
         settings.noise_source,  # type: ignore[arg-type]
-        tuple(_rows(SubsetParameter, parameters)),
-        tuple(_rows(SubsetChannel, channels)),
-        tuple(_rows(FieldAgreement, agreements)),
+        tuple(rows_of(SubsetParameter, parameters)),
+        tuple(rows_of(SubsetChannel, channels)),
+        tuple(rows_of(FieldAgreement, agreements)) if agreements.num_rows else (),
         estimates["estimate"].to_numpy().reshape(parameters.num_rows, settings.subsets),
     )
-
-
-def _rows(kind: Any, table: pa.Table) -> list[Any]:
-    names = [field.name for field in fields(kind)]
-    return [kind(**{name: row[name] for name in names}) for row in table.to_pylist()]

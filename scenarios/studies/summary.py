@@ -18,6 +18,7 @@ from scenarios.studies.coordinates import Coordinates
 from scenarios.studies.orders import Order
 from scenarios.studies.second_order import second_order_bias
 from scenarios.studies.settings import Expected, Settings, expected, increments
+from scenarios.studies.tables import rows_of
 
 Array = NDArray[np.float64]
 
@@ -133,8 +134,8 @@ class Summary:
 
     @classmethod
     def from_tables(cls, cells: pa.Table, rates: pa.Table) -> Self:
-        """Back from ``tables``."""
-        return cls(tuple(Cell(**row) for row in cells.to_pylist()), tuple(Rate(**row) for row in rates.to_pylist()))
+        """Back from ``tables``; RigError where they are no such tables."""
+        return cls(tuple(rows_of(Cell, cells)), tuple(rows_of(Rate, rates)) if rates.num_rows else ())
 
 
 def _table(kind: type, rows: tuple[Any, ...]) -> pa.Table:

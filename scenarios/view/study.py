@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
 from scenarios.studies.subset_files import read_subsets
 from scenarios.studies.subset_results import SubsetStudy
 from scenarios.studies.summary import RATES, Cell, Summary
+from scenarios.studies.tables import fitting_together
 from scenarios.studies.verdict import verdicts
 from scenarios.view.write import APPLICATION
 
@@ -50,7 +50,7 @@ def write_study_view(path: Path, target: str | os.PathLike[str]) -> None:
         RigError: no study, an unfinished one, or one of a kind that has no view; or the file cannot be written.
     """
     folder = StudyFolder.read(path)
-    with atomic_path(target) as temporary:
+    with fitting_together(path), atomic_path(target) as temporary:
         stream = rr.RecordingStream(APPLICATION)
         if not rr.is_enabled(stream):
             raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
@@ -60,17 +60,14 @@ def write_study_view(path: Path, target: str | os.PathLike[str]) -> None:
             if folder.kind == "subsets":
                 stream.send_blueprint(_subsets(stream, read_subsets(folder)))
             else:
-                stream.send_blueprint(_consistency(stream, folder.path))
+                stream.send_blueprint(_consistency(stream, folder))
         finally:
             stream.disconnect()
 
 
-def _consistency(stream: rr.RecordingStream, path: Path) -> rrb.Blueprint:
-    for name in (SUMMARY, RATES):
-        if not (path / name).is_file():
-            raise RigError(f"{path / name}: is missing, expected a finished study: run it again")
-    summary = Summary.from_tables(pq.read_table(path / SUMMARY), pq.read_table(path / RATES))
-    errors = pq.read_table(path / TABLE) if (path / TABLE).is_file() else None
+def _consistency(stream: rr.RecordingStream, folder: StudyFolder) -> rrb.Blueprint:
+    summary = Summary.from_tables(folder.table(SUMMARY), folder.table(RATES))
+    errors = folder.table(TABLE) if (folder.path / TABLE).is_file() else None
     places: dict[str, str] = {}
     for cells in _series(summary):
         first = cells[0]

@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from rig.channels import ACCELEROMETER
@@ -22,7 +21,7 @@ from scenarios.studies.executor import Workers
 from scenarios.studies.paper.compare import Comparison, compare
 from scenarios.studies.paper.page import FOLDER, page
 from scenarios.studies.settings import Settings
-from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
+from scenarios.studies.store import SUMMARY, TABLE, StudyFolder, is_study
 from scenarios.studies.summary import RATES, Summary
 
 PAGE: Final = "paper.md"
@@ -69,7 +68,8 @@ def make_paper(
     """
     beside = own_folder(folder / FOLDER)
     wanted = chosen or settings()
-    there = all((beside / STUDY / name).is_file() for name in (SUMMARY, RATES, BLOCKS))
+    kept = (SUMMARY, RATES, BLOCKS)
+    there = is_study(beside / STUDY) and StudyFolder.read(beside / STUDY).holds(*kept)
     study = StudyFolder.begin(beside / STUDY, "consistency", wanted, any_version=there)
     if not there:
         try:
@@ -97,7 +97,8 @@ def make_paper(
 
 def read_summary(study: Path) -> Summary:
     """The summary that is kept in a study's folder."""
-    return Summary.from_tables(pq.read_table(study / SUMMARY), pq.read_table(study / RATES))
+    folder = StudyFolder.read(study)
+    return Summary.from_tables(folder.table(SUMMARY), folder.table(RATES))
 
 
 def figures(comparison: Comparison, summary: Summary, chosen: Settings) -> dict[str, Figure]:
