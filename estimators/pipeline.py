@@ -264,7 +264,7 @@ def _arm_of(batch: Recording, arm: Arm | None, where: str) -> Arm | None:
         return None
     if arm is None and batch.metadata.arm != "a465":
         raise RigError(
-            f"{where}: arm {batch.metadata.arm!r} is not built in, expected its model to be given, or 'a465'"
+            f"{where}: arm {batch.metadata.arm!r} is not built in, expected its model (--arm FILE), or arm 'a465'"
         )
     if arm is not None:
         return arm

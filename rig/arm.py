@@ -162,6 +162,11 @@ class Arm:
         """The number N of joints."""
         return len(self.joint_names)
 
+    @property
+    def is_a465(self) -> bool:
+        """Whether it is the rig's own arm, of which more is known than its model says."""
+        return self.name == "a465"
+
     @cached_property
     def slides(self) -> tuple[bool, ...]:
         """Of each of the N joints whether it slides."""

@@ -49,6 +49,11 @@ class Rig:
     effects: tuple[Effect, ...] = ()
 
     @property
+    def slides(self) -> tuple[int, ...]:
+        """The numbers of the arm's joints that slide, from 1."""
+        return () if self.arm is None else tuple(np.flatnonzero(self.arm.slides) + 1)
+
+    @property
     def pipeline(self) -> Pipeline:
         """The stages before the acquisition."""
         return Pipeline(self.environment, self.accelerometer, self.magnetometer, self.effects)
@@ -96,6 +101,7 @@ class Rig:
         return Recording(
             t=signals.t,
             q=signals.q_encoder if pose == "joints" else None,
+            slides=self.slides if pose == "joints" else (),
             tool_quaternion=quaternions(signals.R_base_tool) if pose == "tool" else None,
             tool_position=signals.position if pose == "tool" else None,
             accelerometer=None if self.accelerometer is None else volts[:, COLUMNS_OF[ACCELEROMETER]],
@@ -137,6 +143,8 @@ class Rig:
         if self.arm is None:
             raise RigError("the maneuver moves joints: found a rig without an arm")
         self.arm.check_limits(trajectory.q, "the maneuver")
+        if not self.arm.is_a465:  # on the rig's own arm the published maneuver may be played as fast as one likes
+            self.arm.check_speeds(trajectory.qd, "the maneuver")
         acceleration = np.zeros(3)
         if motion == "inertial":
             acceleration = self.arm.site_acceleration(trajectory.q, trajectory.qd, trajectory.qdd)

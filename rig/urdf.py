@@ -28,6 +28,7 @@ _TYPES: Final = {
 _FEWEST_JOINTS: Final = 2  # before a branching, to be an arm and not a body with arms
 #: Names that arms' makers give the frame where a tool is bolted on, the usual one first.
 _FLANGES: Final = ("imu", "tool0", "flange", "ee_link", "tcp", "tool", "tip", "ee", "end_effector")
+_EQUALITY_DATA = 12  # numbers of an equality in MuJoCo's specification
 _WEIGHTLESS = 1e-9  # kg, kg m^2: MuJoCo has no moving bodies without mass
 
 
@@ -115,7 +116,7 @@ def _tie(spec: mujoco.MjSpec, joints: list[Any]) -> None:
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
             name1=str(joint.name),
             name2=str(joint.mimic.joint),
-            data=[constant, slope] + [0.0] * 9,
+            data=[constant, slope] + [0.0] * (_EQUALITY_DATA - 2),
         )
 
 

@@ -17,10 +17,11 @@ from rig.effects import EFFECTS, Effect, make_effect
 from rig.environment import Environment
 from rig.errors import RigError, nearest, unknown_name
 from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
+from rig.maneuver.fitting import fitted, unlimited
 from rig.simulate import Rig
 from scenarios.catalogue import built_in, names
 from scenarios.scenario import Scenario
-from scenarios.schema import Table, build
+from scenarios.schema import Built, Table, build
 from scenarios.tables import ArmTable, EarthTable, EnvironmentTable, FieldUnit, RunTable, SensorTable
 
 Made = TypeVar("Made")
@@ -92,27 +93,36 @@ def from_toml(text: str, file: str) -> Scenario:
     return Scenario(
         name=Path(file).stem,
         rig=rig,
-        maneuver=_maneuver(top.sub("maneuver")),
+        maneuver=_maneuver(top.sub("maneuver"), arm),
         title=run.title,
         description=run.description,
         source=run.source,
         engine=run.engine,
         motion=run.motion,
-        locked=build(LockedPoses, top.sub("locked")),
+        locked=_fitted(LockedPoses, top.sub("locked"), arm),
         seed=run.seed,
         magnetic_field_unit=unit,
         datasheets={name: sensor.datasheet for name, sensor in sensors.items() if sensor.datasheet},
     )
 
 
-def _maneuver(table: Table) -> Maneuver:
+def _maneuver(table: Table, arm: Arm | None) -> Maneuver:
     kind = table.values.get("kind")
     if kind is None:
         raise table.error(f"kind: is missing, expected one of {', '.join(MANEUVERS)}")
     name = str(kind).replace("_", "-")  # either spelling
     if name not in MANEUVERS:
         raise table.wrong("kind", f"one of {', '.join(MANEUVERS)}", tuple(MANEUVERS))
-    return build(MANEUVERS[name], replace(table, values=_without(table.values, ["kind"])))
+    return _fitted(MANEUVERS[name], replace(table, values=_without(table.values, ["kind"])), arm)
+
+
+def _fitted(kind: type[Built], table: Table, arm: Arm | None) -> Built:
+    """A maneuver; what the file leaves open suits its arm."""
+    if arm is None or arm.is_a465:
+        return build(kind, table)
+    open_ = {key: value for key, value in unlimited(kind).items() if key not in table.values}
+    made = build(kind, table, given=open_)
+    return _checked(table, lambda: fitted(made, arm, table.values))
 
 
 def _environment(table: Table) -> tuple[Environment, FieldUnit | None]:

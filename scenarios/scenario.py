@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from rig.arm import Arm
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.directions import angles_from_direction
 from rig.effects import Effect
 from rig.environment import Environment
 from rig.errors import RigError, unknown_name
 from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
+from rig.maneuver.fitting import fitted, unlimited
 from rig.recording import Recording
 from rig.sensor import TriaxialSensor
 from rig.simulate import Engine, Motion, Progress, Rig
@@ -137,6 +139,35 @@ class Scenario:
         recording = rig.simulate(self.locked, np.random.default_rng([seed, 1]), progress=progress, name=name)
         return self._noted(recording, f"{self.name}, seed {seed}, locked poses")
 
+    def with_arm(self, arm: Arm, kind: str | None = None) -> Scenario:
+        """The scenario on another arm, with a maneuver and locked poses that suit it.
+
+        Args:
+            arm: to take the place of the scenario's.
+            kind: of the maneuver, one of ``MANEUVERS``; the scenario's own by default.
+
+        Raises:
+            RigError: the arm cannot make the maneuver, or has not the place of an effect.
+        """
+        maneuver: Any = self.maneuver
+        if kind is not None and kind != self.kind:
+            chosen: type[Any] = MANEUVERS[kind]
+            maneuver = chosen() if arm.is_a465 else chosen(**unlimited(chosen))
+        for effect in self.rig.effects:
+            if misplaced := effect.misplaced_on(arm.dof, arm.slides):
+                raise RigError(f"scenario {self.name}: effect {effect.name} at {effect.where}: {misplaced}")
+        return replace(
+            self,
+            rig=replace(self.rig, arm=arm),
+            maneuver=fitted(maneuver, arm),
+            locked=fitted(LockedPoses(hold_s=self.locked.hold_s, rate_Hz=self.locked.rate_Hz), arm),
+        )
+
+    @property
+    def kind(self) -> str:
+        """The maneuver's name among ``MANEUVERS``; empty where it has none."""
+        return next((name for name, cls in MANEUVERS.items() if type(self.maneuver) is cls), "")
+
     def with_effects(self, effects: Iterable[Effect]) -> Scenario:
         """The scenario with further effects, after those it has."""
         return replace(self, rig=replace(self.rig, effects=(*self.rig.effects, *effects)))
@@ -171,11 +202,10 @@ def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
     run = {"engine": scenario.engine, "motion": scenario.motion, "seed": scenario.seed}
     yield "", {**{key: text for key, text in texts.items() if text}, **run}
     yield "[arm]", set_fields(ArmTable.of(scenario.rig.arm)) or {"model": "a465"}
-    kinds: dict[type, str] = {cls: kind for kind, cls in MANEUVERS.items()}
-    if type(scenario.maneuver) not in kinds:
+    if not scenario.kind:
         kind = type(scenario.maneuver).__name__
         raise RigError(f"maneuver {kind} cannot be written: expected one of {', '.join(MANEUVERS)}")
-    yield "[maneuver]", {"kind": kinds[type(scenario.maneuver)], **set_fields(scenario.maneuver)}
+    yield "[maneuver]", {"kind": scenario.kind, **set_fields(scenario.maneuver)}
     unit = {"magnetic_field_unit": scenario.magnetic_field_unit} if scenario.magnetic_field_unit else {}
     yield "[environment]", {**asdict(scenario.rig.environment), **unit}
     acquisition = scenario.rig.acquisition

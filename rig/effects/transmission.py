@@ -29,7 +29,7 @@ def smooth_sign(velocity: Array) -> Array:
 
 def is_a465(signals: Signals) -> bool:
     """Whether the arm is the rig's own, of which more is known than its model says."""
-    return signals.arm is not None and signals.arm.name == "a465"
+    return signals.arm is not None and signals.arm.is_a465
 
 
 def turn_joint(signals: Signals, column: int, change: Array | float) -> Signals:

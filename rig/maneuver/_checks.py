@@ -97,6 +97,16 @@ def within(where: str, joint: int, low_deg: float, high_deg: float, limits_deg: 
         raise RigError(f"{where}: joint{joint} goes to {found} deg, expected within {low:g} to {high:g} deg")
 
 
+def joint_values(values: object, slides: Sequence[int]) -> Array:
+    """Joint values (..., N) in deg, or m of the joints that slide (numbers from 1), in rad and m."""
+    given = np.array(values, dtype=float)
+    turned = np.asarray(np.radians(given))
+    for joint in slides:
+        if joint <= turned.shape[-1]:
+            turned[..., joint - 1] = given[..., joint - 1]
+    return turned
+
+
 def limits(where: str, values: object, joints: int) -> tuple[tuple[float, float], ...] | None:
     """Limits (low, high) [deg] of every joint, or None for no check.
 

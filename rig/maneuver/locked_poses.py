@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.maneuver._checks import number, poses
+from rig.maneuver._checks import joint_values, number, poses
 from rig.trajectory import JointTrajectory, sample_times
 
 Array = NDArray[np.float64]
@@ -21,7 +21,8 @@ class LockedPoses:
     which; these differ by a quarter turn about two axes, so that every sensor axis is seen at different fields.
 
     Attributes:
-        poses_deg: k poses of N joint angles.
+        poses_deg: k poses of N joint angles [deg], or [m] of joints that slide.
+        slides: the numbers of the joints that slide, from 1.
         hold_s: time in each.
         rate_Hz: of the samples.
 
@@ -36,6 +37,7 @@ class LockedPoses:
     )
     hold_s: float = 200.0
     rate_Hz: float = 1000.0
+    slides: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "poses_deg", poses("maneuver.poses_deg", self.poses_deg))
@@ -52,5 +54,5 @@ class LockedPoses:
         times = sample_times(self.duration_s, self.rate_Hz) if t is None else np.asarray(t, dtype=float)
         # Sample k n of the k-th pose may be stamped an ulp early: the small shift keeps it in its own pose.
         pose = np.floor(times / self.hold_s + 1e-9).astype(int)
-        q = np.radians(self.poses_deg)[np.clip(pose, 0, len(self.poses_deg) - 1)]
+        q = joint_values(self.poses_deg, self.slides)[np.clip(pose, 0, len(self.poses_deg) - 1)]
         return JointTrajectory(times, q, np.zeros_like(q), np.zeros_like(q))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.maneuver._checks import A465_LIMITS_DEG, limits, number, poses, whole, within
+from rig.maneuver._checks import A465_LIMITS_DEG, joint_values, limits, number, poses, whole, within
 from rig.maneuver.profile import quintic
 from rig.trajectory import JointTrajectory, sample_times
 
@@ -24,11 +24,13 @@ class StaticPoses:
     Each move is the quintic of least order that does so, all joints at once.
 
     Attributes:
-        poses_deg: k poses of N joint angles; None draws ``count`` random ones for the A465.
+        poses_deg: k poses of N joint angles [deg], or [m] of joints that slide; None draws ``count`` random ones for
+            the A465.
         count, seed: of the random poses: joints 1, 4, 5 and 6 uniform within their limits, 2 and 3 as in the sweep.
         hold_s, move_s: time in a pose, and between two.
         rate_Hz: of the samples.
         limits_deg: (low, high) of each joint, checked here; None leaves that to the arm.
+        slides: the numbers of the joints that slide, from 1.
 
     Raises:
         RigError: a value out of its range, or a pose beyond a limit.
@@ -41,6 +43,7 @@ class StaticPoses:
     move_s: float = 4.0
     rate_Hz: float = 100.0
     limits_deg: tuple[tuple[float, float], ...] | None = A465_LIMITS_DEG
+    slides: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("hold_s", "move_s", "rate_Hz"):
@@ -57,9 +60,9 @@ class StaticPoses:
 
     @property
     def angles(self) -> Array:
-        """The poses (k, N) [rad], given or drawn."""
+        """The poses (k, N) [rad, m], given or drawn."""
         if self.poses_deg is not None:
-            return np.asarray(np.radians(np.array(self.poses_deg, dtype=float)))
+            return joint_values(self.poses_deg, self.slides)
         low, high = np.array(_RANDOM_DEG).T
         rng = np.random.default_rng(self.seed)
         return np.asarray(np.radians(rng.uniform(low, high, size=(self.count, len(_RANDOM_DEG)))))

@@ -36,11 +36,12 @@ class TorusSweep:
             for an arm whose last joint cannot, with as many whole passes as come nearest to ``roll_deg_per_s``.
         roll_deg_per_s: speed of the roll joint; the average one in a sweep.
         roll_start_deg: where a continuous roll starts.
-        roll_range_deg: peak to peak range of a sweeping roll, about zero.
-        locked_deg: the angles of the joints that do not move, in their order.
+        roll_range_deg, roll_centre_deg: peak to peak range and centre of a sweeping roll.
+        locked_deg: the angles of the joints that do not move, in their order; [m] of those that slide.
         corner_s: time from full speed to full speed the other way.
         joints: the numbers of the yaw, pitch and roll joints, from 1.
         limits_deg: (low, high) of each joint, checked here; None leaves that to the arm. A continuous roll is free.
+        slides: the numbers of the joints that slide, from 1.
 
     Raises:
         RigError: a value out of its range, or a joint beyond its limit.
@@ -58,17 +59,19 @@ class TorusSweep:
     roll_deg_per_s: float = 13.9
     roll_start_deg: float = 0.0
     roll_range_deg: float = 360.0
+    roll_centre_deg: float = 0.0
     locked_deg: tuple[float, ...] = (90.0, -90.0, 0.0)
     corner_s: float = 0.5
     joints: tuple[int, int, int] = (1, 5, 6)
     limits_deg: tuple[tuple[float, float], ...] | None = A465_LIMITS_DEG
+    slides: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("duration_s", "rate_Hz", "corner_s"):
             number(f"maneuver.{name}", getattr(self, name), 0.0, above=True)
         for name in ("yaw_range_deg", "pitch_range_deg", "roll_range_deg"):
             number(f"maneuver.{name}", getattr(self, name), 0.0)
-        for name in ("yaw_centre_deg", "pitch_centre_deg", "roll_deg_per_s", "roll_start_deg"):
+        for name in ("yaw_centre_deg", "pitch_centre_deg", "roll_deg_per_s", "roll_start_deg", "roll_centre_deg"):
             number(f"maneuver.{name}", getattr(self, name))
         whole("maneuver.yaw_passes", self.yaw_passes, 1)
         whole("maneuver.pitch_passes", self.pitch_passes, 1)
@@ -118,7 +121,7 @@ class TorusSweep:
         return (
             law(self.yaw_centre_deg, self.yaw_range_deg, self.yaw_passes),
             law(self.pitch_centre_deg, self.pitch_range_deg, self.pitch_passes),
-            law(0.0, self.roll_range_deg, self.roll_passes) if self.roll == "sweep" else None,
+            law(self.roll_centre_deg, self.roll_range_deg, self.roll_passes) if self.roll == "sweep" else None,
         )
 
     def trajectory(self, t: Array | None = None) -> JointTrajectory:
@@ -129,7 +132,7 @@ class TorusSweep:
         times = sample_times(self.duration_s, self.rate_Hz) if t is None else np.asarray(t, dtype=float)
         motion = np.zeros((3, len(times), 3 + len(self.locked_deg)))  # q, qd, qdd
         for joint, angle in zip(self._locked_joints, self.locked_deg, strict=True):
-            motion[0, :, joint - 1] = np.radians(angle)
+            motion[0, :, joint - 1] = angle if joint in self.slides else np.radians(angle)
         for joint, law in zip(self.joints, self._laws, strict=True):
             if law is not None:
                 for derivative, values in enumerate(law.evaluate(times)):

@@ -25,7 +25,7 @@ PARTS: Final = ("pose", *SENSORS, "temperature", "currents", "supply")
 #: Arms whose number of joints is known without a model, so that a recording that lacks one is found out.
 JOINTS_OF_ARM: Final[Mapping[str, int]] = {"a465": 6}
 
-_JOINT: Final = re.compile(r"q([1-9]\d{0,2})_(rad|deg)")
+_JOINT: Final = re.compile(r"q([1-9]\d{0,2})_(rad|deg|m)")
 _CURRENT: Final = re.compile(r"current([1-9]\d{0,2})_A")
 _READING: Final = re.compile(r"(accel[123]|mag[123])_(.*)")
 _SENSOR_OF: Final = {channel: sensor for sensor, channels in CHANNELS_OF.items() for channel in channels}
@@ -50,7 +50,7 @@ class Columns:
     """Which columns of a table make the recording.
 
     Attributes:
-        joints: per joint the column and whether it is in degrees, in joint order.
+        joints: per joint the column and whether it is in degrees, in joint order; one that slides is in m.
         tool: whether the quaternion's columns are there; position: whether the position's are.
         readings: sensor -> its three columns.
         units: sensor -> the unit its three columns share.
@@ -81,6 +81,11 @@ class Columns:
             *((SUPPLY,) if self.supply else ()),
         )
 
+    @property
+    def slides(self) -> tuple[int, ...]:
+        """The numbers of the joints that slide."""
+        return tuple(joint for joint, (name, _) in enumerate(self.joints, start=1) if name.endswith("_m"))
+
     @classmethod
     def of(
         cls,
@@ -91,10 +96,11 @@ class Columns:
         currents: Iterable[int],
         temperature: bool,
         supply: bool,
+        slides: Collection[int] = (),
     ) -> Columns:
         """The columns a recording with these contents is written with."""
         return cls(
-            joints=tuple((f"q{joint}_rad", False) for joint in range(1, joints + 1)),
+            joints=tuple((f"q{joint}_{'m' if joint in slides else 'rad'}", False) for joint in range(1, joints + 1)),
             tool=tool,
             position=position,
             readings={s: tuple(f"{channel}_{unit}" for channel in CHANNELS_OF[s]) for s, unit in units.items()},
@@ -204,7 +210,7 @@ def _numbered(pattern: re.Pattern[str], names: Iterable[str]) -> dict[int, str]:
 def _joints(names: Sequence[str], where: str) -> tuple[tuple[str, bool], ...]:
     found = _numbered(_JOINT, names)
     if len(found) < sum(_JOINT.fullmatch(name) is not None for name in names):
-        raise RigError(f"{where}: a joint angle occurs in rad and in deg, expected one of the two")
+        raise RigError(f"{where}: a joint occurs in rad and in deg, or in m beside these: expected one of them")
     for joint in range(1, len(found) + 1):
         if joint not in found:
             raise RigError(f"{where}: partial pose: q{joint}_rad is missing, found {', '.join(found.values())}")

@@ -125,6 +125,7 @@ class RecordingScan:
         return Recording(
             t=table[TIME],
             q=self._joint_angles(table, first_row) if columns.joints else None,
+            slides=columns.slides,
             tool_quaternion=stacked(QUATERNION) if columns.tool else None,
             tool_position=stacked(POSITION) if columns.position else None,
             accelerometer=stacked(columns.readings[ACCELEROMETER]) if ACCELEROMETER in columns.readings else None,

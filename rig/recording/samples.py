@@ -32,7 +32,8 @@ class Recording:
 
     Attributes:
         t: (n,) [s], increasing.
-        q: (n, N) [rad] joint angles as the encoders give them.
+        q: (n, N) [rad] joint angles as the encoders give them; of joints that slide [m].
+        slides: the numbers of the joints that slide, from 1.
         tool_quaternion: (n, 4) unit quaternion, scalar first, of R_base_tool, as a tracking system gives it.
         tool_position: (n, 3) [m] the tool in the base frame; only with tool_quaternion.
         accelerometer, magnetometer: (n, 3) in the recorded unit; at least one of them.
@@ -53,6 +54,7 @@ class Recording:
 
     t: Array
     q: Array | None = None
+    slides: tuple[int, ...] = ()
     tool_quaternion: Array | None = None
     tool_position: Array | None = None
     accelerometer: Array | None = None
@@ -254,6 +256,7 @@ class Recording:
             currents=self.currents,
             temperature=self.temperature is not None,
             supply=self.supply is not None,
+            slides=self.slides,
         )
 
     def table(self) -> dict[str, Array]:

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from rig.errors import RigError, nearest, shown
+from rig.errors import RigError, nearest, shown, unknown_name
 from rig.files import check_not_input, check_writable
 
 if TYPE_CHECKING:
     from rig.arm import Arm
+    from scenarios.scenario import Scenario
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Progress = Callable[[float], None]
@@ -120,6 +121,31 @@ def arm_options(command: Command) -> Command:
         help="Another arm than the A465: URDF, MJCF or a folder with one.",
     )
     return file(tip(command))
+
+
+def maneuver_option(command: Command) -> Command:
+    """``--maneuver``: another kind of maneuver, made to fit the arm."""
+    text = "Another maneuver than the scenario's, made to fit the arm: torus-sweep, static-poses, locked-poses."
+    return click.option("--maneuver", "kind", metavar="KIND", help=text)(command)
+
+
+def on_arm(scenario: Scenario, arm_file: Path | None, tip: str | None, kind: str | None) -> Scenario:
+    """A scenario on the arm of ``--arm`` and ``--tip``, with the maneuver of ``--maneuver``.
+
+    Raises:
+        RigError: the arm cannot be used, or cannot make the maneuver.
+    """
+    from rig.maneuver import MANEUVERS
+
+    if kind is not None and kind not in MANEUVERS:
+        raise unknown_name("maneuver", kind, MANEUVERS)
+    arm = chosen_arm(arm_file, tip)
+    if arm is None and (kind is None or kind == scenario.kind):
+        return scenario
+    arm = arm or scenario.rig.arm
+    if arm is None:
+        raise RigError(f"--maneuver: scenario {scenario.name} has no arm, expected --arm FILE")
+    return scenario.with_arm(arm, kind)
 
 
 def chosen_arm(arm_file: Path | None, tip: str | None) -> Arm | None:

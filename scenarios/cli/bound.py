@@ -7,7 +7,16 @@ from typing import Any
 
 import click
 
-from scenarios.cli._options import PATH, Choice, check_output, json_option, print_json
+from scenarios.cli._options import (
+    PATH,
+    Choice,
+    arm_options,
+    check_output,
+    json_option,
+    maneuver_option,
+    on_arm,
+    print_json,
+)
 
 
 @click.command(short_help="What a scenario's maneuver can tell, before it is run.")
@@ -19,8 +28,18 @@ from scenarios.cli._options import PATH, Choice, check_output, json_option, prin
     default="simultaneous",
     help="One field for all axes, or one each.",
 )
+@arm_options
+@maneuver_option
 @json_option
-def bound(scenario: str, output: Path | None, method: Any, as_json: bool) -> None:
+def bound(
+    scenario: str,
+    output: Path | None,
+    method: Any,
+    arm_file: Path | None,
+    tip: str | None,
+    kind: str | None,
+    as_json: bool,
+) -> None:
     """The Cramer-Rao bound of SCENARIO, a name of rig scenarios or a TOML file.
 
     No calibration of its recording can be more certain than this, and rig calibrate is as certain: every parameter's
@@ -30,13 +49,14 @@ def bound(scenario: str, output: Path | None, method: Any, as_json: bool) -> Non
     Example:
       rig bound ann-arbor
       rig bound mine.toml -o bound.png
+      rig bound ann-arbor --arm ur5e.urdf --maneuver static-poses
     """
     if output is not None:
-        check_output(output, (".png", ".svg", ".pdf"), Path(scenario))
+        check_output(output, (".png", ".svg", ".pdf"), Path(scenario), arm_file)
     from scenarios.bound import bound_of
     from scenarios.loader import load
 
-    found = bound_of(load(scenario), method)
+    found = bound_of(on_arm(load(scenario), arm_file, tip, kind), method)
     if output is not None:
         from scenarios.plots import save
         from scenarios.plots.bound import bound_figure

@@ -12,8 +12,11 @@ from scenarios.cli._options import (
     PATH,
     RECORDING_SUFFIXES,
     Choice,
+    arm_options,
     check_output,
     json_option,
+    maneuver_option,
+    on_arm,
     print_json,
     progress_bar,
 )
@@ -64,6 +67,8 @@ def demo(output: Path, seed: int, as_json: bool) -> None:
 )
 @click.option("--noise", type=float, metavar="K", help="White noise times K.")
 @click.option("--locked", is_flag=True, help="Also write RUN.locked.parquet, for the noise floor.")
+@arm_options
+@maneuver_option
 @json_option
 def sweep(
     scenario: str,
@@ -74,9 +79,15 @@ def sweep(
     causes: tuple[Path, ...],
     noise: float | None,
     locked: bool,
+    arm_file: Path | None,
+    tip: str | None,
+    kind: str | None,
     as_json: bool,
 ) -> None:
     """Simulate SCENARIO, a name of rig scenarios or a TOML file, and write its recording.
+
+    With --arm the scenario's sensor, surroundings and maneuver are put on that arm: the torus sweep picks the arm's own
+    yawing, tilting and rolling joints and keeps to its limits and speeds.
 
     CAUSE.json is a diagnosis, or one cause such as
     {"effect": "backlash", "where": "joint5", "parameters": {"width_rad": 0.005}}.
@@ -85,14 +96,15 @@ def sweep(
     Example:
       rig sweep ann-arbor -o run.parquet --locked
       rig sweep mine.toml -o run.csv --seed 7 --engine dynamic --with backlash.json
+      rig sweep ann-arbor --arm ur5e.urdf --tip tool0 -o run.parquet --locked
     """
-    check_output(output, RECORDING_SUFFIXES, Path(scenario), *causes)
+    check_output(output, RECORDING_SUFFIXES, Path(scenario), arm_file, *causes)
     if locked:
         check_output(output.with_name(f"{output.stem}.locked.parquet"), RECORDING_SUFFIXES, output)
     from scenarios.causes import read_causes
     from scenarios.loader import load
 
-    chosen = load(scenario)
+    chosen = on_arm(load(scenario), arm_file, tip, kind)
     chosen = chosen.with_effects(effect for path in causes for effect in read_causes(path, chosen.rig.arm))
     if noise is not None:
         chosen = chosen.scaled_noise(noise)
