@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import RigError
+from rig.pose_nodes import PoseNodes, find_nodes
 
 if TYPE_CHECKING:
     from rig.arm import Arm, LinkPoses
@@ -86,6 +87,13 @@ class Signals:
                 "the effect acts on a joint: found a recording without joint angles, expected q1_rad..qN_rad"
             )
         return self.q_encoder
+
+    @cached_property
+    def pose_nodes(self) -> PoseNodes | None:
+        """The nodes between which logged poses were interpolated; None where they were not, or joints were logged."""
+        if self.q_encoder is not None or not self.R_base_tool.size:
+            return None
+        return find_nodes(self.t, self.R_base_tool, self.position)
 
     @property
     def links(self) -> LinkPoses:

@@ -55,8 +55,9 @@ class Rig:
 
     @property
     def pipeline(self) -> Pipeline:
-        """The stages before the acquisition."""
-        return Pipeline(self.environment, self.accelerometer, self.magnetometer, self.effects)
+        """The stages before the acquisition; errors of the log are none of them."""
+        world = tuple(effect for effect in self.effects if not effect.of_log)
+        return Pipeline(self.environment, self.accelerometer, self.magnetometer, world)
 
     def simulate(
         self,
@@ -93,6 +94,7 @@ class Rig:
     def record(self, signals: Signals, rng: np.random.Generator, rate_Hz: float, name: str = "run") -> Recording:
         """From encoder angles or poses to a recording: the pipeline, sampling, noise and converter."""
         kept = slice(None, None, self.acquisition.decimation)
+        logged = self._log(signals, rng)
         signals = sampled(self.pipeline.expected(signals, rng), kept)
         signals = replace(signals, volts=self.acquisition.add_noise(signals.volts, rng))
         signals = apply_stage(self.effects, Stage.ELECTRONIC, signals, rng)
@@ -102,8 +104,8 @@ class Rig:
             t=signals.t,
             q=signals.q_encoder if pose == "joints" else None,
             slides=self.slides if pose == "joints" else (),
-            tool_quaternion=quaternions(signals.R_base_tool) if pose == "tool" else None,
-            tool_position=signals.position if pose == "tool" else None,
+            tool_quaternion=None if logged is None else quaternions(logged.R_base_tool[kept]),
+            tool_position=None if logged is None else logged.position[kept],
             accelerometer=None if self.accelerometer is None else volts[:, COLUMNS_OF[ACCELEROMETER]],
             magnetometer=None if self.magnetometer is None else volts[:, COLUMNS_OF[MAGNETOMETER]],
             units=dict.fromkeys(self.pipeline.sensors, "V"),
@@ -116,6 +118,26 @@ class Rig:
             ),
             name=name,
         )
+
+    def _log(self, signals: Signals, rng: np.random.Generator) -> Signals | None:
+        """The tool's poses as they are logged; None where they are not.
+
+        Raises:
+            RigError: an error of the log where no tool pose is logged.
+        """
+        errors = [effect for effect in self.effects if effect.of_log]
+        if self.acquisition.pose != "tool":
+            for effect in errors:
+                raise RigError(
+                    f"effect {effect.name} errs in the log of the tool's poses: found acquisition.pose = "
+                    f"{self.acquisition.pose!r}, expected 'tool'"
+                )
+            return None
+        seen = tuple(effect for effect in self.pipeline.effects if not effect.on_mount)
+        logged = replace(self.pipeline, effects=seen).expected(signals, rng, last=Stage.POSE)
+        for effect in errors:
+            logged = effect.log(logged, rng)
+        return logged
 
     def _start(self, maneuver: Maneuver, engine: Engine, motion: Motion, progress: Progress | None) -> Signals:
         if engine == "dynamic":

@@ -49,6 +49,7 @@ VALUES: dict[str, dict[str, Any]] = {
     "bias_temperature": {"coefficient_per_degC": (1e-3, -2e-3, 3e-3)},
     "scale_temperature": {"coefficient_per_degC": (1e-3, -2e-3, 3e-3)},
     "bias_step": {"at_s": 20.1},
+    "pose_interpolation": {"node_interval_s": 1.5, "jitter_s": 0.0},
     "saturation": {"level": 2.6},
     "supply_ratiometric": {"waveform": tuple(1e-3 * np.cos(np.arange(24.0))), "supply_V": 0.8},
     "channel_crosstalk": {"source": "accel3"},
@@ -73,13 +74,24 @@ def pipeline(*effects: Effect) -> Pipeline:
 
 
 def volts(*effects: Effect, t: Array = TIMES) -> Array:
-    """Voltages (n, 6) [V] of the recording with the effects."""
-    return pipeline(*effects).expected(signals(t), np.random.default_rng(0)).volts
+    """Voltages (n, 6) [V] of the recording with the effects; of its logged poses where one errs in these."""
+    recording = logged(t) if any(effect.of_log for effect in effects) else signals(t)
+    return pipeline(*effects).expected(recording, np.random.default_rng(0)).volts
 
 
-def measured() -> Signals:
+def recording_for(effect: Effect, t: Array = TIMES) -> Signals:
+    """A recording that the effect can act on."""
+    return logged(t) if effect.of_log else signals(t)
+
+
+def logged(t: Array = TIMES) -> Signals:
+    """The same recording as a slow log has it: poses every two seconds, straight between."""
+    return made("pose_interpolation", node_interval_s=2.0, jitter_s=0.0).log(measured(t), np.random.default_rng(0))
+
+
+def measured(t: Array = TIMES) -> Signals:
     """The same recording as a tracking system has it: poses, no joints."""
-    posed = pipeline().expected(signals(), np.random.default_rng(0))
+    posed = pipeline().expected(signals(t), np.random.default_rng(0))
     return Signals(
         t=posed.t,
         R_base_tool=posed.R_base_tool,

@@ -8,7 +8,21 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from effects_rig import EVERYWHERE, MEAN, SENSORS, frozen, made, measured, neutral, pipeline, signals, values, volts
+from effects_rig import (
+    EVERYWHERE,
+    MEAN,
+    SENSORS,
+    frozen,
+    logged,
+    made,
+    measured,
+    neutral,
+    pipeline,
+    recording_for,
+    signals,
+    values,
+    volts,
+)
 from numpy.typing import NDArray
 
 from rig.channels import CHANNELS, COLUMNS_OF
@@ -62,6 +76,8 @@ CONTRACT: dict[str, tuple[tuple[str, ...], dict[str, int]]] = {
     "noise_excess": (CHANNELS, {"extra_sigma": 1}),
     "noise_coloured": (SENSOR, {}),
     "timing_jitter": (("acquisition",), {"sigma_s": 1}),
+    "pose_interpolation": (("acquisition",), {"node_interval_s": 1, "jitter_s": 1}),
+    "pose_noise": (("acquisition",), {"sigma_rad": 1, "tau_s": 1}),
 }
 
 
@@ -72,7 +88,7 @@ def rng() -> np.random.Generator:
 def at_stage(effect: Effect) -> Signals:
     """The signals as the effect meets them."""
     last = min(effect.stage, Stage.VOLTS)
-    return frozen(pipeline().expected(signals(), rng(), last=last))
+    return frozen(pipeline().expected(recording_for(effect), rng(), last=last))
 
 
 def same(first: Signals, second: Signals) -> bool:
@@ -177,12 +193,14 @@ def test_changes_converge_to_a_derivative_at_zero_strength(name: str) -> None:
             assert np.linalg.norm(slopes[0] - slopes[1]) <= 1e-2 * np.linalg.norm(slopes[1]), (item.name, component)
 
 
-@pytest.mark.parametrize("name", [name for name in MEAN if name not in {"hysteresis"}])  # piecewise linear: below
+@pytest.mark.parametrize(
+    "name", [name for name in MEAN if name not in {"hysteresis", "backlash"}]
+)  # piecewise linear: below
 def test_central_differences_converge_quadratically(name: str) -> None:
     """At the values of the trial, for every parameter: half the step, a quarter of the error, or it is rounding."""
     effect = EFFECTS[name]
     for item in effect.parameters():
-        if item.name == "at_s":  # an instant between two samples: nothing depends on it
+        if item.name == "at_s" or item.scatter:  # an instant between two samples, or noise: nothing depends on it
             continue
         at = np.atleast_1d(np.asarray(values(effect)[item.name], dtype=float))
         direction = np.cos(np.arange(item.size))
@@ -198,10 +216,11 @@ def test_central_differences_converge_quadratically(name: str) -> None:
         assert fine <= 0.3 * coarse + 4.0 * rounding, item.name
 
 
-def test_hysteresis_changes_linearly_until_a_step_of_the_input_is_as_small_as_it() -> None:
-    base, small, half = volts(), volts(made("hysteresis", half_width=1e-6)), volts(made("hysteresis", half_width=5e-7))
+@pytest.mark.parametrize(("name", "width"), [("hysteresis", "half_width"), ("backlash", "width_rad")])
+def test_a_play_changes_linearly_until_a_step_of_the_input_is_as_small_as_it(name: str, width: str) -> None:
+    base, small, half = volts(), volts(made(name, **{width: 1e-6})), volts(made(name, **{width: 5e-7}))
     assert np.abs(small - base).max() > 0.0
-    np.testing.assert_allclose(small - base, 2.0 * (half - base), atol=1e-14)
+    np.testing.assert_allclose(small - base, 2.0 * (half - base), atol=1e-12)  # 1e-6 rad squared, in volts
 
 
 @pytest.mark.parametrize(("name", "where"), EVERYWHERE)
@@ -210,7 +229,7 @@ def test_the_pipeline_takes_every_effect_on_a_joint_recording(name: str, where: 
     readings = volts(effect)
     assert readings.shape == volts().shape
     assert np.isfinite(readings).all()
-    electronic = apply_stage((effect,), Stage.ELECTRONIC, replace(signals(), volts=readings), rng())
+    electronic = apply_stage((effect,), Stage.ELECTRONIC, replace(recording_for(effect), volts=readings), rng())
     assert np.isfinite(electronic.volts).all()
 
 
@@ -219,7 +238,7 @@ def test_the_pipeline_takes_every_effect_on_a_joint_recording(name: str, where: 
 def test_a_rig_with_one_sensor_takes_them_too(name: str, where: str, sensor: str) -> None:
     alone = {"accelerometer": None, "magnetometer": None, sensor: SENSORS[SENSOR.index(sensor)]}
     rig = Pipeline(pipeline().environment, alone["accelerometer"], alone["magnetometer"], (made(name, where),))
-    through = rig.expected(signals(), rng())
+    through = rig.expected(recording_for(made(name, where)), rng())
     through = apply_stage(rig.effects, Stage.ELECTRONIC, through, rng())
     there = np.isfinite(through.volts)
     own, other = COLUMNS_OF[sensor], COLUMNS_OF[SENSOR[1 - SENSOR.index(sensor)]]
@@ -231,7 +250,7 @@ def test_a_rig_with_one_sensor_takes_them_too(name: str, where: str, sensor: str
 @pytest.mark.parametrize(("name", "where"), EVERYWHERE)
 def test_measured_poses_take_what_makes_sense_there_and_refuse_the_rest(name: str, where: str) -> None:
     effect = made(name, where)
-    recording = measured()
+    recording = logged() if effect.of_log else measured()
     from_joints = volts(effect) if effect.kind is Kind.MEAN else None
     if effect.lacking(recording):
         assert effect.lacking(recording) == "joint angles (columns q1_rad..qN_rad)"
@@ -256,6 +275,7 @@ def test_what_a_recording_lacks_is_said() -> None:
         "bias_temperature",
         "scale_temperature",
     }
+    assert {name for name, text in lacking.items() if "nodes" in text} == {"pose_interpolation"}
     for name, text in lacking.items():
         with pytest.raises(RigError) as caught:
             apply_stage((made(name),), EFFECTS[name].stage, bare, rng())
@@ -325,7 +345,7 @@ def test_spanned_shapes_span_all_others_to_first_order(name: str) -> None:
 @pytest.mark.parametrize("name", EFFECTS)
 def test_shapes_to_search_are_shapes_the_effect_can_have(name: str) -> None:
     effect = EFFECTS[name]
-    shapes = effect.searched(pipeline().expected(signals(), rng()))
+    shapes = effect.searched(pipeline().expected(recording_for(made(name)), rng()))
     assert shapes
     assert len({tuple(shape.items()) for shape in shapes}) == len(shapes)
     assert len({frozenset(shape) for shape in shapes}) == 1, "every shape names the same parameters"

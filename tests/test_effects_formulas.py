@@ -42,7 +42,12 @@ def on_joint(where: str, angle: Callable[[float, Sample], float]) -> Array:
 
 def backlash(where: str, p: dict[str, Any]) -> Array:
     column = int(where[-1]) - 1
-    return on_joint(where, lambda q, s: q - 0.5 * p["width_rad"] * np.tanh(s.speed[column] / 1e-3))
+    encoder = reference.joint_angles(TIMES)[:, column]
+    half = 0.5 * p["width_rad"]
+    joint = [encoder[0] - half * np.sign(encoder[1] - encoder[0])]  # in motion from the first sample on
+    for angle in encoder[1:]:  # a joint is pushed by whichever flank of the lash it touches, else it stays
+        joint.append(min(max(joint[-1], angle - half), angle + half))
+    return on_joint(where, lambda q, s: joint[s.row])
 
 
 def compliance(where: str, p: dict[str, Any]) -> Array:
@@ -232,8 +237,8 @@ FORMULAS: dict[str, Formula] = {
     ),
     "mains_hum": hum,
 }
-#: Effects of time, which need the readings between the samples: ``test_effects_time.py``.
-BETWEEN_SAMPLES = {"latency", "sensor_lag", "motion_acceleration"}
+#: Effects of time, which need the readings between the samples: ``test_effects_time.py``, ``test_effects_log.py``.
+BETWEEN_SAMPLES = {"latency", "sensor_lag", "motion_acceleration", "pose_interpolation"}
 
 
 def table(name: str, where: str) -> dict[str, Any]:

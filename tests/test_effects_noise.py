@@ -11,7 +11,7 @@ from dataclasses import replace
 import effects_reference as reference
 import numpy as np
 import pytest
-from effects_rig import TIMES, made, pipeline, signals, volts
+from effects_rig import TIMES, made, pipeline, recording_for, signals, volts
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2, norm
 
@@ -47,8 +47,10 @@ def assert_white(x: Array, sigma: float) -> None:
 
 def test_every_effect_that_is_not_of_the_mean_is_tried_here_or_with_the_formulas() -> None:
     here = {"noise_excess", "noise_coloured", "bias_random_walk", "timing_jitter", "outliers", "dropouts"}
-    with_formulas = {"saturation", "adc_quantisation"}
-    assert here | with_formulas == {name for name, effect in EFFECTS.items() if effect.kind is not Kind.MEAN}
+    with_formulas, with_the_log = {"saturation", "adc_quantisation"}, {"pose_noise"}
+    assert here | with_formulas | with_the_log == {
+        name for name, effect in EFFECTS.items() if effect.kind is not Kind.MEAN
+    }
 
 
 @pytest.mark.parametrize("where", CHANNELS)
@@ -191,7 +193,7 @@ def test_everything_dropped_is_the_first_reading() -> None:
 def test_noise_comes_from_the_generator_that_is_passed_in(name: str) -> None:
     def run(seed: int) -> Array:
         rng = np.random.default_rng(seed)
-        through = pipeline(made(name)).expected(signals(), rng)
+        through = pipeline(made(name)).expected(recording_for(made(name)), rng)
         return apply_stage((made(name),), Stage.ELECTRONIC, replace(through, volts=through.volts), rng).volts
 
     assert np.array_equal(run(1), run(1))

@@ -10,10 +10,10 @@ import pytest
 import estimators
 import scenarios
 from estimators.gap.basefit import learn_floor, set_up
-from estimators.gap.defects import repeats
+from estimators.gap.defects import readings_of
 from estimators.gap.diagnosis import Diagnosis
 from rig.arm import Arm
-from rig.effects import Effect, make_effect
+from rig.effects import EFFECTS, Effect, make_effect
 from rig.recording import Recording
 from scenarios.blind.outside import ClockDrift
 
@@ -66,10 +66,11 @@ def test_one_repeated_row_is_a_dropout(arm: Arm) -> None:
     """No chance repeats six readings: a single row does."""
     run, locked = recorded(8)
     bench = set_up(run, learn_floor(locked, float(np.median(np.diff(run.t)))), arm)
-    assert repeats(bench) is None
+    dropouts, step = EFFECTS["dropouts"], np.zeros(6)
+    assert dropouts.examined(readings_of(bench, step), "acquisition") is None
     readings = bench.readings.copy()
     readings[700] = readings[699]
-    found = repeats(replace(bench, readings=readings))
+    found = dropouts.examined(readings_of(replace(bench, readings=readings), step), "acquisition")
     assert found is not None
     assert np.flatnonzero(found.affected.all(axis=1)).tolist() == [700]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, Columns
 from rig.effects import EFFECTS, Effect, Kind
-from rig.effects.base import Parameter, Value
+from rig.effects.parameters import Parameter, Value
 
 Array = NDArray[np.float64]
 Shape = Mapping[str, Value]
@@ -117,11 +117,10 @@ def all_candidates(bench: Bench, without: Sequence[str] = ()) -> list[Candidate]
 
 
 def present(candidate: Candidate, bench: Bench) -> bool:
-    """Whether the sensor that the candidate acts on was recorded, and its joint exists."""
+    """Whether the sensor that the candidate acts on was recorded, and the frame that it names is known."""
     here = range(6)[candidate.make(np.zeros(candidate.size), {}).columns]
     joints = 0 if bench.base.q_encoder is None else bench.base.q_encoder.shape[1]
-    numbered = candidate.where.startswith(("joint", "link"))
-    if not set(here) & set(bench.columns) or (numbered and int(candidate.where[-1]) > joints):
+    if not set(here) & set(bench.columns):
         return False
     # what a name asks for is not in the effect's requirements: a frame fixed in a link, a source that is not recorded
     return joints > 0 or not any(name.startswith("link") for name in candidate.names.values())

@@ -14,7 +14,7 @@ from estimators.gap.candidates import STEP, Candidate, Shape
 from estimators.gap.scan import Offer
 from estimators.gap.score import ABSORBED, Explained
 from rig.effects import Effect
-from rig.effects.base import Parameter, Value
+from rig.effects.parameters import Parameter, Value
 
 Array = NDArray[np.float64]
 

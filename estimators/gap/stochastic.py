@@ -87,7 +87,7 @@ def noise_offers(bench: Bench, explained: Explained, without: Sequence[str] = ()
     for effect in EFFECTS.values():
         if effect.kind is not Kind.NOISE or effect.name in without or effect.lacking(bench.base):
             continue
-        for where in effect.places:
+        for where in effect.places_on(bench.base):
             offer = fit_effect(effect, where, bench, explained, spectra)
             if offer is not None:
                 offers.append(offer)
@@ -140,8 +140,9 @@ Fits = dict[int, tuple[float, float, float]]
 def _in_time(
     probe: Effect, bench: Bench, explained: Explained, columns: Sequence[int]
 ) -> tuple[Fits, dict[int, Array], dict[int, float]]:
-    """Noise in proportion to the slope of the signal: one strength for all channels."""
-    rates = {column: np.gradient(bench.base.volts[:, column], bench.base.t) ** 2 for column in columns}
+    """Noise whose variance follows time: one strength for all channels."""
+    responses = np.sum(probe.response(bench.base, bench.pipeline) ** 2, axis=2)
+    rates = {column: responses[:, column] for column in columns}
     units = {}
     for column in columns:
         square = block_means(rates[column], bench.block) / bench.samples

@@ -6,8 +6,21 @@ read the registry.
 
 # Imported in this order to register: from the encoder to the converter.
 from rig.effects import transmission  # noqa: F401, I001
-from rig.effects import geometry, timing, motion  # noqa: F401
+from rig.effects import geometry, timing, log, motion  # noqa: F401
 from rig.effects import field, sensor, drift, electronic, converter, noise  # noqa: F401
-from rig.effects.base import EFFECTS, Effect, Kind, Parameter, Stage, apply_stage, make_effect, register
+from rig.effects.base import EFFECTS, Effect, Kind, Stage, apply_stage, make_effect, register
+from rig.effects.parameters import Parameter
+from rig.effects.readings import Finding, Readings
 
-__all__ = ["EFFECTS", "Effect", "Kind", "Parameter", "Stage", "apply_stage", "make_effect", "register"]
+__all__ = [
+    "EFFECTS",
+    "Effect",
+    "Finding",
+    "Kind",
+    "Parameter",
+    "Readings",
+    "Stage",
+    "apply_stage",
+    "make_effect",
+    "register",
+]

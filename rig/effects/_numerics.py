@@ -52,8 +52,8 @@ def recursion(decay: Array, drive: Array) -> Array:
     return np.asarray(solve_banded((1, 0), bands, drive, check_finite=False))
 
 
-def play(x: Array, half_width: float) -> Array:
-    """The play operator: y[0] = x[0], y[k] = the point of x[k] -+ half_width that is nearest to y[k-1].
+def play(x: Array, half_width: float, start: float | None = None) -> Array:
+    """The play operator: y[0] = start, y[k] = the point of x[k] -+ half_width that is nearest to y[k-1].
 
     Each step clamps y to an interval, and clamps upon clamps are a clamp: composed over ever longer spans of samples
     (a prefix scan) they give all y in log n passes, of which only the first few have anything left to do.
@@ -61,9 +61,10 @@ def play(x: Array, half_width: float) -> Array:
     Args:
         x: (n,).
         half_width: not negative.
+        start: within half_width of x[0]; None: x[0].
     """
     low, high = x - half_width, x + half_width
-    low[0] = high[0] = x[0]
+    low[0] = high[0] = x[0] if start is None else start
     span = 1
     open_ = np.flatnonzero(low < high)
     while span < len(x) and open_.size:
@@ -140,3 +141,13 @@ def _fitted_windows(t: Array, path: Array, half: int) -> Array:
         weights = 2.0 * square / np.sum(square**2, axis=1)[:, None]
         result[rows] = np.einsum("nmw,nw->nm", values[rows], weights)
     return result
+
+
+def exponential_spectrum(frequency: Array, interval_s: float, tau_s: float) -> Array:
+    """The spectrum of noise of variance one with autocovariance exp(-|lag|/tau_s), sampled; white where tau_s is zero.
+
+    Args:
+        frequency: (m,) [cycles a sample].
+    """
+    decay = np.exp(-interval_s / tau_s) if tau_s > 0.0 else 0.0
+    return np.asarray((1.0 - decay**2) / (1.0 - 2.0 * decay * np.cos(2.0 * np.pi * frequency) + decay**2))

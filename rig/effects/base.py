@@ -15,11 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.channels import CHANNELS, COLUMNS_OF
+from rig.effects.parameters import Parameter, Value
+from rig.effects.readings import Finding, Readings
 from rig.errors import RigError, nearest, unknown_name
 from rig.signals import Signals
 
 if TYPE_CHECKING:
     from rig.arm import Arm
+    from rig.pipeline import Pipeline
+
 
 Array = NDArray[np.float64]
 
@@ -46,71 +50,6 @@ class Kind(Enum):
 #: Within a stage noise comes before what is done to a noisy reading: a repeat repeats the noise too.
 _ORDER: Final = {kind: order for order, kind in enumerate(Kind)}
 
-Value = float | tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of an effect.
-
-    Attributes:
-        name, unit: as in the catalogue.
-        typical: typical size, in ``unit``; a starting point with a guess's weight.
-        lower, upper: bounds, in ``unit``.
-        size: number of components (1 for a scalar).
-        strength: True where the effect vanishes with this parameter at ``neutral``; the others shape it.
-        neutral: the value of a strength that changes nothing, zero but for a level that nothing reaches.
-        spanned: values of a shape whose effects span, to first order in the strength, those of all other values: a sine
-            and a cosine span every phase. Such a shape need not be searched.
-        grid: values to search where a shape is not spanned; empty where they depend on the recording (``searched``).
-    """
-
-    name: str
-    unit: str
-    typical: float
-    lower: float
-    upper: float
-    size: int
-    strength: bool
-    neutral: float = 0.0
-    spanned: tuple[Value, ...] = ()
-    grid: tuple[Value, ...] = ()
-
-
-def parameter(
-    unit: str,
-    typical: float,
-    *,
-    lower: float = -np.inf,
-    upper: float = np.inf,
-    size: int = 1,
-    strength: bool = True,
-    default: float | tuple[float, ...] | None = None,
-    neutral: float = 0.0,
-    spanned: Sequence[Value] = (),
-    grid: Sequence[Value] = (),
-) -> Any:
-    """A dataclass field that is a parameter of the effect; a strength starts neutral, a shape at its typical size."""
-    start: Any = default if default is not None else (neutral if strength else typical)
-    if size > 1 and not isinstance(start, tuple):
-        start = (start,) * size
-    meta: dict[str, Any] = {"unit": unit, "typical": typical, "lower": lower, "upper": upper, "size": size}
-    meta |= {"strength": strength, "neutral": neutral, "spanned": tuple(spanned), "grid": tuple(grid)}
-    return dataclasses.field(default=start, metadata=meta)
-
-
-def choice(choices: Sequence[str], default: str | None = None) -> Any:
-    """A dataclass field that is one of several names; required where there is no default."""
-    meta = {"choices": tuple(choices)}
-    return dataclasses.field(metadata=meta) if default is None else dataclasses.field(default=default, metadata=meta)
-
-
-def phase() -> Any:
-    """A dataclass field that is the phase of a sine [rad]."""
-    return parameter("rad", np.pi, strength=False, default=0.0, spanned=QUADRATURE)
-
-
-QUADRATURE: Final = (0.0, np.pi / 2.0)
 JOINTS: Final = tuple(f"joint{number}" for number in range(1, 7))
 SWEPT_JOINTS: Final = ("joint1", "joint5", "joint6")
 LINKS: Final = tuple(f"link{number}" for number in range(1, 6))
@@ -118,7 +57,7 @@ LINKS: Final = tuple(f"link{number}" for number in range(1, 6))
 _NUMBERED: Final = re.compile(r"(joint|link)([1-9]\d?)")
 MOVED_RAD: Final = 1e-3  #: a joint that turns by less is locked
 
-Requirement = Literal["joints", "position", "temperature"]
+Requirement = Literal["joints", "position", "temperature", "poses", "nodes"]
 
 
 @dataclass(frozen=True)
@@ -136,6 +75,10 @@ class Effect(ABC):
     places: ClassVar[tuple[str, ...]]
     #: Of an effect on joints: True where only a joint that moves can show it.
     needs_motion: ClassVar[bool] = False
+    #: True where not the world but the log of its poses errs: the simulator calls ``log``, the diagnosis ``apply``.
+    of_log: ClassVar[bool] = False
+    #: True where the sensor moves on the tool: what logs the tool's pose does not see it.
+    on_mount: ClassVar[bool] = False
     #: What a recording must have for the effect to act on it.
     requires: ClassVar[tuple[Requirement, ...]] = ()
     #: True where the effect acts by being there, even with all its strengths at zero.
@@ -150,13 +93,14 @@ class Effect(ABC):
     rapid: ClassVar[bool] = False
     #: True where it depends on the samples before or beside a reading, so that these must lie close.
     remembers: ClassVar[bool] = False
-    #: Of a noise effect: True where its variance follows time (the slope of the signal), False where it has a spectrum.
+    #: Of a noise effect: True where its variance follows time (the slope of the signal), False where it is the same
+    #: throughout.
     adds_in_time: ClassVar[bool] = False
 
     where: str
 
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
-        """The spectrum of a noise effect's readings at strength one, of its shape.
+        """The spectrum of each error of a noise effect, at strength one: white, unless the effect says otherwise.
 
         Args:
             frequency: (m,) [cycles a sample], above zero.
@@ -164,15 +108,65 @@ class Effect(ABC):
 
         Returns:
             (m,) such that its mean over all frequencies is the variance; white noise of variance one has one.
+        """
+        return np.ones_like(frequency)
+
+    def response(self, base: Signals, pipeline: Pipeline) -> Array:
+        """What the errors of a noise effect do to the readings, each at size one.
+
+        The effect adds sum_r s_r response[:, :, r] e_r(t): independent errors e_r of ``added_spectrum``, s_r the
+        strengths (one for all errors where there is one only). The covariance between readings (t, k) and (u, l) is
+        sum_r s_r^2 response[t, k, r] response[u, l, r] c(u - t), c the autocovariance of that spectrum.
+
+        Args:
+            base: the recording after all stages of ``pipeline``. pipeline: without effects.
+
+        Returns:
+            (n, 6, r) [recorded unit]; by default the error of each channel of the place is its own.
+        """
+        touched = range(*self.columns.indices(len(CHANNELS)))
+        response = np.zeros((len(base), len(CHANNELS), len(touched)))
+        for error, column in enumerate(touched):
+            response[:, column, error] = 1.0
+        return response
+
+    def added_variance(self, base: Signals, pipeline: Pipeline) -> Array:
+        """(n, 6) [recorded unit^2] variance that a noise effect adds to each reading; of a walk, on average in time."""
+        interval_s = float(np.median(np.diff(base.t)))
+        count = max(len(base), 2)
+        mean = float(np.mean(self.added_spectrum(np.arange(1, count) / (2.0 * count), interval_s)))
+        response = self.response(base, pipeline)
+        return np.asarray(mean * (response**2 @ np.broadcast_to(self.strengths**2, response.shape[2:])))
+
+    @property
+    def strengths(self) -> Array:
+        """All strengths, one number each, in the order of the parameters."""
+        found = [np.atleast_1d(getattr(self, item.name)) for item in self.parameters() if item.strength]
+        return np.concatenate(found) if found else np.ones(1)
+
+    @classmethod
+    def examined(cls, readings: Readings, where: str) -> Finding | None:
+        """What an effect on single readings shows in them; None where it shows nothing.
 
         Raises:
-            NotImplementedError: the effect is not noise with a spectrum.
+            NotImplementedError: the effect is not of the distribution.
         """
-        raise NotImplementedError(f"effect {self.name} has no spectrum")
+        raise NotImplementedError(f"effect {cls.name} does not act on single readings")
 
     @abstractmethod
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        """The signals with the effect; the input is left as it is. Neutral strengths change nothing."""
+        """The signals with the effect; the input is left as it is. Neutral strengths change nothing.
+
+        Of an error of the log: from the logged poses to the true ones.
+        """
+
+    def log(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        """From true poses to logged ones, of an effect ``of_log``.
+
+        Raises:
+            NotImplementedError: the effect is none.
+        """
+        raise NotImplementedError(f"effect {self.name} is not of the log")
 
     def __post_init__(self) -> None:
         if self.where not in self.places and not self._is_numbered_place():
@@ -280,7 +274,11 @@ class Effect(ABC):
             "joints": (joints, "joint angles (columns q1_rad..qN_rad)"),
             "position": (joints or signals.position.size > 0, "the sensor's position (columns tool_x_m..tool_z_m)"),
             "temperature": (signals.temperature is not None, "the temperature (column temperature_degC)"),
+            "poses": (not joints and signals.R_base_tool.size > 0, "tool poses (columns tool_qw..tool_qz)"),
         }
+        if "nodes" in cls.requires:
+            words = "tool poses that were interpolated (columns tool_qw..tool_qz, straight between nodes)"
+            has["nodes"] = signals.pose_nodes is not None, words
         return " and ".join(has[requirement][1] for requirement in cls.requires if not has[requirement][0])
 
     @classmethod
@@ -288,6 +286,17 @@ class Effect(ABC):
         """The shapes to try on a recording: every combination of the grids; one empty table where there is none."""
         grids = {item.name: item.grid for item in cls.parameters() if item.grid}
         return [dict(zip(grids, values, strict=True)) for values in itertools.product(*grids.values())]
+
+    @classmethod
+    def tone_frequencies(cls, t: Array) -> Array:
+        """The frequencies [Hz] to search for a tone in samples at times t (n,): half a resolution, 1/(2 T), apart.
+
+        Within its bands, where it has some: a sampling below twice these shows them folded. Else between two cycles a
+        recording, below which it is a drift, and half the sampling rate.
+        """
+        step = 0.5 / float(t[-1] - t[0])
+        bands = cls.bands or ((4.0 * step, 0.5 / float(np.median(np.diff(t)))),)
+        return np.concatenate([np.arange(low, high + 0.5 * step, step) for low, high in bands])
 
     @classmethod
     def spanning(cls) -> list[dict[str, Value]]:
@@ -351,12 +360,14 @@ def make_effect(name: str, values: Mapping[str, Any], arm: Arm | None = None) ->
 
 
 def apply_stage(effects: Sequence[Effect], stage: Stage, signals: Signals, rng: np.random.Generator) -> Signals:
-    """Apply the effects that act on ``stage``: in their order, but noise before what is done to noisy readings.
+    """Apply the effects that act on ``stage``: in their order, but noise before what is done to noisy readings, and
+    errors of the log before all others, which act on the true poses.
 
     Raises:
         RigError: the signals lack what an effect needs.
     """
-    for effect in sorted((effect for effect in effects if effect.stage is stage), key=lambda each: _ORDER[each.kind]):
+    acting = [effect for effect in effects if effect.stage is stage]
+    for effect in sorted(acting, key=lambda each: (not each.of_log, _ORDER[each.kind])):
         if lacking := effect.lacking(signals):
             raise RigError(f"effect {effect.name} at {effect.where}: the recording lacks {lacking}")
         if misplaced := effect.misplaced(signals):

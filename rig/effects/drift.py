@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.channels import CHANNELS, SENSORS
-from rig.effects.base import Effect, Stage, Value, parameter, register
+from rig.effects.base import Effect, Stage, register
 from rig.effects.geometry import instants
+from rig.effects.parameters import Value, parameter
 from rig.effects.sensor import with_inputs
 from rig.signals import Signals
 
@@ -102,7 +103,7 @@ class BiasStep(Effect):
     stage = Stage.VOLTS
     places = CHANNELS
 
-    volts: float = parameter("V", 5e-3, lower=-10.0, upper=10.0)
+    volts: float = parameter("V", 5e-3)
     at_s: float = parameter("s", 600.0, strength=False)
 
     @classmethod

@@ -7,15 +7,28 @@ from typing import Final
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebval
+from numpy.typing import NDArray
 
 from rig.channels import CHANNELS
-from rig.effects.base import Effect, Stage, choice, parameter, register
+from rig.effects.base import Effect, Stage, register
 from rig.effects.drift import with_volts
+from rig.effects.parameters import choice, parameter
 from rig.errors import RigError
 from rig.signals import Signals
 
-#: The middle [V] of the sensors' output range of 0 to 5 V.
-MIDDLE: Final = 2.5
+Array = NDArray[np.float64]
+
+#: The sensors' output range [V], and how far beyond it readings may stray.
+_RANGE, _STRAY = (0.0, 5.0), 0.5
+
+
+def mid_scale(readings: Array) -> float:
+    """The middle of a channel's scale: 2.5 V where its readings lie within 0 to 5 V, else their mean."""
+    low, high = float(np.min(readings)), float(np.max(readings))
+    if low >= _RANGE[0] - _STRAY and high <= _RANGE[1] + _STRAY:
+        return 0.5 * (_RANGE[0] + _RANGE[1])
+    return float(np.mean(readings))
+
 
 #: Half waves of the supply's waveform: it resolves a twelfth of the recording, 140 s of a sweep of 1664 s, faster than
 #: a supply warms or a laboratory's heating cycles.
@@ -51,9 +64,9 @@ class SupplyRatiometric(Effect):
 @register
 @dataclass(frozen=True)
 class ChannelCrosstalk(Effect):
-    """A neighbouring wire couples in: V_i + c (V_j - 2.5), i the channel that is disturbed and j the source.
+    """A neighbouring wire couples in: V_i + c (V_j - m), i the channel that is disturbed and j the source.
 
-    0.1-1 %; a guess.
+    m is the middle of j's scale: 2.5 V where its readings lie within 0 to 5 V, else their mean. 0.1-1 %; a guess.
     """
 
     name = "channel_crosstalk"
@@ -71,7 +84,8 @@ class ChannelCrosstalk(Effect):
             )
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        coupled = self.coefficient * (signals.volts[:, [CHANNELS.index(self.source)]] - MIDDLE)
+        source = signals.volts[:, [CHANNELS.index(self.source)]]
+        coupled = self.coefficient * (source - mid_scale(source))
         return with_volts(signals, self.columns, coupled)
 
 
@@ -80,14 +94,15 @@ class ChannelCrosstalk(Effect):
 class MainsHum(Effect):
     """The mains couple into every channel: V_k + A_k sin(2 pi f t + p_k), f near 50 or 60 Hz.
 
-    The frequency of a sampled signal is known only modulo the sampling rate. Millivolts; a guess.
+    The frequency of a sampled signal is known only modulo the sampling rate. It lies within 2 %, as EN 50160 allows a
+    supply that stands alone. Millivolts; a guess.
     """
 
     name = "mains_hum"
     stage = Stage.VOLTS
     places = ("acquisition",)
     tone = True
-    bands = ((49.9, 50.1), (59.9, 60.1))
+    bands = ((49.0, 51.0), (58.8, 61.2))
 
     freq_Hz: float = parameter("Hz", 50.0, lower=0.0, upper=1000.0, strength=False)
     amplitude: tuple[float, ...] = parameter("V", 2e-3, size=6)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.channels import COLUMNS_OF, MAGNETOMETER
-from rig.effects.base import LINKS, SWEPT_JOINTS, Effect, Stage, Value, parameter, register
+from rig.effects.base import LINKS, SWEPT_JOINTS, Effect, Stage, register
+from rig.effects.parameters import Value, parameter
 from rig.effects.transmission import smooth_sign
 from rig.signals import Signals
 

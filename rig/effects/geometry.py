@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.effects._numerics import turned
-from rig.effects.base import Effect, Stage, Value, parameter, register
+from rig.effects.base import Effect, Stage, register
+from rig.effects.parameters import Value, parameter
 from rig.signals import Signals
 
 Array = NDArray[np.float64]
@@ -119,6 +120,7 @@ class MountingSlip(Effect):
     name = "mounting_slip"
     stage = Stage.POSE
     places = ("mount",)
+    on_mount = True
 
     rotation_rad: tuple[float, ...] = parameter("rad", 1e-3, lower=-0.5, upper=0.5, size=3)
     at_s: float = parameter("s", 600.0, strength=False)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rig.effects._numerics import curvature
-from rig.effects.base import Effect, Stage, choice, parameter, phase, register
+from rig.effects.base import Effect, Stage, register
+from rig.effects.parameters import choice, parameter, phase
 from rig.errors import RigError
 from rig.signals import Signals
 

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.channels import CHANNELS, SENSORS
-from rig.effects._numerics import recursion
-from rig.effects.base import Effect, Kind, Stage, parameter, register
+from rig.effects._numerics import exponential_spectrum, recursion
+from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.drift import with_volts
+from rig.effects.parameters import parameter
 from rig.signals import Signals
 
 Array = NDArray[np.float64]
@@ -29,10 +30,7 @@ class NoiseExcess(Effect):
     kind = Kind.NOISE
     places = CHANNELS
 
-    extra_sigma: float = parameter("V", 5e-3, lower=0.0, upper=10.0)
-
-    def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
-        return np.ones_like(frequency)
+    extra_sigma: float = parameter("V", 5e-3, lower=0.0)
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         return with_volts(signals, self.columns, self.extra_sigma * rng.standard_normal((len(signals), 1)))
@@ -53,12 +51,11 @@ class NoiseColoured(Effect):
     kind = Kind.NOISE
     places = SENSORS
 
-    sigma_V: tuple[float, ...] = parameter("V", 5e-3, lower=0.0, upper=10.0, size=3)
+    sigma_V: tuple[float, ...] = parameter("V", 5e-3, lower=0.0, size=3)
     tau_s: float = parameter("s", 1.0, lower=1e-6, upper=1e6, strength=False, grid=(0.25, 0.5, 1.0, 2.0, 4.0, 8.0))
 
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
-        decay = np.exp(-interval_s / self.tau_s)
-        return np.asarray((1.0 - decay**2) / (1.0 - 2.0 * decay * np.cos(2.0 * np.pi * frequency) + decay**2))
+        return exponential_spectrum(frequency, interval_s, self.tau_s)
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         lags = np.diff(signals.t) / self.tau_s
@@ -80,7 +77,7 @@ class BiasRandomWalk(Effect):
     kind = Kind.NOISE
     places = SENSORS
 
-    rate: tuple[float, ...] = parameter("V/sqrt(s)", 3e-4, lower=0.0, upper=10.0, size=3)
+    rate: tuple[float, ...] = parameter("V/sqrt(s)", 3e-4, lower=0.0, size=3)
 
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
         return interval_s / (2.0 * np.sin(np.pi * frequency)) ** 2

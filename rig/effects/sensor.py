@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from rig.channels import CHANNELS, SENSORS
 from rig.effects._numerics import low_passed, play
-from rig.effects.base import Effect, Stage, parameter, register
+from rig.effects.base import Effect, Stage, register
+from rig.effects.parameters import parameter
 from rig.signals import Signals
 
 Array = NDArray[np.float64]

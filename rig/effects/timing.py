@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.channels import SENSORS
 from rig.effects._numerics import shifted
-from rig.effects.base import Effect, Kind, Stage, parameter, register
+from rig.effects.base import Effect, Kind, Stage, register
+from rig.effects.parameters import parameter
 from rig.signals import Signals
+
+if TYPE_CHECKING:
+    from rig.pipeline import Pipeline
+
+Array = NDArray[np.float64]
 
 
 @register
@@ -52,6 +60,10 @@ class TimingJitter(Effect):
     adds_in_time = True
 
     sigma_s: float = parameter("s", 5e-3, lower=0.0, upper=5.0)
+
+    def response(self, base: Signals, pipeline: Pipeline) -> Array:
+        """(n, 6, 1) [recorded unit/s]: the slope of the readings; all channels are read at the same wrong time."""
+        return np.gradient(base.volts, base.t, axis=0)[:, :, None]
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.sigma_s == 0.0:

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.effects._gravity import is_loaded, relative_gravity_torque
-from rig.effects.base import JOINTS, SWEPT_JOINTS, Effect, Stage, parameter, phase, register
+from rig.effects._numerics import play
+from rig.effects.base import JOINTS, SWEPT_JOINTS, Effect, Stage, register
+from rig.effects.parameters import parameter, phase
 from rig.signals import Signals
 
 Array = NDArray[np.float64]
@@ -20,6 +22,10 @@ SIGN_WIDTH: Final = 1e-3
 
 #: Ratio of each joint's harmonic drive (PyPI ctu_crs 1.0.6).
 GEAR_RATIO: Final = {"joint1": 100, "joint2": 100, "joint3": 100, "joint4": 101, "joint5": 100, "joint6": 101}
+
+
+#: A joint has moved [rad] when it is further than this from where it was: beyond an encoder's jitter.
+_SETTLED: Final = 1e-4
 
 
 def smooth_sign(velocity: Array) -> Array:
@@ -142,8 +148,10 @@ class HarmonicDriveError(Effect):
 @register
 @dataclass(frozen=True)
 class Backlash(Effect):
-    """The joint trails the encoder by half the lash: q = qe - (w/2) sgn(qe'), sgn a smooth sign of the velocity.
+    """The joint trails the encoder by half the lash: q = qe - (w/2) s, s the side on which the play lies.
 
+    A play operator of half-width w/2 on the encoder's angle: after a reversal the joint stands still until the lash is
+    crossed, and at rest it stays on its side. A recording starts on the side of its first motion.
     w is 0.01-0.5 deg; a guess.
     """
 
@@ -156,8 +164,14 @@ class Backlash(Effect):
     width_rad: float = parameter("rad", 3e-3, lower=-0.5, upper=0.5)
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        direction = smooth_sign(signals.joint_velocity[:, self.joint])
-        return turn_joint(signals, self.joint, -0.5 * self.width_rad * direction)
+        if self.width_rad == 0.0:
+            return signals
+        angle = signals.encoder_angles[:, self.joint]
+        half = 0.5 * abs(self.width_rad)
+        moved = np.flatnonzero(np.abs(angle - angle[0]) > _SETTLED)
+        side = np.sign(angle[moved[0]] - angle[0]) if len(moved) else 0.0
+        trailing = play(angle, half, float(angle[0] - half * side)) - angle
+        return turn_joint(signals, self.joint, np.sign(self.width_rad) * trailing)
 
 
 @register

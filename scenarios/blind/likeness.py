@@ -46,7 +46,7 @@ class Likeness:
 def candidates(without: Sequence[str] = ()) -> Iterator[tuple[type[Effect], dict[str, str]]]:
     """Every mean effect at every place, with its names."""
     for effect in EFFECTS.values():
-        if effect.kind is not Kind.MEAN or effect.name in without:
+        if effect.kind is not Kind.MEAN or effect.of_log or effect.name in without:
             continue
         choices = effect.choices()
         for where, *names in itertools.product(effect.places, *choices.values()):

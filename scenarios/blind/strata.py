@@ -95,11 +95,15 @@ def _deck(stratum: str, count: int, rng: np.random.Generator) -> list[tuple[str,
     if stratum == "none":
         return [()] * count
     if stratum == "two":
-        names = [name for name, effect in EFFECTS.items() if effect.kind is Kind.MEAN and not effect.acts_at_zero]
+        names = [
+            name
+            for name, effect in EFFECTS.items()
+            if effect.kind is Kind.MEAN and not effect.acts_at_zero and not effect.of_log
+        ]
         return [tuple(str(name) for name in rng.choice(names, 2, replace=False)) for _ in range(count)]
     source = {
         "absorbed": [str(index) for index in range(len(ABSORBED))],
-        "one": list(EFFECTS),
+        "one": [name for name, effect in EFFECTS.items() if not effect.of_log],
         "form": list(FORMS),
         "outside": list(OUTSIDE),
     }[stratum]

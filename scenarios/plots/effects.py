@@ -76,6 +76,10 @@ def effect_change(effect: type[Effect], where: str | None = None) -> EffectChang
     Raises:
         RigError: the effect has no such place.
     """
+    if effect.of_log:
+        raise RigError(
+            f"effect {effect.name} errs in the log of tool poses: a sweep with joint angles does not show it"
+        )
     if where is not None and where not in effect.places:
         raise unknown_name(f"place of effect {effect.name}", where, effect.places)
     scenario = load(_SCENARIO)

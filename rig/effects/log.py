@@ -1,0 +1,146 @@
+"""Errors of the log of the tool's poses: the world is right, what was written down of it is not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from rig.effects._numerics import exponential_spectrum, recursion, turned
+from rig.effects.base import Effect, Kind, Stage, register
+from rig.effects.parameters import parameter
+from rig.pose_nodes import one_sign
+from rig.signals import Signals
+
+if TYPE_CHECKING:
+    from rig.pipeline import Pipeline
+
+Array = NDArray[np.float64]
+
+#: Turn [rad] by which the readings' response to a turn of the tool is taken.
+_TURN = 1e-6
+
+
+@register
+@dataclass(frozen=True)
+class PoseInterpolation(Effect):
+    """Poses logged at a lower rate and filled in by straight lines: what moves faster is missing.
+
+    The poses are read every node_interval_s, stamped as they arrive, off by jitter_s, and interpolated linearly. The
+    kinks of the log show its nodes, T apart; the true path is taken as the cubic spline through them, evened in time,
+    of which node_interval_s/T is added to the chords: for a smooth path the two times agree, and their difference
+    checks the hypothesis. The stamps' scatter is noise in proportion to the slope of the readings, a straight line from
+    node to node.
+
+    20-100 ms, jitter a few ms: robot controllers log at 10 to 50 Hz beside sensors at 100 Hz; a guess.
+    """
+
+    name = "pose_interpolation"
+    stage = Stage.POSE
+    places = ("acquisition",)
+    requires = ("nodes",)
+    of_log = True
+    remembers = True
+    adds_in_time = True
+
+    node_interval_s: float = parameter("s", 0.05, lower=0.0, upper=100.0)
+    jitter_s: float = parameter(
+        "s", 3e-3, lower=0.0, upper=10.0, strength=False, default=0.0, grid=(0.0,), scatter=True
+    )
+
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        nodes = signals.pose_nodes
+        if nodes is None or self.node_interval_s == 0.0:
+            return signals
+        share = self.node_interval_s / nodes.interval_s
+        smooth, path = nodes.smooth(signals.t)
+        logged = Rotation.from_matrix(signals.R_base_tool)
+        away = (logged.inv() * Rotation.from_matrix(smooth)).as_rotvec()
+        rotation = (logged * Rotation.from_rotvec(share * away)).as_matrix()
+        position = signals.position
+        if position.size and path.size:
+            position = position + share * (path - position)
+        return replace(signals, R_base_tool=np.asarray(rotation), position=position)
+
+    def log(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        if self.node_interval_s == 0.0 or len(signals) < 4:
+            return signals
+        t = signals.t
+        read = np.append(np.arange(t[0], t[-1], self.node_interval_s), t[-1])
+        furthest = 0.4 * self.node_interval_s
+        late = np.clip(self.jitter_s * rng.standard_normal(len(read)), -furthest, furthest)
+        late[[0, -1]] = 0.0
+        kept = np.append((read + late)[:-1] < t[-1], True)
+        read, stamped = read[kept], (read + late)[kept]
+        path = one_sign(Rotation.from_matrix(signals.R_base_tool).as_quat(scalar_first=True))
+        nodes = Rotation.from_quat(CubicSpline(t, path, axis=0)(read), scalar_first=True)
+        position = signals.position
+        if position.size:
+            points = CubicSpline(t, position, axis=0)(read)
+            position = np.stack([np.interp(t, stamped, column) for column in points.T], axis=1)
+        return replace(signals, R_base_tool=np.asarray(Slerp(stamped, nodes)(t).as_matrix()), position=position)
+
+    def response(self, base: Signals, pipeline: Pipeline) -> Array:
+        """(n, 6, 1) [recorded unit/s]: the slope of the readings, which a node's wrong time moves along the path."""
+        return np.gradient(base.volts, base.t, axis=0)[:, :, None]
+
+    def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
+        """Of straight lines between independent nodes: the squared response of a triangle, one node in m samples."""
+        m = max(1.0, round(self.node_interval_s / interval_s))
+        sine = np.sin(np.pi * frequency)
+        triangle = np.where(sine == 0.0, m, (np.sin(np.pi * frequency * m) / np.where(sine == 0.0, 1.0, sine)) ** 2 / m)
+        return np.asarray(triangle**2 / m)
+
+
+@register
+@dataclass(frozen=True)
+class PoseNoise(Effect):
+    """The logged pose errs by a small rotation: R exp([e]x), e in frame 6, each component normal with sigma_rad.
+
+    With tau_s zero the errors are independent; else they forget as exp(-|lag|/tau_s). All channels of both sensors see
+    the same turn: k moves by S_k P_k . (R^T f x e), f the field.
+
+    0.1-5 mrad: 0.02-0.1 mm over the links of an arm, tenths of a degree of an optical tracker; a guess.
+    """
+
+    name = "pose_noise"
+    stage = Stage.POSE
+    kind = Kind.NOISE
+    places = ("acquisition",)
+    requires = ("poses",)
+    of_log = True
+    adds_in_time = True
+
+    sigma_rad: float = parameter("rad", 1e-3, lower=0.0, upper=1.0)
+    tau_s: float = parameter("s", 1.0, lower=0.0, upper=1e6, strength=False, default=0.0, grid=(0.0, 0.1, 1.0, 10.0))
+
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        if self.sigma_rad == 0.0:
+            return signals
+        drive = self.sigma_rad * rng.standard_normal((len(signals), 3))
+        if self.tau_s > 0.0:
+            lags = np.diff(signals.t) / self.tau_s
+            drive[1:] *= np.sqrt(-np.expm1(-2.0 * lags))[:, None]
+            drive = recursion(np.exp(-lags), drive)
+        turns = Rotation.from_rotvec(drive).as_matrix()
+        return replace(signals, R_base_tool=signals.R_base_tool @ turns)
+
+    def log(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        return self.apply(signals, rng)
+
+    def response(self, base: Signals, pipeline: Pipeline) -> Array:
+        """(n, 6, 3) [recorded unit/rad]: what a turn of the tool about each of its axes does to the readings."""
+        rng = np.random.default_rng(0)  # the pipeline has no effects: nothing is drawn
+        result = np.zeros((len(base), base.volts.shape[1], 3))
+        for axis, unit in enumerate(np.eye(3)):
+            R_tool = turned(unit, _TURN, np.eye(3)[None])
+            moved = replace(base, R_base_tool=base.R_base_tool @ R_tool)
+            result[:, :, axis] = (pipeline.carried(base, rng, moved, first=Stage.FIELD).volts - base.volts) / _TURN
+        return result
+
+    def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
+        return exponential_spectrum(frequency, interval_s, self.tau_s)

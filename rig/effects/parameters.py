@@ -1,0 +1,102 @@
+"""The parameters of an effect, declared once: simulator, diagnosis, report and documentation read them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+Value = float | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes:
+        name, unit: as in the catalogue.
+        typical: typical size, in ``unit``; a starting point with a guess's weight.
+        lower, upper: bounds, in ``unit``.
+        size: number of components (1 for a scalar).
+        strength: True where the effect vanishes with this parameter at ``neutral``; the others shape it.
+        neutral: the value of a strength that changes nothing, zero but for a level that nothing reaches.
+        spanned: values of a shape whose effects span, to first order in the strength, those of all other values: a sine
+            and a cosine span every phase. Such a shape need not be searched.
+        grid: values to search where a shape is not spanned; empty where they depend on the recording (``searched``).
+        scatter: True where it is the strength of noise that a mean effect has beside the mean (``Effect.response``):
+            it does not move the mean.
+    """
+
+    name: str
+    unit: str
+    typical: float
+    lower: float
+    upper: float
+    size: int
+    strength: bool
+    neutral: float = 0.0
+    spanned: tuple[Value, ...] = ()
+    grid: tuple[Value, ...] = ()
+    scatter: bool = False
+
+    @property
+    def of_readings(self) -> bool:
+        """Whether it is in the unit of the readings, volts in the simulator and the recorded unit in a diagnosis."""
+        return self.unit == "V" or self.unit.startswith("V/")
+
+    def in_unit(self, unit: str, full: float) -> Parameter:
+        """The parameter of readings in another unit; itself where it does not depend on that.
+
+        Args:
+            unit: of the readings.
+            full: the reading of a full reference, sensitivity times magnitude [unit]; typical sizes go with it.
+        """
+        if not self.of_readings:
+            return self
+        factor = abs(full) / FULL_V
+        return dataclasses.replace(self, unit=unit + self.unit[1:], typical=self.typical * factor)
+
+
+#: The reading of a full reference [V] for which sizes in volts are typical: 0.14 V/(m/s^2) at 9.8 m/s^2 (Renk et al.).
+FULL_V: Final = 1.4
+
+
+def parameter(
+    unit: str,
+    typical: float,
+    *,
+    lower: float = -np.inf,
+    upper: float = np.inf,
+    size: int = 1,
+    strength: bool = True,
+    default: float | tuple[float, ...] | None = None,
+    neutral: float = 0.0,
+    spanned: Sequence[Value] = (),
+    grid: Sequence[Value] = (),
+    scatter: bool = False,
+) -> Any:
+    """A dataclass field that is a parameter of the effect; a strength starts neutral, a shape at its typical size."""
+    start: Any = default if default is not None else (neutral if strength else typical)
+    if size > 1 and not isinstance(start, tuple):
+        start = (start,) * size
+    meta: dict[str, Any] = {"unit": unit, "typical": typical, "lower": lower, "upper": upper, "size": size}
+    meta |= {"strength": strength, "neutral": neutral, "spanned": tuple(spanned), "grid": tuple(grid)}
+    meta |= {"scatter": scatter}
+    return dataclasses.field(default=start, metadata=meta)
+
+
+def choice(choices: Sequence[str], default: str | None = None) -> Any:
+    """A dataclass field that is one of several names; required where there is no default."""
+    meta = {"choices": tuple(choices)}
+    return dataclasses.field(metadata=meta) if default is None else dataclasses.field(default=default, metadata=meta)
+
+
+QUADRATURE: Final = (0.0, np.pi / 2.0)
+
+
+def phase() -> Any:
+    """A dataclass field that is the phase of a sine [rad]."""
+    return parameter("rad", np.pi, strength=False, default=0.0, spanned=QUADRATURE)

@@ -1,0 +1,67 @@
+"""Single readings beside what is expected of them, and what an effect on them shows there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from rig.effects.base import Effect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Readings beside what is expected of them, in which effects on single readings look for themselves.
+
+    Attributes:
+        values: (n, 6) [recorded unit]; NaN where a channel is not there.
+        expected: (n, 6) [recorded unit] without noise.
+        sigma: (6,) [recorded unit] of the noise: of each reading as seen from those before it.
+        white: (n, 6) the difference of the two, whitened; zero where a reading is left out.
+        left_out: (n, 6) bool, readings that do not count.
+        step: (6,) [recorded unit] the converter's step, as it is known from a recording at rest; zero or NaN where
+            none is.
+        log_density: of white noise; None: normal. A recording at rest may show longer tails.
+    """
+
+    values: Array
+    expected: Array
+    sigma: Array
+    white: Array
+    left_out: NDArray[np.bool_]
+    step: Array
+    log_density: Callable[[Array], Array] | None = None
+
+    @property
+    def columns(self) -> list[int]:
+        """The channels that are there."""
+        return [int(column) for column in np.flatnonzero(np.isfinite(self.values[0]))]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What an effect on single readings shows in them.
+
+    Attributes:
+        effect: with the parameters that the readings tell.
+        std: their standard deviations; None where there is none.
+        affected: (n, 6) bool, the readings that tell nothing else any more.
+        log_p: logarithm of the chance of as much without the effect, over all readings and channels looked at.
+        log_ratio: logarithm of the likelihood with the effect, at its likeliest, over that without.
+        added: (6,) [recorded unit] root mean square of what it adds to the readings.
+        rounding: (6,) [recorded unit^2] variance of the further white noise that its rounding makes.
+    """
+
+    effect: Effect
+    std: Mapping[str, float | None]
+    affected: NDArray[np.bool_]
+    log_p: float
+    log_ratio: float
+    added: Array
+    rounding: Array

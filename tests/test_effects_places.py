@@ -1,0 +1,51 @@
+"""Where an effect can be on any arm, in which unit its sizes are, and at which frequencies it is looked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effects_rig import made, measured, signals, volts
+
+from rig.channels import CHANNELS
+from rig.effects import EFFECTS
+from rig.errors import RigError
+
+
+def test_a_tone_is_searched_at_half_the_resolution_of_the_recording() -> None:
+    """Between two frequencies that are tried lies a quarter of 1/T at most: a sine keeps 1 - (pi/4)^2/6 = 90 %."""
+    for t in (signals().t, np.arange(60_000) * 0.01):
+        resolution = 1.0 / (t[-1] - t[0])
+        hum, shaking = (EFFECTS[name].tone_frequencies(t) for name in ("mains_hum", "vibration"))
+        for found, some in ((hum, (49.2, 50.0, 59.0, 60.9)), (shaking, (1.0, 1.9))):
+            assert max(np.abs(found - frequency).min() for frequency in some) <= 0.2501 * resolution
+        assert hum.min() == 49.0
+        assert shaking.max() <= 0.5 / (t[1] - t[0]) + resolution
+
+
+def test_places_are_those_of_the_recordings_arm() -> None:
+    still = signals()
+    angles = np.repeat(still.encoder_angles[:, :3], 3, axis=1)
+    nine = replace(still, q_encoder=np.where(np.arange(9) % 2 == 0, angles, 0.3), arm=None)
+    assert EFFECTS["joint_offset"].places_on(nine) == tuple(f"joint{n}" for n in range(1, 10))
+    assert EFFECTS["backlash"].places_on(nine) == tuple(f"joint{n}" for n in (1, 3, 5, 7, 9))
+    assert EFFECTS["axis_misalignment"].places_on(nine) == tuple(f"joint{n}" for n in range(1, 9))
+    assert EFFECTS["link_hard_iron"].places_on(nine) == tuple(f"link{n}" for n in range(1, 9))
+    assert EFFECTS["joint_compliance"].places_on(still) == ("joint2", "joint3", "joint5")
+    assert EFFECTS["bias_step"].places_on(nine) == CHANNELS
+    assert EFFECTS["backlash"].places_on(measured()) == ()
+    turned = made("joint_offset", "joint9").apply(replace(nine, q=nine.encoder_angles), np.random.default_rng(0))
+    assert np.array_equal(np.flatnonzero((turned.q != nine.encoder_angles).any(axis=0)), [8])
+    with pytest.raises(RigError, match="joint9: the arm has 6 joints, expected joint1 to joint6"):
+        volts(made("joint_offset", "joint9"))
+
+
+def test_sizes_of_readings_go_with_their_unit() -> None:
+    (size,) = [item for item in EFFECTS["noise_excess"].parameters() if item.strength]
+    in_mV = size.in_unit("mV", 1400.0)
+    assert (in_mV.unit, in_mV.typical) == ("mV", pytest.approx(1e3 * size.typical))
+    (per_degree,) = EFFECTS["bias_temperature"].parameters()
+    assert per_degree.in_unit("g", 1.0).unit == "g/degC"
+    (angle,) = EFFECTS["backlash"].parameters()
+    assert angle.in_unit("g", 1.0) is angle
