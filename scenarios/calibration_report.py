@@ -24,7 +24,25 @@ def calibration_report(calibration: Calibration, magnetic_field_unit: str | None
         parts += [*_sensor(name, sensor, magnetic_field_unit), Text("")]
     if alignment := calibration.extra.get("alignment"):
         return Group(*parts, *_alignment(alignment))
+    if searched := calibration.extra.get("fminunc"):
+        return Group(*parts, *_searched(searched))
     return Group(*parts[:-1])
+
+
+def _searched(ends: Mapping[str, Any]) -> Iterable[RenderableType]:
+    """Where the search of Renk et al. ended, beside the calibration."""
+    columns = ("iterations", "evaluations", "sum of squares / calibration's", "farthest parameter", "off by [σ]")
+    result = table("as Renk et al. (quasi-Newton)", *columns, numbers=[columns[0], columns[1], columns[2], columns[4]])
+    for sensor, end in ends.items():
+        result.add_row(
+            sensor,
+            f"{end['iterations']:,}",
+            f"{end['evaluations']:,}",
+            f"{end['cost_ratio']:.6f}",
+            symbol(end["parameter"]),
+            f"{end['sigmas']:.2g}",
+        )
+    yield result
 
 
 def _sensor(name: str, sensor: SensorCalibration, field_unit: str | None) -> Iterable[RenderableType]:

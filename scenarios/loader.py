@@ -103,6 +103,11 @@ def from_toml(text: str, file: str) -> Scenario:
         seed=run.seed,
         magnetic_field_unit=unit,
         datasheets={name: sensor.datasheet for name, sensor in sensors.items() if sensor.datasheet},
+        nominal={
+            name: (sensor.nominal_sensitivity, sensor.nominal_offset)
+            for name, sensor in sensors.items()
+            if sensor.nominal_sensitivity is not None
+        },
     )
 
 

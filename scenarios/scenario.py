@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -76,6 +76,10 @@ class Truth:
         return {**values, "phi_deg": float(phi), "psi_deg": float(psi)}
 
 
+#: What is stated of a sensor, under ``nominal`` in a recording's metadata.
+NOMINAL: Final = ("sensitivity", "offset")
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A rig with the maneuver it makes.
@@ -91,6 +95,7 @@ class Scenario:
         seed: where a simulation names none.
         magnetic_field_unit: unit of the environment's magnetic field; None: relative, as in Renk et al.
         datasheets: sensor -> data sheet in models/sensors.
+        nominal: sensor -> stated sensitivity [V per m/s^2 or field unit] and offset [V].
     """
 
     name: str
@@ -105,6 +110,7 @@ class Scenario:
     seed: int = 0
     magnetic_field_unit: FieldUnit | None = None
     datasheets: Mapping[str, str] = field(default_factory=dict)
+    nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def truth(self) -> Truth:
@@ -194,6 +200,9 @@ class Scenario:
 
     def _noted(self, recording: Recording, notes: str) -> Recording:
         metadata = replace(recording.metadata, notes=notes, magnetic_field_unit=self.magnetic_field_unit)
+        if self.nominal:
+            stated = {name: dict(zip(NOMINAL, values, strict=True)) for name, values in self.nominal.items()}
+            metadata = replace(metadata, extra={**metadata.extra, "nominal": stated})
         return replace(recording, metadata=metadata)
 
 
@@ -210,7 +219,9 @@ def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
     yield "[environment]", {**asdict(scenario.rig.environment), **unit}
     acquisition = scenario.rig.acquisition
     for name, sensor in scenario.truth.sensors.items():
-        sheet = {"datasheet": scenario.datasheets[name]} if name in scenario.datasheets else {}
+        sheet: dict[str, Any] = {"datasheet": scenario.datasheets[name]} if name in scenario.datasheets else {}
+        if name in scenario.nominal:
+            sheet |= {f"nominal_{key}": value for key, value in zip(NOMINAL, scenario.nominal[name], strict=True)}
         yield f"[{name}]", {**asdict(sensor), "noise_V": acquisition.noise_V[COLUMNS_OF[name]], **sheet}
     yield "[acquisition]", {key: value for key, value in asdict(acquisition).items() if key != "noise_V"}
     if locked := set_fields(scenario.locked):

@@ -96,6 +96,8 @@ class SensorTable:
         sensitivity, offset, beta_deg, gamma_deg: as in ``TriaxialSensor``.
         noise_V: standard deviation of each axis' white noise [V].
         datasheet: the sensor's file in models/sensors, without ``.toml``; for the reader.
+        nominal_sensitivity, nominal_offset: what its maker and its electronics state, in the units of the truth; goes
+            with the recording, as the start of estimators that need one.
     """
 
     sensitivity: Triple
@@ -104,8 +106,12 @@ class SensorTable:
     gamma_deg: Triple
     noise_V: Triple = (0.0, 0.0, 0.0)
     datasheet: str | None = None
+    nominal_sensitivity: float | None = None
+    nominal_offset: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.nominal_sensitivity is not None and self.nominal_sensitivity <= 0.0:
+            raise RigError(f"nominal_sensitivity: found {self.nominal_sensitivity:g}, expected a positive number")
         if self.datasheet is not None:
             known = sorted(path.stem for path in (models_root() / "sensors").glob("*.toml"))
             if self.datasheet not in known:

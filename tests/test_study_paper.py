@@ -16,7 +16,9 @@ from rig.errors import RigError
 from scenarios.plots.style import save
 from scenarios.studies import consistency
 from scenarios.studies.paper.camps import two_sided
+from scenarios.studies.paper.camps_rotations import told
 from scenarios.studies.paper.compare import Comparison, compare, findings
+from scenarios.studies.paper.data import FILE, document
 from scenarios.studies.paper.page import FOLDER, PICTURES, page
 from scenarios.studies.paper.published import (
     Printed,
@@ -257,12 +259,31 @@ def test_three_tests_are_held_against_the_rigs_from_both_sides() -> None:
     assert two_sided(np.sqrt(np.log(2.0))) == pytest.approx(1.0)  # the median of chi-square over two
 
 
+def test_from_level_gravity_leaves_a_parameter_open_and_off_level_it_does_not() -> None:
+    found = {(one.maneuver, one.sensor): one for one in told()}
+    assert found["from level", "accelerometer"].untold
+    assert np.isinf(found["from level", "accelerometer"].condition)
+    assert not found["from level", "magnetometer"].untold
+    assert not found["from 30° off level", "accelerometer"].untold
+    by_hand = found["a tumble by hand", "accelerometer"]
+    assert by_hand.gain < found["from 30° off level", "accelerometer"].gain
+
+
 def test_the_page_is_up_to_date(comparison: Comparison, kept: Summary) -> None:
     """Everything on it but the consistency study is made again; that one is checked in the next two tests."""
     expected = page(comparison, kept)
     assert (DOCS / PAGE).read_text(encoding="utf-8") == expected, "stale: run `rig study paper -o docs`"
     for name in PICTURES:
         assert f"({FOLDER}/{name}.png)" in expected
+
+
+def test_the_kept_data_are_what_the_page_rests_on(comparison: Comparison) -> None:
+    kept_data = json.loads((DOCS / FOLDER / FILE).read_text(encoding="utf-8"))
+    made = document(comparison)
+    assert kept_data["findings"] == made["findings"]
+    assert [one["finds"] for one in kept_data["statements"]] == [one["finds"] for one in made["statements"]]
+    assert kept_data.keys() == made.keys()
+    assert {one["table"] for one in kept_data["three_tests_together"]} == {"1", "2", "3", "4"}
 
 
 def test_the_kept_study_is_the_one_that_would_be_made(kept: Summary) -> None:

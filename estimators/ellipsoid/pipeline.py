@@ -40,7 +40,9 @@ class Options:
         robust: leave out outliers.
         rest: of the accelerometer "auto" takes the poses in which it is at rest if there are enough of them, and all
             samples otherwise; "poses" and "all" insist.
-        start: sensor -> where the paper's own estimator starts, to be used instead.
+        start: sensor -> where the paper's own estimator starts, to be used instead; it takes single readings.
+        static_threshold: the accelerometer moves where the variance in a window exceeds it, as in Camps et al., 6.2
+            [recorded unit squared]; None: chosen from the data.
         common_frame: bring both sensors into the accelerometer's frame.
         field_points: where the magnetic field points, as of ``alignment.align``.
 
@@ -53,6 +55,7 @@ class Options:
     robust: bool = True
     rest: Rest = "auto"
     start: Mapping[str, Start] = field(default_factory=dict)
+    static_threshold: float | None = None
     common_frame: bool = True
     field_points: Literal["down", "up"] | None = None
 
@@ -61,6 +64,8 @@ class Options:
             raise unknown_name("rest", str(self.rest), RESTS)
         if self.field_points not in (None, "down", "up"):
             raise unknown_name("field_points", str(self.field_points), ("down", "up"))
+        if self.static_threshold is not None and not 0.0 < self.static_threshold < np.inf:
+            raise RigError(f"static_threshold: found {self.static_threshold:g}, expected a positive variance")
         if self.parameters not in (6, 9):
             raise RigError(f"parameters: found {self.parameters}, expected 6 or 9")
 
@@ -160,7 +165,11 @@ def _counts(recording: Recording) -> Array | None:
 def _at_rest(recording: Recording, options: Options) -> tuple[tuple[Recording, Array] | None, tuple[str, ...]]:
     """The means over the poses in which the accelerometer is at rest with their counts, and what to say about it."""
     try:
-        poses = average_poses(recording, find_still(recording, sensors=[ACCELEROMETER]))
+        still = find_still(recording, sensors=[ACCELEROMETER], threshold=options.static_threshold)
+        if ACCELEROMETER in options.start:
+            single = recording.select(still.still)
+            return (single, np.ones(len(single))), (f"{len(single):,} single readings at rest, as in the paper",)
+        poses = average_poses(recording, still)
     except RigError as error:
         if options.rest == "poses":
             raise

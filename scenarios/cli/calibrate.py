@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -47,6 +48,20 @@ _DRAWN: Final = 100_000
 @click.option("--field-points", type=Choice(("up", "down")), help="Which of two equal solutions; down by default.")
 @click.option("--equal-weights", is_flag=True, help="All channels alike, as in the paper, not by their noise.")
 @click.option("--robust", is_flag=True, help="Leave out outliers, as fits without the attitude always do.")
+@click.option(
+    "--start",
+    "starts",
+    multiple=True,
+    metavar="datasheet|GAIN,OFFSET",
+    help="Of the ellipsoid: search as Camps et al. (Levenberg-Marquardt) from the recording's stated values, or these.",
+)
+@click.option(
+    "--static-threshold",
+    type=float,
+    metavar="V²",
+    help="Of the ellipsoid: the accelerometer moves where its variance exceeds this; 0.0016 in Camps et al.",
+)
+@click.option("--fminunc", is_flag=True, help="Minimise as Renk et al. too (quasi-Newton), and compare.")
 @click.option("--coverage", type=PATH, metavar="PLOT", help="Draw the directions seen and missing: .png, .svg, .pdf.")
 @json_option
 def calibrate(
@@ -61,6 +76,9 @@ def calibrate(
     field_points: Any,
     equal_weights: bool,
     robust: bool,
+    starts: tuple[str, ...],
+    static_threshold: float | None,
+    fminunc: bool,
     coverage: Path | None,
     as_json: bool,
 ) -> None:
@@ -73,6 +91,7 @@ def calibrate(
     Example:
       rig calibrate run.parquet -o cal.json
       rig calibrate tumble.csv --method ellipsoid --parameters 6 --coverage tumble.png
+      rig calibrate tumble.csv --method ellipsoid --start datasheet --static-threshold 0.0016
       rig calibrate run.csv --noise 13.4,13.6,14.6 --method separate
       rig calibrate mine.parquet --arm mine.urdf --tip sensor_link -o cal.json
     """
@@ -88,6 +107,7 @@ def calibrate(
     from estimators.ellipsoid import Options
     from estimators.pipeline import has_pose
     from rig.recording import locked_beside, scan_recording
+    from scenarios.cli._start import parsed_start
 
     arm = chosen_arm(arm_file, tip)
     scan = scan_recording(run, joints=None if arm is None else arm.dof)
@@ -95,8 +115,12 @@ def calibrate(
     if attitude_free and (arm is not None or equal_weights):
         option = "--equal-weights" if arm is None else "--arm"
         raise RigError(f"{option}: {run} is calibrated without the attitude, expected simultaneous or separate")
-    if parameters is not None and not attitude_free:
-        raise RigError(f"--parameters: {run} is calibrated by the attitude, expected with --method ellipsoid")
+    of_ellipsoid = {"--parameters": parameters, "--start": starts or None, "--static-threshold": static_threshold}
+    for option, value in of_ellipsoid.items():
+        if value is not None and not attitude_free:
+            raise RigError(f"{option}: {run} is calibrated by the attitude, expected with --method ellipsoid")
+    if fminunc and attitude_free:
+        raise RigError(f"--fminunc: {run} is calibrated without the attitude, expected simultaneous or separate")
     if noise is None and locked is None and robust:
         locked = locked_beside(run)
     floor = _floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None
@@ -115,10 +139,21 @@ def calibrate(
                 arm=arm,
                 field_points=points,
                 weighting=weighting,
-                attitude_free=Options(parameters=6 if parameters == "6" else 9, field_points=field_points),
+                attitude_free=Options(
+                    parameters=6 if parameters == "6" else 9,
+                    start=parsed_start(starts, scan),
+                    static_threshold=static_threshold,
+                    field_points=field_points,
+                ),
                 progress=_counted(progress, scan.rows),
             )
         calibration = estimators.judged(run, calibration, arm)
+        if fminunc:
+            from estimators.as_renk import as_renk
+
+            ends = as_renk(scan, calibration, arm)
+            extra = {**calibration.extra, "fminunc": {name: end.to_json() for name, end in ends.items()}}
+            calibration = replace(calibration, extra=extra)
     if coverage is not None:
         _draw_coverage(run, calibration, arm, coverage)
     if output is not None:

@@ -313,29 +313,21 @@ def paper(output: Path, draws: int, workers: int | None, cluster: str | None, as
     Example:
       rig study paper -o docs
     """
-    from scenarios.studies.paper.compare import findings
     from scenarios.studies.paper.run import make_paper, settings
 
     where = _workers(workers, cluster)
     with progress_bar("both papers") as progress:
         made = make_paper(output, settings(draws), where, progress)
     if as_json:
-        comparison = made.comparison
-        print_json(
-            {
-                "files": made.files,
-                "findings": findings(comparison),
-                "rows": [asdict(row) for row in comparison.rows],
-                "statements": [asdict(statement) for statement in comparison.statements],
-                "misfits": [asdict(row) for row in comparison.misfits],
-            }
-        )
+        from scenarios.studies.paper.data import document
+
+        print_json({"files": made.files, **document(made.comparison)})
         return
     from scenarios.report import show
     from scenarios.studies.report import paper_report
 
     show(paper_report(made.comparison))
-    click.echo(f"\n{made.files[0]}: written, with {len(made.files) - 1} pictures")
+    click.echo(f"\n{made.files[0]}: written, with {len(made.files) - 2} pictures and {made.files[-1]}")
 
 
 @study.command(short_help="A rig whose gap looks like the paper's.")

@@ -70,7 +70,7 @@ def consistency_figure(
             _ratio(row[-1], own, levels, orders)
         figure.suptitle(
             f"{sensor.capitalize()}, {method} fit, {cells[0].draws:,} draws; estimates of the {_ORDER_NAMES[orders[0]]}"
-            " samples",
+            " samples, ratios with 95 % intervals",
             x=0.01,
             ha="left",
             fontsize=10,
@@ -121,6 +121,7 @@ def _estimates(axis: Axes, cells: Sequence[Cell], one: Array | None) -> None:
     middle = float(bound[len(bound) // 2])
     axis.set_ylim(cell.truth - _HEIGHT * middle, cell.truth + _HEIGHT * middle)
     axis.set_title(f"{cell.parameter.removesuffix('_deg')} [{cell.unit}], noise ×{cell.noise_factor:g}")
+    axis.ticklabel_format(axis="y", useOffset=False)
     _samples(axis, n)
 
 
@@ -172,7 +173,7 @@ def _ratio(axis: Axes, cells: Sequence[Cell], levels: Sequence[float], orders: S
     axis.axhline(1.0, color=BLACK, linewidth=0.7)
     half = 1.1 * max(high - 1.0, 1.0 - low, 0.02)
     axis.set_ylim(1.0 - half, 1.0 + half)
-    axis.set_title("RMSE / bound where the bound is small, 95 %")
+    axis.set_title("RMSE / bound, where the bound is small")
     _samples(axis, np.array([cell.count for cell in cells]))
 
 

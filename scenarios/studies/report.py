@@ -16,7 +16,7 @@ from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChanne
 from scenarios.studies.summary import Cell, Summary
 from scenarios.studies.verdict import verdicts
 
-_SHOWN_COUNTS: Final = 5
+_SHOWN_COUNTS: Final = 3
 
 
 def consistency_report(summary: Summary, parameters: Sequence[str]) -> RenderableType:
@@ -26,8 +26,11 @@ def consistency_report(summary: Summary, parameters: Sequence[str]) -> Renderabl
     counts = sorted({cell.count for cell in summary.cells})
     shown = {counts[round(k * (len(counts) - 1) / (_SHOWN_COUNTS - 1))] for k in range(_SHOWN_COUNTS)}
     sensors = list(dict.fromkeys(cell.sensor for cell in summary.cells))
+    # The table of the study's folder has the others.
+    orders = list(dict.fromkeys(cell.order for cell in summary.cells))
+    order = "every-kth" if "every-kth" in orders else orders[0]
     for cell in summary.cells:
-        if cell.count not in shown or cell.parameter not in parameters:
+        if cell.count not in shown or cell.parameter not in parameters or cell.order != order:
             continue
         fit = cell.method if len(sensors) == 1 else f"{cell.sensor}, {cell.method}"
         numbers = (f"{cell.count:,}", f"{cell.bias / cell.bias_std:+.1f}", f"{cell.bound:.3g}", _ratio(cell))

@@ -91,10 +91,7 @@ def _verdict(summary: Summary, sensor: str, method: Method, factor: float, tests
     small = [cell for cell in cells if cell.small]
     found = tuple(departures(cells, tests))
     if not small:
-        sentence = (
-            f"The bound is nowhere below {SMALL_BOUND:.0%} of the values: more samples, or less noise, are needed."
-        )
-        return Verdict(sensor, method, factor, "undecided", (sentence,), found)
+        return Verdict(sensor, method, factor, "undecided", (_too_uncertain(cells),), found)
     wide = [cell for cell in small if not _ratio_holds(cell, tests)]
     slow = [rate for rate in rates if not _slope_holds(rate, slopes)]
     uncovered = [cell for cell in small if not _coverage_holds(cell, tests)]
@@ -105,6 +102,7 @@ def _verdict(summary: Summary, sensor: str, method: Method, factor: float, tests
         _on_rmse(small, wide),
         _on_rate(rates, slow),
         _on_coverage(small),
+        _too_few_draws(small[0].draws, tests) if resolution > COARSEST else "",
         f"With {small[0].draws:,} draws a bias of {resolution:.2f} bounds, or an RMSE {resolution / np.sqrt(2.0):.0%}"
         " above the bound, would be found at any single number of samples.",
     )
@@ -144,6 +142,33 @@ def departures(cells: Iterable[Cell], tests: int) -> Iterable[Departure]:
 
 def _sigmas(tests: int) -> float:
     return float(norm.isf(0.5 * FALSE_ALARM / max(tests, 1)))
+
+
+def _too_uncertain(cells: Sequence[Cell]) -> str:
+    """Where no bound is small: how many samples would make it so, as it falls with their root."""
+    best = min(cells, key=lambda cell: cell.largest_bound)
+    text = (
+        f"Undecided because the bound is nowhere below {SMALL_BOUND:.0%} of the values: with {best.count:,} samples"
+        f" it is {best.largest_bound:.0%}"
+    )
+    if not np.isfinite(best.largest_bound):
+        return f"{text}, for a parameter cannot be told: raise the number of orientations of the maneuver."
+    more = best.count * (best.largest_bound / SMALL_BOUND) ** 2
+    return (
+        f"{text}. Raise the samples to some {more:,.0f} (a longer maneuver, a higher rate), or lower the noise"
+        f" (--noise) to {_factor(best):.2g} times the scenario's."
+    )
+
+
+def _factor(cell: Cell) -> float:
+    """The noise, over the scenario's, with which a cell's largest bound would be small."""
+    return cell.noise_factor * SMALL_BOUND / cell.largest_bound
+
+
+def _too_few_draws(draws: int, tests: int) -> str:
+    """How many draws would decide."""
+    needed = int(np.ceil((_sigmas(tests) / COARSEST) ** 2))
+    return f"Undecided because {draws:,} draws are too few: raise --draws to {needed:,} at least."
 
 
 def _ratio_holds(cell: Cell, tests: int) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from scenarios.loader import load
 from scenarios.studies.consistency import run, trial
 from scenarios.studies.executor import Workers
 from scenarios.studies.paper.compare import Comparison, compare
+from scenarios.studies.paper.data import FILE, document
 from scenarios.studies.paper.page import FOLDER, page
 from scenarios.studies.settings import Settings
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder, is_study
@@ -31,6 +33,8 @@ STUDY: Final = "consistency"
 BLOCKS: Final = "blocks.parquet"
 CHECKED: Final = ("sensitivity1", "offset1")
 SCENARIO: Final = "renk2005-table2"
+#: Whose sweep is drawn.
+SWEEP: Final = "renk2005-accelerometer"
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,7 @@ def make_paper(
     workers: Workers | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Paper:
-    """Write paper.md, its pictures, and the results of its consistency study.
+    """Write paper.md, its pictures, its data, and the results of its consistency study.
 
     Args:
         folder: is made if it is not there. chosen: of the consistency study; None: 2,000 draws.
@@ -91,6 +95,8 @@ def make_paper(
     for name, figure in figures(comparison, summary, wanted).items():
         files.append(beside / f"{name}.png")
         save(figure, files[-1])
+    files.append(beside / FILE)
+    write_text(files[-1], json.dumps(document(comparison), indent=1, ensure_ascii=False) + "\n")
     write_text(folder / PAGE, page(comparison, summary))
     return Paper(comparison, summary, tuple(files))
 
@@ -105,11 +111,16 @@ def figures(comparison: Comparison, summary: Summary, chosen: Settings) -> dict[
     """The pictures by name."""
     from scenarios.plots.study_consistency import consistency_figure
     from scenarios.plots.study_paper import camps_figure, misfit_figure, scatter_figure
+    from scenarios.plots.study_paper_papers import drawn_as_in_the_papers
+    from scenarios.plots.sweep import sweep_figure
 
     first = trial(chosen, chosen.orders.index("first") * chosen.blocks)
     drawn: dict[str, Figure] = {}
     for method in chosen.methods:
         drawn[method] = consistency_figure(summary, ACCELEROMETER, method, CHECKED, first)
+    scenario = load(SWEEP)
+    drawn["maneuver"] = sweep_figure(scenario.simulate(), scenario.rig.arm)
+    drawn |= drawn_as_in_the_papers(summary, first, comparison.one_draws)
     return {**drawn, "scatter": scatter_figure(), "misfit": misfit_figure(comparison.misfits), "camps": camps_figure()}
 
 

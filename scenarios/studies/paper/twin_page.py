@@ -19,7 +19,7 @@ from scenarios.scenario import Scenario
 from scenarios.studies.paper.compare import early_stop_words
 from scenarios.studies.paper.dip import ALLOWED, EXCLUDED, dip_argument, dip_words
 from scenarios.studies.paper.early_stop import early_stops
-from scenarios.studies.paper.page import markdown
+from scenarios.studies.paper.markdown import markdown
 from scenarios.studies.paper.published import spread_table
 from scenarios.studies.paper.renk_text import misfits
 from scenarios.studies.paper.twin import (
