@@ -15,6 +15,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from rig.errors import RigError, nearest
+from rig.urdf_file import urdf_root
 
 Array = NDArray[np.float64]
 
@@ -219,15 +220,7 @@ class _Load:
 
 
 def _parse(path: Path) -> Any:
-    if not path.is_file():
-        raise RigError(f"{path}: no such file, expected a URDF")
-    content = path.read_bytes()
-    try:
-        root = etree.fromstring(content)  # yourdfpy would mend broken XML and go on with what is left
-    except etree.XMLSyntaxError as error:
-        raise RigError(f"{path}: not well-formed XML: {error.msg}") from error
-    if root.tag != "robot":
-        raise RigError(f"{path}: the root element is <{root.tag}>, expected <robot>")
+    content = etree.tostring(urdf_root(path))
     try:
         with np.errstate(invalid="ignore"):  # an infinite origin: refused below
             urdf = yourdfpy.URDF.load(

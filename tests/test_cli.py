@@ -253,10 +253,20 @@ def test_a_signal_in_mid_simulation_leaves_nothing_behind(here: Path) -> None:
     (here / "long.toml").write_text(SMALL.replace("duration_s = 60.0", "duration_s = 200000.0"))
     command = [sys.executable, "-m", "scenarios.cli", "sweep", "long.toml", "-o", "run.parquet", "--engine", "dynamic"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
-    time.sleep(3.0)  # in the midst of some ten minutes; before that, still in the imports, the answer is the same
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=120)
+    process = subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # the shell may have it ignored
+    )
+    try:
+        time.sleep(3.0)  # in the midst of some ten minutes; before that, still in the imports, the answer is the same
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
+        process.wait()
     assert process.returncode == 130
     assert err == "rig: interrupted\n"
     assert listed(here) == {"small.toml", "long.toml"}

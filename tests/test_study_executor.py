@@ -297,7 +297,7 @@ def test_a_folder_holds_one_study(tmp_path: Path) -> None:
     with pytest.raises(RigError, match="something that is no study"):
         StudyFolder.begin(tmp_path / "other", "consistency", Plain())
     with pytest.raises(RigError, match="cannot be made"):
-        StudyFolder.begin(tmp_path / "no" / "where", "consistency", Plain())
+        StudyFolder.begin(tmp_path / "other" / "thesis.tex" / "study", "consistency", Plain())
     (path / "study.json").write_text('{"format": "rig-study/9"}')
     with pytest.raises(RigError, match="format: found 'rig-study/9', expected 'rig-study/1'"):
         StudyFolder.read(path)

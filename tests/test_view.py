@@ -308,3 +308,19 @@ def test_nothing_is_written_when_something_is_wrong(
     with pytest.raises(RigError, match="RERUN=off"):
         write_view(recording, calibration, path)
     assert list(tmp_path.iterdir()) == []
+
+
+@needs_unix
+def test_a_view_that_does_not_fit_is_no_view(recording: Recording, tmp_path: Path) -> None:
+    """As on a full disk: one line, status 2 and no file, where the viewer's library reports success."""
+    recording.write(tmp_path / "run.parquet")
+    program = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))\n"
+        "from scenarios.cli import main; main()"
+    )
+    command = [sys.executable, "-c", program, "view", "run.parquet", "-o", "run.rrd"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("rig: run.rrd: cannot be written whole (is the disk full?): 300000 bytes were; ")
+    assert done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]

@@ -14,6 +14,7 @@ from typing import Any, Final, NoReturn
 import click
 
 from rig.errors import LONGEST_MESSAGE, RigError, nearest, one_line, shown
+from rig.patience import is_stuck
 from scenarios.cli import _signals
 
 #: Exit statuses beside a RigError's own (1 or 2); the last two as the shell gives them for SIGINT and SIGPIPE.
@@ -164,8 +165,12 @@ def main() -> NoReturn:
     if not _debugging():  # what a library has to say to its programmer is not for the user
         warnings.simplefilter("ignore")
         logging.getLogger().addHandler(logging.NullHandler())
+        os.environ.setdefault("RUST_LOG", "off")  # rerun's own log of what is reported anyway
     status = run(sys.argv[1:])
     _signals.ended()
+    if is_stuck():
+        sys.stdout.flush()
+        os._exit(status)
     sys.exit(status)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, one_line, unknown_name
 from scenarios.cli._options import (
     PATH,
     arm_options,
@@ -139,9 +139,9 @@ def view(
             from scenarios.view import open_view
 
             _watch(open_view(target))
-    except RigError:
+    except BaseException:
         if output is None:
-            rmtree(target.parent)
+            rmtree(target.parent, ignore_errors=True)
         raise
     if as_json:
         print_json({"view": target, "opened": output is None})
@@ -168,10 +168,22 @@ def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) ->
     from estimators import Calibration
 
     found = _fitted(run, recording, arm) if calibration is None else Calibration.read(calibration)
+    if arm is not None and arm.urdf is not None:
+        _tell_left_out(arm.urdf)
     from scenarios.view import write_view
 
     with progress_bar(f"drawing {run}"):
         write_view(recording, found, target, arm)
+
+
+def _tell_left_out(urdf: Path) -> None:
+    """One line on the meshes that are not drawn."""
+    from rig.urdf_file import drawable_urdf
+
+    left_out = drawable_urdf(urdf)[1]
+    if left_out:
+        more = f" and {len(left_out) - 1} more" if len(left_out) > 1 else ""
+        click.echo(one_line(f"{urdf}: left out a mesh that is not the URDF's own: {left_out[0]}{more}"), err=True)
 
 
 def _fitted(run: Path, recording: Recording, arm: Arm | None) -> Calibration | None:

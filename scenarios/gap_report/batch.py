@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import active_children
 from pathlib import Path
 
 from estimators.gap import Diagnosis
@@ -23,6 +19,7 @@ from scenarios.gap_report.improved_rig import check_units, improved_rig
 from scenarios.gap_report.next_maneuver import next_step
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import gap_residuals
+from scenarios.processes import WorkerPool
 
 Progress = Callable[[float], None]
 
@@ -149,8 +146,7 @@ def _here(tasks: Sequence[Task], progress: Progress) -> Iterator[tuple[int, Outc
 def _pooled(tasks: Mapping[int, Task], jobs: int) -> Iterator[tuple[int, Outcome | Exception]]:
     """In processes of their own, which end with the loop over the results, whatever ends it."""
     others = set(active_children())
-    # Spawned, not forked: the same on every system, and safe beside the threads of a progress bar.
-    pool = ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=get_context("spawn"), initializer=_start_worker)
+    pool = WorkerPool(min(jobs, len(tasks)))
     finished = False
     try:
         futures = {pool.submit(carry_out, task): number for number, task in tasks.items()}
@@ -165,18 +161,3 @@ def _pooled(tasks: Mapping[int, Task], jobs: int) -> Iterator[tuple[int, Outcome
             for process in set(active_children()) - others:
                 process.terminate()
         pool.shutdown(wait=finished, cancel_futures=True)
-
-
-def _start_worker() -> None:
-    """Ctrl-C is the parent's to answer, and without a parent there is nothing to do."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    warnings.simplefilter("ignore")  # as in the parent: what a library tells its programmer is not for the user
-    parent = parent_process()
-    if parent is None:
-        return
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

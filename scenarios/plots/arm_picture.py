@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from rig.arm import Arm
 from rig.errors import RigError
-from rig.files import atomic_path
+from rig.files import atomic_path, scratch_folder
 from scenarios.colours import elapsed
 from scenarios.decimation import evenly
 from scenarios.motion import SensorMotion
@@ -60,8 +59,8 @@ def arm_picture(
     """
     rows = evenly(len(q), bristles)
     motion = SensorMotion.of_joints(arm, q, rows)
-    with tempfile.TemporaryDirectory(prefix="rig-picture-") as folder, atomic_path(path) as temporary:
-        model, scene = Path(folder) / "model.mjb", Path(folder) / "scene.npz"
+    with scratch_folder("rig-picture") as folder, atomic_path(path) as temporary:
+        model, scene = folder / "model.mjb", folder / "scene.npz"
         mujoco.mj_saveModel(arm.model, str(model))
         np.savez(
             scene,
@@ -75,7 +74,7 @@ def arm_picture(
         _run(folder, [str(model), str(scene), str(temporary.absolute()), camera])
 
 
-def _run(folder: str, arguments: list[str]) -> None:
+def _run(folder: Path, arguments: list[str]) -> None:
     """Draw in another process, with the first way that works; MuJoCo leaves its log of failures in ``folder``."""
     chosen = os.environ.get("MUJOCO_GL")
     ways: tuple[str | None, ...] = (chosen,) if chosen or sys.platform != "linux" else _WITHOUT_WINDOW

@@ -7,19 +7,16 @@ number, so it does not matter which worker makes it, in which order, or how ofte
 from __future__ import annotations
 
 import os
-import signal
-import threading
 from collections.abc import Callable, Collection, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import get_context, parent_process
-from multiprocessing.synchronize import Event
 from typing import Any, Final, TypeVar
 
 from rig.errors import RigError
+from scenarios.processes import WorkerPool
 
 Settings = TypeVar("Settings")
 Result = TypeVar("Result")
@@ -27,8 +24,6 @@ Trial = Callable[[Settings, int], Result]
 
 #: So many times a pool of processes is made anew after one of them has died; more is a fault, not an accident.
 _RESTARTS: Final = 3
-#: So often a process looks whether its work is still wanted.
-_WATCH_S: Final = 0.2
 _CLUSTER_TIMEOUT_S: Final = 20.0
 #: So long a cluster may be without any worker.
 _DESERTED_S: Final = 60.0
@@ -136,10 +131,8 @@ def _in_processes(
 ) -> Iterator[tuple[int, Result]]:
     """A pool that is made anew, for what is left, when one of its processes has been killed."""
     left = set(numbers)
-    context = get_context("spawn")  # not forked: the same on every system, and safe beside a progress bar's thread
     for restart in range(_RESTARTS + 1):
-        given_up = context.Event()
-        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_watch, initargs=(given_up,))
+        pool = WorkerPool(count)
         try:
             # Its processes are told to end, which breaks the pool; Python's pool stumbles over work cancelled before.
             for number, result in _windowed(pool, 2 * count, trial, settings, sorted(left), cancel=False):
@@ -153,24 +146,10 @@ def _in_processes(
                     " kept: run the same command again, with fewer --workers"
                 ) from error
         except BaseException:
-            given_up.set()
+            pool.give_up()
             raise
         finally:
             pool.shutdown(wait=False)
-
-
-def _watch(given_up: Event) -> None:
-    """Let a process of the pool end as soon as nobody wants its work: it would finish it first, or, with its parent
-    killed, wait for more of it for ever. Ctrl-C is for the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-
-    def watch() -> None:
-        while (parent is None or parent.is_alive()) and not given_up.wait(_WATCH_S):
-            pass
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def _on_cluster(

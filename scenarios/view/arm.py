@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -9,7 +10,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from rig.arm import Arm
-from rig.errors import RigError
+from rig.errors import RigError, one_line
+from rig.files import scratch_folder
+from rig.urdf_file import drawable_urdf
 from scenarios.colours import GREY, rgb
 from scenarios.view.timeline import at
 
@@ -40,11 +43,7 @@ def log_arm(stream: rr.RecordingStream, arm: Arm, t: Array, q: Array) -> str:
     if arm.urdf is None:
         _log_sticks(stream, arm, t, q)
         return BASE
-    try:
-        tree = rr.urdf.UrdfTree.from_file_path(arm.urdf, entity_path_prefix=ARM)
-    except Exception as error:
-        raise RigError(f"{arm.urdf}: the viewer cannot read it: {' '.join(str(error).split())}") from error
-    tree.log_urdf_to_recording(stream)
+    tree = _log_urdf(stream, arm.urdf)
     for name, angles in zip(arm.joint_names, q.T, strict=True):
         joint = tree.get_joint_by_name(name)
         if joint is None:
@@ -53,6 +52,20 @@ def log_arm(stream: rr.RecordingStream, arm: Arm, t: Array, q: Array) -> str:
         columns = joint.compute_transform_columns(within_a_turn.tolist(), clamp=False)
         stream.send_columns(f"{TRANSFORMS}/{name}", indexes=at(t), columns=columns)
     return tree.root_link().name
+
+
+def _log_urdf(stream: rr.RecordingStream, urdf: Path) -> rr.urdf.UrdfTree:
+    """The links as they are drawn; the viewer's library would read any file, and any URL, that a URDF names."""
+    content, _ = drawable_urdf(urdf)
+    with scratch_folder("rig-urdf") as folder:
+        copy = folder / "arm.urdf"
+        copy.write_bytes(content)
+        try:
+            tree = rr.urdf.UrdfTree.from_file_path(copy, entity_path_prefix=ARM)
+            tree.log_urdf_to_recording(stream)
+        except Exception as error:
+            raise RigError(f"{urdf}: the viewer cannot read it: {one_line(str(error), 120)}") from error
+    return tree
 
 
 def _log_sticks(stream: rr.RecordingStream, arm: Arm, t: Array, q: Array) -> None:

@@ -9,7 +9,6 @@ import os
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,7 +19,7 @@ from typing import Final
 from rerun.experimental import ViewerClient, ViewerState
 
 from rig.errors import RigError
-from rig.files import atomic_path
+from rig.files import atomic_path, scratch_folder
 from scenarios.view.viewer import ADDRESS, viewer_environment, viewer_program
 
 _POLL_S: Final = 0.3
@@ -96,10 +95,10 @@ class _Viewer:
 
 @contextmanager
 def _headless_viewer(file: Path, size: tuple[int, int]) -> Iterator[_Viewer]:
-    with tempfile.TemporaryDirectory(prefix="rig-view-") as folder:
+    with scratch_folder("rig-photograph") as folder:
         port = _free_port()
-        log = Path(folder) / "viewer.log"
-        environment = {"XDG_RUNTIME_DIR": folder, **viewer_environment()}
+        log = folder / "viewer.log"
+        environment = {"XDG_RUNTIME_DIR": str(folder), **viewer_environment()}
         command = [str(viewer_program()), "--headless", "--bind", ADDRESS, "--port", str(port)]
         command += ["--window-size", f"{size[0]}x{size[1]}", str(file)]
         with log.open("wb") as output:

@@ -14,8 +14,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from rig.errors import RigError
-from rig.files import atomic_path
 from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
 from scenarios.studies.subset_files import read_subsets
@@ -23,7 +21,7 @@ from scenarios.studies.subset_results import SubsetStudy
 from scenarios.studies.summary import RATES, Cell, Summary
 from scenarios.studies.tables import fitting_together
 from scenarios.studies.verdict import verdicts
-from scenarios.view.write import APPLICATION
+from scenarios.view.stream import written_stream
 
 Array = NDArray[np.float64]
 
@@ -50,19 +48,12 @@ def write_study_view(path: Path, target: str | os.PathLike[str]) -> None:
         RigError: no study, an unfinished one, or one of a kind that has no view; or the file cannot be written.
     """
     folder = StudyFolder.read(path)
-    with fitting_together(path), atomic_path(target) as temporary:
-        stream = rr.RecordingStream(APPLICATION)
-        if not rr.is_enabled(stream):
-            raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
-        try:
-            stream.save(temporary)
-            stream.send_recording_name(path.name)
-            if folder.kind == "subsets":
-                stream.send_blueprint(_subsets(stream, read_subsets(folder)))
-            else:
-                stream.send_blueprint(_consistency(stream, folder))
-        finally:
-            stream.disconnect()
+    with fitting_together(path), written_stream(target) as stream:
+        stream.send_recording_name(path.name)
+        if folder.kind == "subsets":
+            stream.send_blueprint(_subsets(stream, read_subsets(folder)))
+        else:
+            stream.send_blueprint(_consistency(stream, folder))
 
 
 def _consistency(stream: rr.RecordingStream, folder: StudyFolder) -> rrb.Blueprint:

@@ -15,7 +15,6 @@ from estimators.calibration import Calibration
 from rig.arm import Arm
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
-from rig.files import atomic_path
 from rig.recording import Recording
 from scenarios.decimation import evenly
 from scenarios.motion import SensorMotion, arm_of, motion
@@ -24,12 +23,10 @@ from scenarios.view.arm import BASE, log_arm
 from scenarios.view.blueprint import EYE_FROM, Contents, blueprint
 from scenarios.view.series import log_readings, log_residuals
 from scenarios.view.spheres import log_cloud, log_spheres
+from scenarios.view.stream import written_stream
 from scenarios.view.sweep import log_fields, log_sensor, log_sweep
 
 Array = NDArray[np.float64]
-
-#: The name that the viewer keeps layouts under.
-APPLICATION: Final = "torusrig"
 
 
 @dataclass(frozen=True)
@@ -80,16 +77,9 @@ def write_view(
     arm = arm or arm_of(recording)
     laid = overlays(recording, calibration, arm)
     sweep = motion(recording, arm, evenly(len(recording), detail.frames))
-    with atomic_path(path) as temporary:
-        stream = rr.RecordingStream(APPLICATION)
-        if not rr.is_enabled(stream):
-            raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
-        try:
-            stream.save(temporary)
-            stream.send_recording_name(recording.name)
-            stream.send_blueprint(blueprint(_log(stream, recording, laid, arm, sweep, detail)))
-        finally:
-            stream.disconnect()  # writes what is pending, and the file's footer
+    with written_stream(path) as stream:
+        stream.send_recording_name(recording.name)
+        stream.send_blueprint(blueprint(_log(stream, recording, laid, arm, sweep, detail)))
 
 
 def _log(
