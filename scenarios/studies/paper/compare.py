@@ -139,8 +139,8 @@ _TOLD: Final = (
 def early_stop_words(found: tuple[EarlyStop, ...]) -> str:
     """Whether ending the search early explains Tables 3 and 7."""
     like = [one for one in found if one.like_table_7 or one.like_table_3]
-    phi = f"{min(one.phi_deg for one in found):.3f} to {max(one.phi_deg for one in found):.3f}"
-    beta = f"{min(one.beta2_deg for one in found):.3f} to {max(one.beta2_deg for one in found):.3f}"
+    phi = f"{min(one.phi_deg for one in found):.2f} to {max(one.phi_deg for one in found):.2f}"
+    beta = f"{min(one.beta2_deg for one in found):.2f} to {max(one.beta2_deg for one in found):.2f}"
     published = spread_table("7").std
     there = f"{published['phi_deg'].text}° and {published['beta2_deg'].text}°"
     text = (

@@ -279,9 +279,9 @@ def _early_stops(comparison: Comparison) -> Iterator[str]:
         (
             "the gradient" if one.tolerance is None else f"a fall below {one.tolerance:g}",
             f"{one.start_deg:g}°",
-            f"{one.iterations:.0f}",
-            f"{one.phi_deg:.4f}°",
-            f"{one.beta2_deg:.4f}°",
+            f"some {round(one.iterations, -1):.0f}",
+            f"{one.phi_deg:.3f}°",
+            f"{one.beta2_deg:.3f}°",
             f"{1e3 * one.fit_error:.1f} mV",
             "yes" if one.like_table_7 else "no",
             f"{one.apart_deg:.2f}°",
