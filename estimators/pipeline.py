@@ -154,10 +154,10 @@ def summarise(
     for batch in batches:
         if total is None:
             where = batch.origin or batch.name
-            used = _arm_of(batch, arm, where)
+            used = arm_of(batch, arm, where)
             units = batch.units
         readings = [batch.readings(sensor) for sensor in sensors]
-        part = _part(batch, used, readings, where)
+        part = statistics_of(batch, used, readings, where)
         total = part if total is None else total + part
         if progress is not None:
             progress(len(batch))
@@ -166,11 +166,16 @@ def summarise(
     return Summed(total, units, source.metadata, None if used is None else used.name, where)
 
 
-def _part(batch: Recording, arm: Arm | None, readings: Sequence[Array], where: str) -> Statistics:
+def statistics_of(batch: Recording, arm: Arm | None, readings: Sequence[Array], where: str) -> Statistics:
+    """The statistics of a batch with a pose, for the arm that ``arm_of`` found.
+
+    Raises:
+        RigError: a joint beyond its limit.
+    """
     if arm is not None and batch.q is not None:
         _check_limits(arm, batch.q, where)
         return Statistics.from_joints(arm.rotation_map, batch.q, *readings)
-    assert batch.tool_quaternion is not None  # as _arm_of has found
+    assert batch.tool_quaternion is not None  # as arm_of has found
     return Statistics.from_quaternions(batch.tool_quaternion, *readings)
 
 
@@ -182,7 +187,7 @@ def _explained(
     from estimators.goodness import thinned
 
     some = thinned(source, _SAMPLES_OF_A_REFUSAL)
-    return with_missing_directions(refusal, some, field, _arm_of(some, arm, some.name))
+    return with_missing_directions(refusal, some, field, arm_of(some, arm, some.name))
 
 
 def has_pose(source: Recording | RecordingScan) -> bool:
@@ -253,8 +258,12 @@ def _floors(path: PathLike | Recording | None, noise: Noise | None) -> _Floors:
     return _Floors() if locked is None else _Floors("locked recording", measured=noise_floor(read_recording(locked)))
 
 
-def _arm_of(batch: Recording, arm: Arm | None, where: str) -> Arm | None:
-    """The arm whose kinematics give the orientations; None where the tool's are recorded and no arm was asked for."""
+def arm_of(batch: Recording, arm: Arm | None, where: str) -> Arm | None:
+    """The arm whose kinematics give the orientations; None where the tool's are recorded and no arm was asked for.
+
+    Raises:
+        RigError: no pose, or joint angles of an arm that is not known.
+    """
     if batch.q is None and batch.tool_quaternion is None:
         raise RigError(
             f"{where}: has no pose, expected q1_rad..qN_rad or tool_qw..tool_qz; without a pose only the attitude-free"

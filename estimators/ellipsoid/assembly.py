@@ -52,7 +52,7 @@ def assemble(
         counts: (n,) as given to the fit.
         R_common_own: (3, 3) from the sensor's own frame to one that both sensors share.
     """
-    names, values, derivative = _sensitivities_and_angles(fit)
+    names, values, derivative = sensitivities_and_angles(fit)
     used = readings if fit.used is None else readings[fit.used]
     number = None if counts is None else counts if fit.used is None else counts[fit.used]
     by_channel, ratio = _channel_residuals(fit, used, number)
@@ -101,7 +101,7 @@ def assemble(
     )
 
 
-def _sensitivities_and_angles(fit: EllipsoidFit) -> tuple[tuple[str, ...], Array, Array]:
+def sensitivities_and_angles(fit: EllipsoidFit) -> tuple[tuple[str, ...], Array, Array]:
     """The lengths of the gain's rows, the angles between them [deg] and the offsets: whatever frame the field is
     resolved in, they are the same. With their derivative by ``fit.values``."""
     gain, pairs = fit.gain, PAIRS[: fit.parameters - 3]

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.ellipsoid.estimate import Readings, estimate
+from estimators.ellipsoid.estimate import Estimate, Readings, estimate
 from estimators.ellipsoid.levenberg import Start, levenberg_marquardt
 from estimators.ellipsoid.likelihood import Optimum, parameter_names
 from estimators.ellipsoid.monomials import FREE, packed
@@ -162,12 +162,34 @@ def fit_ellipsoid(
         dropped = Dropped(dropped.repeated, dropped.zero, len(values) - len(found.kept))
         values = values[found.kept]
         used = found.kept if used is None else used[found.kept]
-    optimum = found.optimum
+    fit = fit_of(found, values, magnitude, parameters, given is not None, dropped, used)
+    if fit.problem is not None and refuse:
+        raise RefusedFit(f"{name}: {fit.problem}")
+    return fit
+
+
+def fit_of(
+    found: Estimate,
+    values: Array,
+    magnitude: float,
+    parameters: Parameters,
+    noise_given: bool,
+    dropped: Dropped,
+    used: NDArray[np.intp] | None = None,
+) -> EllipsoidFit:
+    """The fit that an optimum is.
+
+    Args:
+        found: the optimum, of ``found.moments.rows`` readings.
+        values: (m, 3) these readings, or as many of them as show where they lie [recorded unit].
+        magnitude: of the field.
+        parameters: 6 or 9.
+        noise_given: whether the noise was known.
+        dropped, used: as of ``EllipsoidFit``.
+    """
+    optimum, samples = found.optimum, found.moments.rows
     spread = Spread.of(found.moments)
-    problem = problem_of(optimum, spread, values)
-    if problem is not None and refuse:
-        raise RefusedFit(f"{name}: {problem}")
-    scale = 1.0 if given is not None else optimum.variance
+    scale = 1.0 if noise_given else optimum.variance
     return EllipsoidFit(
         parameters=parameters,
         gain=optimum.ellipsoid.gain / magnitude,
@@ -176,15 +198,15 @@ def fit_ellipsoid(
         names=parameter_names(parameters),
         covariance=optimum.covariance if magnitude == 1.0 else _scaled(optimum.covariance, magnitude),
         noise=np.sqrt(scale * found.variances),
-        noise_given=given is not None,
-        samples=len(values),
-        degrees_of_freedom=len(values) - parameters,
+        noise_given=noise_given,
+        samples=samples,
+        degrees_of_freedom=samples - parameters,
         chi_square=optimum.chi_square / scale,
         spread=spread,
         optimum=optimum,
         dropped=dropped,
         used=used,
-        problem=problem,
+        problem=problem_of(optimum, spread, values),
     )
 
 

@@ -214,8 +214,10 @@ def _noted(calibration: SensorCalibration, notes: tuple[str, ...]) -> SensorCali
     return replace(calibration, quality=replace(quality, warnings=(*quality.warnings, *notes)))
 
 
-def read_thinned(scan: RecordingScan, progress: Callable[[int], None] | None = None) -> Recording:
-    """Time and readings of a file in memory: all of it, or every so many samples of more than ``MOST_SAMPLES``."""
+def read_thinned(
+    scan: RecordingScan, progress: Callable[[int], None] | None = None, at_most: int = MOST_SAMPLES
+) -> Recording:
+    """Time and readings of a file in memory: all of it, or every so many samples of more than ``at_most``."""
     kept: list[Recording] = []
     step = 1
     total = row = 0
@@ -227,7 +229,7 @@ def read_thinned(scan: RecordingScan, progress: Callable[[int], None] | None = N
         row += len(batch)
         if progress is not None:
             progress(len(batch))
-        if total > MOST_SAMPLES:
+        if total > at_most:
             kept = [_joined(kept, 2)]
             total, step = len(kept[0]), 2 * step
     joined = _joined(kept, 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -117,38 +117,49 @@ class RecordingScan:
         return self._recording({name: np.concatenate([t[name] for t in tables]) for name in self.columns.names}, 0)
 
     def _recording(self, table: dict[str, Array], first_row: int) -> Recording:
-        columns = self.columns
+        return recording_of(table, self.columns, self.metadata, self.name, str(self.path), first_row)
 
-        def stacked(names: tuple[str, ...]) -> Array:
-            return np.stack([table[name] for name in names]).T  # columns contiguous
 
-        return Recording(
-            t=table[TIME],
-            q=self._joint_angles(table, first_row) if columns.joints else None,
-            slides=columns.slides,
-            tool_quaternion=stacked(QUATERNION) if columns.tool else None,
-            tool_position=stacked(POSITION) if columns.position else None,
-            accelerometer=stacked(columns.readings[ACCELEROMETER]) if ACCELEROMETER in columns.readings else None,
-            magnetometer=stacked(columns.readings[MAGNETOMETER]) if MAGNETOMETER in columns.readings else None,
-            units=columns.units,
-            temperature=table[TEMPERATURE] if columns.temperature else None,
-            currents={joint: table[name] for joint, name in columns.currents.items()},
-            supply=table[SUPPLY] if columns.supply else None,
-            metadata=self.metadata,
-            name=self.name,
-            origin=str(self.path),
-            first_row=first_row,
-        )
+def recording_of(
+    table: Mapping[str, Array], columns: Columns, metadata: Metadata, name: str, origin: str, first_row: int = 0
+) -> Recording:
+    """A recording from the columns of a table, (n,) each.
 
-    def _joint_angles(self, table: dict[str, Array], first_row: int) -> Array:
-        angles = np.empty((len(self.columns.joints), len(table[TIME])))
-        for angle, (name, degrees) in zip(angles, self.columns.joints, strict=True):
-            if degrees:
-                check_finite(table[name], (name,), str(self.path), first_row)  # under the name it has in the file
-                np.deg2rad(table[name], out=angle)
-            else:
-                angle[:] = table[name]
-        return angles.T
+    Raises:
+        RigError: samples that make no recording.
+    """
+
+    def stacked(names: tuple[str, ...]) -> Array:
+        return np.stack([table[name] for name in names]).T  # columns contiguous
+
+    return Recording(
+        t=table[TIME],
+        q=_joint_angles(table, columns, origin, first_row) if columns.joints else None,
+        slides=columns.slides,
+        tool_quaternion=stacked(QUATERNION) if columns.tool else None,
+        tool_position=stacked(POSITION) if columns.position else None,
+        accelerometer=stacked(columns.readings[ACCELEROMETER]) if ACCELEROMETER in columns.readings else None,
+        magnetometer=stacked(columns.readings[MAGNETOMETER]) if MAGNETOMETER in columns.readings else None,
+        units=columns.units,
+        temperature=table[TEMPERATURE] if columns.temperature else None,
+        currents={joint: table[name] for joint, name in columns.currents.items()},
+        supply=table[SUPPLY] if columns.supply else None,
+        metadata=metadata,
+        name=name,
+        origin=origin,
+        first_row=first_row,
+    )
+
+
+def _joint_angles(table: Mapping[str, Array], columns: Columns, where: str, first_row: int) -> Array:
+    angles = np.empty((len(columns.joints), len(table[TIME])))
+    for angle, (name, degrees) in zip(angles, columns.joints, strict=True):
+        if degrees:
+            check_finite(table[name], (name,), where, first_row)  # under the name it has in the file
+            np.deg2rad(table[name], out=angle)
+        else:
+            angle[:] = table[name]
+    return angles.T
 
 
 def scan_recording(

@@ -32,6 +32,8 @@ _COMMANDS: Final = {
     "study": "study",
     "blind": "blind",
     "noise": "noise",
+    "live": "live",
+    "replay": "live",
     "view": "show",
     "scenarios": "show",
     "effects": "show",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import rerun as rr
@@ -27,6 +27,55 @@ BASE: Final = "base"
 _STICK_RADIUS_M = 0.012
 
 
+class ArmView:
+    """An arm in a view.
+
+    Attributes:
+        base: the name of the base frame, in which everything fixed to the base is to be logged.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, arm: Arm) -> None:
+        """Log what does not move.
+
+        Args:
+            stream: to log to.
+            arm: to be shown.
+
+        Raises:
+            RigError: the arm's URDF cannot be read, or lacks one of its joints.
+        """
+        self.base = BASE
+        self._stream, self._arm = stream, arm
+        self._joints: dict[str, Any] = {}
+        if arm.urdf is None:
+            stream.log(ARM, rr.CoordinateFrame(BASE), static=True)
+            stream.log(ARM, rr.LineStrips3D.from_fields(radii=_STICK_RADIUS_M, colors=[rgb(GREY)]), static=True)
+            return
+        tree = _log_urdf(stream, arm.urdf)
+        for name in arm.joint_names:
+            joint = tree.get_joint_by_name(name)
+            if joint is None:
+                raise RigError(f"{arm.urdf}: has no joint {name!r}, which arm {arm.name!r} has")
+            self._joints[name] = joint
+        self.base = tree.root_link().name
+
+    def move(self, t: Array, q: Array) -> None:
+        """The arm moving through m samples: times (m,) [s] and joint angles (m, N) [rad]."""
+        if self._arm.urdf is None:
+            self._move_sticks(t, q)
+        for (name, joint), angles in zip(self._joints.items(), q.T, strict=False):
+            within_a_turn = np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi  # it computes in single precision
+            columns = joint.compute_transform_columns(within_a_turn.tolist(), clamp=False)
+            self._stream.send_columns(f"{TRANSFORMS}/{name}", indexes=at(t), columns=columns)
+
+    def _move_sticks(self, t: Array, q: Array) -> None:
+        """A line from the base through the origins of the links to the sensor."""
+        base = np.zeros((len(t), 1, 3))
+        own = self._arm
+        strips = np.concatenate([base, own.link_poses(q).position, own.poses(q).position[:, None]], axis=1)
+        self._stream.send_columns(ARM, indexes=at(t), columns=rr.LineStrips3D.columns(strips=strips))
+
+
 def log_arm(stream: rr.RecordingStream, arm: Arm, t: Array, q: Array) -> str:
     """The arm moving through m samples.
 
@@ -35,23 +84,14 @@ def log_arm(stream: rr.RecordingStream, arm: Arm, t: Array, q: Array) -> str:
         q: (m, N) [rad].
 
     Returns:
-        The name of the base frame, in which everything fixed to the base is to be logged.
+        The name of the base frame.
 
     Raises:
-        RigError: the arm's URDF cannot be read, or lacks one of its joints.
+        RigError: as of ``ArmView``.
     """
-    if arm.urdf is None:
-        _log_sticks(stream, arm, t, q)
-        return BASE
-    tree = _log_urdf(stream, arm.urdf)
-    for name, angles in zip(arm.joint_names, q.T, strict=True):
-        joint = tree.get_joint_by_name(name)
-        if joint is None:
-            raise RigError(f"{arm.urdf}: has no joint {name!r}, which arm {arm.name!r} has")
-        within_a_turn = np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi  # it computes in single precision
-        columns = joint.compute_transform_columns(within_a_turn.tolist(), clamp=False)
-        stream.send_columns(f"{TRANSFORMS}/{name}", indexes=at(t), columns=columns)
-    return tree.root_link().name
+    shown = ArmView(stream, arm)
+    shown.move(t, q)
+    return shown.base
 
 
 def _log_urdf(stream: rr.RecordingStream, urdf: Path) -> rr.urdf.UrdfTree:
@@ -66,12 +106,3 @@ def _log_urdf(stream: rr.RecordingStream, urdf: Path) -> rr.urdf.UrdfTree:
         except Exception as error:
             raise RigError(f"{urdf}: the viewer cannot read it: {one_line(str(error), 120)}") from error
     return tree
-
-
-def _log_sticks(stream: rr.RecordingStream, arm: Arm, t: Array, q: Array) -> None:
-    """A line from the base through the origins of the links to the sensor."""
-    base = np.zeros((len(t), 1, 3))
-    strips = np.concatenate([base, arm.link_poses(q).position, arm.poses(q).position[:, None]], axis=1)
-    stream.log(ARM, rr.CoordinateFrame(BASE), static=True)
-    stream.log(ARM, rr.LineStrips3D.from_fields(radii=_STICK_RADIUS_M, colors=[rgb(GREY)]), static=True)
-    stream.send_columns(ARM, indexes=at(t), columns=rr.LineStrips3D.columns(strips=strips))

@@ -6,7 +6,6 @@ As a command: ``python -m scenarios.view.photograph FILE.rrd PICTURE.png [SECOND
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -20,7 +19,7 @@ from rerun.experimental import ViewerClient, ViewerState
 
 from rig.errors import RigError
 from rig.files import atomic_path, scratch_folder
-from scenarios.view.viewer import ADDRESS, viewer_environment, viewer_program
+from scenarios.view.viewer import ADDRESS, free_port, viewer_environment, viewer_program
 
 _POLL_S: Final = 0.3
 _NO_GRAPHICS: Final = ("No graphics adapter", "Failed to get render context")  # what it says before it aborts
@@ -96,7 +95,7 @@ class _Viewer:
 @contextmanager
 def _headless_viewer(file: Path, size: tuple[int, int]) -> Iterator[_Viewer]:
     with scratch_folder("rig-photograph") as folder:
-        port = _free_port()
+        port = free_port()
         log = folder / "viewer.log"
         environment = {"XDG_RUNTIME_DIR": str(folder), **viewer_environment()}
         command = [str(viewer_program()), "--headless", "--bind", ADDRESS, "--port", str(port)]
@@ -112,12 +111,6 @@ def _headless_viewer(file: Path, size: tuple[int, int]) -> Iterator[_Viewer]:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((ADDRESS, 0))
-        return int(probe.getsockname()[1])
 
 
 def _connect(viewer: _Viewer, deadline: float) -> ViewerClient:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,6 +16,7 @@ from rig.errors import RigError
 
 #: It listens to this machine only; its own default is every address of the machine.
 ADDRESS: Final = "127.0.0.1"
+_ANSWERS_S: Final = 15.0
 
 
 def viewer_program() -> Path:
@@ -59,3 +62,39 @@ def open_view(path: str | os.PathLike[str]) -> subprocess.Popen[bytes]:
         )
     except OSError as error:
         raise RigError(f"{command[0]}: the viewer cannot be started: {error.strerror}") from error
+
+
+def start_viewer() -> str:
+    """Start a viewer window that waits for a live stream, and outlives this process; its address, on this machine only.
+
+    Raises:
+        RigError: it cannot be started, or does not answer within some seconds.
+    """
+    port = free_port()
+    command = [str(viewer_program()), "--bind", ADDRESS, "--port", str(port), "--memory-limit", "1GB"]
+    quiet = subprocess.DEVNULL
+    try:
+        viewer = subprocess.Popen(
+            command, env=viewer_environment(), stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
+        )
+    except OSError as error:
+        raise RigError(f"{command[0]}: the viewer cannot be started: {error.strerror}") from error
+    deadline = time.monotonic() + _ANSWERS_S
+    while time.monotonic() < deadline:
+        if viewer.poll() is not None:
+            raise RigError(
+                f"the viewer ended at once with status {viewer.returncode}: no screen? Expected --view-file F.rrd"
+            )
+        with socket.socket() as probe:
+            if probe.connect_ex((ADDRESS, port)) == 0:
+                return f"rerun+http://{ADDRESS}:{port}/proxy"
+        time.sleep(0.1)
+    viewer.terminate()
+    raise RigError(f"the viewer did not answer within {_ANSWERS_S:g} s")
+
+
+def free_port() -> int:
+    """A port of this machine that nobody has."""
+    with socket.socket() as probe:
+        probe.bind((ADDRESS, 0))
+        return int(probe.getsockname()[1])

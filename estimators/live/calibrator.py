@@ -1,0 +1,194 @@
+"""All sensors of a stream, calibrated as it comes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.coverage import Enough, direction_name
+from estimators.ellipsoid.fit import Parameters
+from estimators.live.estimate import AttitudeFree, AttitudeKnown, SensorEstimate
+from estimators.live.stillness import StillStream
+from estimators.pipeline import arm_of, has_pose, magnitude_of, statistics_of
+from rig.channels import ACCELEROMETER
+from rig.errors import RigError
+from rig.recording import Recording
+from rig.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+Array = NDArray[np.float64]
+
+#: No direction may be farther from one that was seen, without attitude [deg]: of six faces none is farther than 55.
+HOLE_DEG: Final = 65.0
+_DOWN: Final = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to calibrate a stream.
+
+    Attributes:
+        to: half of the interval that every parameter is to have: relative, as a share of the field, in radians.
+        forget_s: length of a sliding window [s]; None: everything counts.
+        parameters: of a fit without attitude.
+        attitude: whether recorded poses are used.
+        field_points: sensor -> a vector within 90 degrees of the field, base frame; down where nothing is said.
+
+    Raises:
+        RigError: a number that is not positive.
+    """
+
+    to: float = 1e-3
+    forget_s: float | None = None
+    parameters: Parameters = 9
+    attitude: bool = True
+    field_points: Mapping[str, tuple[float, float, float]] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("to", "forget_s"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < np.inf:
+                raise RigError(f"{name}: found {value:g}, expected a positive number")
+
+
+@dataclass(frozen=True, eq=False)
+class SensorState:
+    """Where a sensor's calibration stands.
+
+    Attributes:
+        sensor: which one.
+        estimate: None where there is none yet, and ``problem`` says why.
+        problem: why the data do not tell it.
+        rule: the stop rule's answer; None without an estimate.
+        enough: whether it may stop.
+        turn: what to do next, in a few words.
+    """
+
+    sensor: str
+    estimate: SensorEstimate | None
+    problem: str | None
+    rule: Enough | None
+    enough: bool
+    turn: str
+
+    @property
+    def interval(self) -> float:
+        """Half of the widest interval that the rule asks about; infinite where one cannot be told."""
+        if self.rule is None or self.estimate is None or not self.estimate.told:
+            return np.inf
+        return self.rule.std[self.rule.worst] * self.estimate.quantile
+
+    @property
+    def seen(self) -> float:
+        """The share of the sphere that was seen."""
+        return 0.0 if self.rule is None else self.rule.coverage.share
+
+
+class Calibrator:
+    """Takes samples up, and tells what they say so far; its memory does not grow."""
+
+    def __init__(self, first: Recording, options: Options, arm: Arm | None = None) -> None:
+        """Args:
+        first: samples of the stream, which say what it holds; they are not taken up yet.
+        options: how.
+        arm: for joint angles; None: the A465 where the metadata name it.
+
+        Raises:
+            RigError: joint angles of an arm that is not known.
+        """
+        self.options = options
+        self.sensors = first.sensors
+        self.posed = has_pose(first) and options.attitude
+        self.arm = arm_of(first, arm, first.name) if self.posed else None
+        self.samples = 0
+        self._metadata = first.metadata
+        self._units = dict(first.units)
+        self._known: dict[str, AttitudeKnown] = {}
+        self._free: dict[str, AttitudeFree] = {}
+        points = options.field_points or {}
+        for sensor in first.sensors:
+            magnitude = magnitude_of(first.metadata, sensor)
+            if self.posed:
+                down = np.asarray(points.get(sensor, _DOWN), dtype=float)
+                self._known[sensor] = AttitudeKnown(sensor, magnitude, options.forget_s, down)
+            else:
+                rests = sensor == ACCELEROMETER
+                still = StillStream(first.rate_Hz, span_s=options.forget_s) if rests else None
+                self._free[sensor] = AttitudeFree(sensor, magnitude, options.forget_s, options.parameters, still)
+
+    def add(self, batch: Recording) -> None:
+        """Take samples up.
+
+        Raises:
+            RigError: a joint beyond its limit.
+        """
+        self.samples += len(batch)
+        t_s = float(batch.t[-1])
+        if self.posed:
+            readings = [batch.readings(sensor) for sensor in self.sensors]
+            with one_blas_thread():
+                total = statistics_of(batch, self.arm, readings, batch.name)
+            for place, sensor in enumerate(self.sensors):
+                part = total.select(slice(3 * place, 3 * place + 3))
+                self._known[sensor].add(t_s, part, batch.readings(sensor))
+        for sensor, stream in self._free.items():
+            stream.add(batch.t, batch.readings(sensor))
+
+    def still(self, sensor: str) -> StillStream | None:
+        """The detector of a sensor that has to stand still."""
+        return self._free[sensor].still if sensor in self._free else None
+
+    @property
+    def absurd(self) -> int:
+        """Readings so far off that they were not taken up."""
+        return sum(stream.absurd for stream in self._free.values())
+
+    def estimate(self, sensor: str) -> SensorEstimate:
+        """What is known of a sensor now.
+
+        Raises:
+            RefusedFit, RigError: nothing yet.
+        """
+        stream: AttitudeKnown | AttitudeFree = self._known[sensor] if self.posed else self._free[sensor]
+        with one_blas_thread():
+            return stream.estimate()
+
+    def state(self, sensor: str) -> SensorState:
+        """Where a sensor stands, with the stop rule."""
+        try:
+            estimate = self.estimate(sensor)
+        except RigError as error:
+            return SensorState(sensor, None, str(error).split(": ", 1)[-1], None, False, self._begin(sensor))
+        if not np.isfinite(estimate.matrix).all() or not len(estimate.readings):
+            return SensorState(sensor, estimate, estimate.problem, None, False, self._begin(sensor))
+        rule = estimate.enough(self.options.to)
+        wide = not self.posed and rule.coverage.hole_deg > HOLE_DEG
+        enough = rule.enough and not wide and estimate.told
+        toward = rule.coverage.hole if wide or rule.next_direction is None else rule.next_direction
+        turn = "" if enough else self.turn(sensor, np.asarray(toward))
+        return SensorState(sensor, estimate, estimate.problem, rule, enough, turn)
+
+    def up(self, sensor: str, directions: Array) -> Array:
+        """Which way up is in the sensor's frame, for directions (n, 3) of the field g - a, or of readings.
+
+        Readings in volts are taken to follow g - a, as in the paper; a chip in g, m/s^2 or counts reads a - g.
+        """
+        reads = getattr(self._metadata, "accelerometer_reads", None)
+        volts = self._units[sensor] in ("V", "mV")
+        follows_g = self.posed or reads == "g-a" or (reads is None and volts)
+        return -directions if follows_g else directions
+
+    def turn(self, sensor: str, direction: Array) -> str:
+        """The field along a direction (3,) of the sensor's frame, in words."""
+        if sensor == ACCELEROMETER:
+            return f"point {direction_name(self.up(sensor, direction))} up"
+        return f"point {direction_name(direction)} along the field"
+
+    def _begin(self, sensor: str) -> str:
+        return "move the arm through its sweep" if self.posed else "turn it slowly, about every axis"

@@ -1,0 +1,231 @@
+"""The calibration of one sensor from everything that has come so far, brought up to date in constant time and memory.
+
+With a pose: the sufficient statistics of the known-angle model, of which the fit is the one made offline. Without: the
+quartic sums of all readings; or, of an accelerometer that has stood still often enough, the means of its poses, which
+are fitted as offline.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from estimators.coverage import Enough, Targets, enough_attitude_free, enough_known_angles
+from estimators.ellipsoid.assembly import sensitivities_and_angles
+from estimators.ellipsoid.fit import EllipsoidFit, Parameters, fit_ellipsoid
+from estimators.ellipsoid.quartic import QuarticSums, fit_sums
+from estimators.kinematic import SensorFit, fit_sensor
+from estimators.live.cloud import Cloud
+from estimators.live.stillness import StillStream
+from estimators.live.window import SlidingSum
+from estimators.reported import report
+from estimators.statistics import Statistics
+from rig.errors import RigError
+
+Array = NDArray[np.float64]
+
+#: Of the intervals that are shown and that the stop rule asks for.
+LEVEL = 0.95
+#: Beyond so many standard deviations of a field no reading is taken up without attitude: it is no measurement.
+_FARTHEST = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class SensorEstimate:
+    """What is known of a sensor now.
+
+    Attributes:
+        sensor: which one.
+        method: "simultaneous" or "ellipsoid"; poses: how many still poses it comes from, None where from samples.
+        samples: behind it.
+        names, values, std: (p,) parameters in the recorded unit and degrees; a NaN cannot be told.
+        problem: why the data cannot tell the parameters yet; None where they can.
+        matrix, bias: field = matrix @ (reading - bias).
+        noise: (3,) standard deviation of a reading [recorded unit].
+        freedom: degrees of freedom behind the noise.
+        magnitude: of the field.
+        fit: the optimum.
+        readings, counts: (m, 3), (m,) where the readings lie, thinned.
+    """
+
+    sensor: str
+    method: str
+    poses: int | None
+    samples: int
+    names: tuple[str, ...]
+    values: Array
+    std: Array
+    problem: str | None
+    matrix: Array
+    bias: Array
+    noise: Array
+    freedom: float
+    magnitude: float
+    fit: SensorFit | EllipsoidFit
+    readings: Array
+    counts: Array
+
+    @property
+    def quantile(self) -> float:
+        """Of Student's distribution: half an interval over a standard deviation."""
+        return float(stdtrit(max(self.freedom, 1.0), 0.5 * (1.0 + LEVEL)))
+
+    @cached_property
+    def directions(self) -> Array:
+        """(m, 3) unit vectors of the field in the sensor's frame, where the readings lie."""
+        field = (self.readings - self.bias) @ self.matrix.T
+        length = np.sqrt(np.square(field).sum(axis=1))
+        return np.asarray(field / np.where(length > 0.0, length, 1.0)[:, None])
+
+    def enough(self, to: float) -> Enough:
+        """Whether every parameter's interval is within +-``to``.
+
+        Args:
+            to: half of the interval, relative (sensitivity), as a share of the field (offset) and in radians (angles).
+        """
+        share = to / self.quantile
+        targets = Targets(share, share, float(np.degrees(share)), None)
+        if isinstance(self.fit, SensorFit):
+            targets = Targets(share, share, float(np.degrees(share)), float(np.degrees(share)))
+            return enough_known_angles(self.fit.information, self.directions, targets)
+        relative = self.noise * np.sqrt(np.square(self.matrix).sum(axis=0)) / self.magnitude
+        return enough_attitude_free(self.directions, relative, targets, self.counts, self.fit.parameters)
+
+    @property
+    def told(self) -> bool:
+        """Whether the data tell the parameters."""
+        return self.problem is None
+
+
+class AttitudeKnown:
+    """One sensor on an arm."""
+
+    def __init__(self, sensor: str, magnitude: float, span_s: float | None, field_points: Array) -> None:
+        """Args as of ``SensorStream``."""
+        self.sensor, self._magnitude, self._points = sensor, magnitude, field_points
+        self.sums: SlidingSum[Statistics] = SlidingSum(span_s)
+        self.cloud = Cloud(span_s)
+
+    def add(self, t_s: float, statistics: Statistics, readings: Array) -> None:
+        """Samples by their statistics, and their readings (n, 3)."""
+        self.sums.add(t_s, statistics)
+        self.cloud.add(t_s, readings)
+
+    def estimate(self) -> SensorEstimate:
+        """Raises: RefusedFit, RigError: there is none yet."""
+        total = self.sums.total
+        if total is None:
+            raise RigError(f"{self.sensor}: no samples yet")
+        fit = fit_sensor(total, self._magnitude, name=self.sensor, refuse=False, field_points=self._points, noise=None)
+        found = report(fit.parameters, fit.covariance, fit.method)
+        gain = fit.parameters.gain
+        singular = abs(float(np.linalg.det(fit.parameters.axes))) < 1e-9
+        return SensorEstimate(
+            self.sensor,
+            fit.method,
+            None,
+            fit.count,
+            found.names,
+            found.values,
+            np.sqrt(np.diagonal(found.covariance)),
+            fit.problem,
+            np.full((3, 3), np.nan) if singular else np.asarray(np.linalg.inv(gain)),
+            fit.parameters.offset,
+            fit.noise,
+            float(np.min(fit.degrees_of_freedom)),
+            self._magnitude,
+            fit,
+            self.cloud.means,
+            self.cloud.counts,
+        )
+
+
+class AttitudeFree:
+    """One sensor turned by hand."""
+
+    def __init__(
+        self, sensor: str, magnitude: float, span_s: float | None, parameters: Parameters, still: StillStream | None
+    ) -> None:
+        """Args:
+        still: of an accelerometer, which feels motion too; None: all readings count.
+        """
+        self.sensor, self._magnitude, self._parameters = sensor, magnitude, parameters
+        self.still = still
+        self.sums: SlidingSum[QuarticSums] = SlidingSum(span_s)
+        self.cloud = Cloud(span_s)
+        self.absurd = 0
+        self._origin: Array | None = None
+        self._before: Array | None = None
+        self._known: SensorEstimate | None = None
+
+    def add(self, t: Array, readings: Array) -> None:
+        """Samples (n, 3) at times (n,) [s]; repeated ones are not measurements of their own."""
+        if self._origin is None:
+            self._origin = readings[0].copy()
+        if self.still is not None:
+            self.still.add(t, readings)
+        used = readings
+        again = (readings[1:] == readings[:-1]).all(axis=1)
+        first_again = self._before is not None and bool((readings[0] == self._before).all())
+        if first_again or again.any():
+            used = readings[~np.concatenate([[first_again], again])]
+        self._before = readings[-1].copy()
+        if self._known is not None and self._known.told:
+            field = (used - self._known.bias) @ self._known.matrix.T
+            length = np.sqrt(np.square(field).sum(axis=1)) / self._magnitude
+            sane = length < _FARTHEST
+            if not sane.all():
+                self.absurd += int(len(sane) - sane.sum())
+                used = used[sane]
+        if not len(used):
+            return
+        t_s = float(t[-1])
+        self.sums.add(t_s, QuarticSums.of(used, self._origin))
+        self.cloud.add(t_s, used)
+
+    def estimate(self) -> SensorEstimate:
+        """Raises: RefusedFit, RigError: there is none yet."""
+        if self.still is not None and len(self.still) > self._parameters:
+            means, counts = self.still.means, self.still.counts
+            fit = fit_ellipsoid(
+                means, self._magnitude, parameters=self._parameters, counts=counts, refuse=False, name=self.sensor
+            )
+            found = self._of(fit, means, counts, len(self.still), int(counts.sum()))
+        else:
+            total = self.sums.total
+            if total is None:
+                raise RigError(f"{self.sensor}: no samples yet")
+            means, counts = self.cloud.means, self.cloud.counts
+            fit = fit_sums(total, means, self._magnitude, parameters=self._parameters, name=self.sensor)
+            found = self._of(fit, means, counts, None, total.count)
+        self._known = found
+        return found
+
+    def _of(self, fit: EllipsoidFit, readings: Array, counts: Array, poses: int | None, samples: int) -> SensorEstimate:
+        names, values, derivative = sensitivities_and_angles(fit)
+        covariance = derivative @ fit.covariance @ derivative.T
+        problem = fit.problem
+        if problem is None and self.still is not None and poses is None:
+            problem = f"stood still in {len(self.still)} poses, expected more than {self._parameters}"
+        return SensorEstimate(
+            self.sensor,
+            "ellipsoid",
+            poses,
+            samples,
+            names,
+            values,
+            np.sqrt(np.maximum(np.diagonal(covariance), 0.0)),
+            problem,
+            fit.matrix,
+            fit.offset,
+            fit.noise,
+            float(fit.degrees_of_freedom),
+            self._magnitude,
+            fit,
+            readings,
+            counts,
+        )

@@ -1,0 +1,195 @@
+"""Which effect of the catalogue a change looks like: a score test of each on the residuals about it.
+
+The effects' own classes make the templates: what one unit of a parameter, set in at the change, does to the readings.
+Each is fitted to the residuals; a template's gain in log likelihood is charged by half the logarithm of the samples for
+each of its columns (Schwarz, "Estimating the dimension of a model", 1978).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.live.reference import Reference
+from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
+from rig.effects import EFFECTS
+from rig.effects.base import Effect
+from rig.signals import Signals
+
+Array = NDArray[np.float64]
+
+#: Names within this of the best, in twice the log likelihood, are named beside it.
+_BESIDE: Final = 6.0
+_TAU_S: Final = 30.0
+#: The instant is looked for so far on either side [s], in so many steps.
+_NEAR_S: Final = 0.25
+_TRIED: Final = 25
+#: Residuals beyond this many standard deviations are spikes, if they are this rare and carry this share of the excess.
+_SPIKE, _RARE, _CARRIED = 6.0, 0.1, 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """Samples about a change.
+
+    Attributes:
+        t: (n,) [s]. readings: (n, 3) [recorded unit]. residuals: (n, k) in standard deviations, of variance one.
+        directions, terms: as of ``reference.Residuals``.
+        at_s: the change [s].
+    """
+
+    t: Array
+    readings: Array
+    residuals: Array
+    directions: Array
+    terms: Array
+    at_s: float
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """An effect that a change looks like.
+
+    Attributes:
+        name, where: of the catalogue.
+        score: twice the gain in log likelihood, less what its columns cost.
+        words: its size, where it has one.
+    """
+
+    name: str
+    where: str
+    score: float
+    words: str = ""
+
+    def __str__(self) -> str:
+        """One phrase."""
+        return f"{self.name} at {self.where}{f' ({self.words})' if self.words else ''}"
+
+
+def likenesses(span: Span, sensor: str, reference: Reference, unit: str) -> list[Likeness]:
+    """The effects that explain the change best, the best first; none where nothing of the catalogue explains it."""
+    span = _refined(span, sensor, reference, unit)
+    after = span.t >= span.at_s
+    n, k = int(after.sum()), span.residuals.shape[1]
+    if n < 4 or n == len(after):
+        return []
+    level = span.residuals[~after].mean(axis=0)
+    found = [*_distribution((span.residuals - level)[after], span, sensor, k)]
+    cost = float(np.log(n * k))
+    for name, where, columns, words in _templates(span, sensor, reference, unit):
+        gain, sizes = _gain(span, columns)
+        said = words.format(*(f"{value:+.3g}" for value in sizes))
+        found.append(Likeness(name, where, gain - cost * len(columns), said))
+    good = sorted((each for each in found if each.score > 0.0), key=lambda each: -each.score)
+    return [each for each in good if each.score > good[0].score - _BESIDE][:3] if good else []
+
+
+def _gain(span: Span, columns: list[Array]) -> tuple[float, Array]:
+    """By how much templates (n, k) lower the sum of squares about what was before the change, and their sizes."""
+    before = span.t < span.at_s
+    if not before.any():
+        return -np.inf, np.zeros(len(columns))
+    left = (span.residuals - span.residuals[before].mean(axis=0)).ravel()
+    flat = np.stack([(column - column[before].mean(axis=0)).ravel() for column in columns], axis=1)
+    size = np.sqrt(np.square(flat).sum(axis=0))
+    if not (size > 0.0).all():
+        return -np.inf, np.zeros(len(columns))
+    solution, *_ = np.linalg.lstsq(flat / size, left, rcond=1e-8)
+    gain = float(left @ left - np.square(left - flat / size @ solution).sum())
+    return gain, np.asarray(solution / size)
+
+
+def _refined(span: Span, sensor: str, reference: Reference, unit: str) -> Span:
+    """With the instant, among the samples near the one that was found, from which a shift explains most."""
+    near = np.flatnonzero(np.abs(span.t - span.at_s) <= _NEAR_S)
+    best, at_s = -np.inf, span.at_s
+    for row in near[:: max(1, len(near) // _TRIED)]:
+        tried = replace(span, at_s=float(span.t[row]))
+        steps = next(columns for name, _, columns, _ in _templates(tried, sensor, reference, unit) if len(columns) == 3)
+        gain, _ = _gain(tried, steps)
+        if gain > best:
+            best, at_s = gain, float(span.t[row])
+    return replace(span, at_s=at_s)
+
+
+def _distribution(left: Array, span: Span, sensor: str, k: int) -> Iterator[Likeness]:
+    """Effects on the spread of the residuals (n, k)."""
+    n = len(left)
+    spikes = (np.abs(left) > _SPIKE).any(axis=1)
+    excess = float(np.maximum(np.square(left) - 1.0, 0.0).sum())
+    carried = float(np.square(left[spikes]).sum())
+    if spikes.any() and spikes.mean() < _RARE and carried > _CARRIED * excess:
+        yield Likeness("outliers", "acquisition", carried, f"{int(spikes.sum())} of {n} samples")
+        return
+    variance = np.maximum(np.square(left).mean(axis=0), 1e-12)
+    wide = variance > 1.0
+    gain = float((n * (variance - 1.0 - np.log(variance)))[wide].sum())
+    if wide.any():
+        names = CHANNELS_OF[sensor] if k == 3 else (sensor,)
+        where = ", ".join(name for name, much in zip(names, variance > 1.3, strict=True) if much) or names[0]
+        cost = float(wide.sum()) * np.log(n)
+        yield Likeness("noise_excess", where, gain - cost, f"{np.sqrt(variance.max()):.2g} times the noise")
+    if sensor == ACCELEROMETER and n >= 32:
+        tone = np.abs(np.fft.rfft(left - left.mean(axis=0), axis=0)) ** 2
+        power = tone.sum(axis=1)
+        peak = int(np.argmax(power))
+        rate = (n - 1) / max(float(span.t[-1] - span.t[-n]), 1e-9)
+        cost = (2.0 * k + 1.0) * np.log(n * k)
+        yield Likeness("vibration", "accelerometer", 2.0 * float(power[peak]) / n - cost, f"{peak * rate / n:.1f} Hz")
+
+
+def _templates(span: Span, sensor: str, reference: Reference, unit: str) -> Iterator[tuple[str, str, list[Array], str]]:
+    """Name, place, what each column does to the residuals (n, k), and how to say its size."""
+    signals = _signals(span, sensor)
+    base = signals.volts[:, COLUMNS_OF[sensor]]
+
+    def residual(change: Array) -> Array:
+        """Of a change (n, 3) of the readings."""
+        if reference.parameters is not None:
+            return np.asarray(change / reference.noise)
+        along = span.directions @ reference.matrix
+        sigma = np.sqrt(np.maximum(np.square(along) @ np.square(reference.noise), 1e-300))
+        return np.asarray(((along * change).sum(axis=1) / sigma)[:, None])
+
+    def applied(name: str, **values: object) -> Array:
+        effect: Effect = EFFECTS[name].from_mapping(values)
+        after = effect.apply(signals, np.random.default_rng(0))
+        return residual(after.volts[:, COLUMNS_OF[sensor]] - base)
+
+    channels = CHANNELS_OF[sensor]
+    steps = [applied("bias_step", where=channel, volts=1.0, at_s=span.at_s) for channel in channels]
+    for channel, step in zip(channels, steps, strict=True):
+        yield "bias_step", channel, [step], "{} " + unit
+    yield "bias_step", "-".join((channels[0], channels[2][-1])), steps, "{}, {}, {} " + unit
+    after = (span.t >= span.at_s)[:, None]
+    ratio = residual(base * after)
+    yield "supply_ratiometric", "supply", [ratio], "{} of the reading"
+    warm = [
+        applied("bias_warmup", where=sensor, coefficient=tuple(unit_vector), tau_s=_TAU_S)
+        for unit_vector in np.eye(3).tolist()
+    ]
+    yield "bias_warmup", sensor, warm, ""
+    if reference.parameters is None:
+        return
+    theta = reference.parameters.coefficients
+    rotation = span.terms[:, :9].reshape(-1, 3, 3)
+    turns = []
+    for axis in np.eye(3):
+        slip = EFFECTS["mounting_slip"].from_mapping({"rotation_rad": tuple(1e-3 * axis), "at_s": span.at_s})
+        turned = slip.apply(Signals(span.t, R_base_tool=rotation), np.random.default_rng(0)).R_base_tool
+        turns.append(residual(1e3 * ((turned - rotation).reshape(-1, 9) @ theta[:9])))
+    yield "mounting_slip", "mount", turns, "{}, {}, {} rad"
+    if sensor == MAGNETOMETER:  # of a magnet in the base, what is seen while the sensor hardly moves on
+        gain = reference.parameters.gain
+        fields = [residual(after * (rotation[:, axis, :] @ gain.T)) for axis in range(3)]
+        yield "base_dipole", "base", fields, "{}, {}, {} of field"
+
+
+def _signals(span: Span, sensor: str) -> Signals:
+    volts = np.full((len(span.t), 6), np.nan)
+    volts[:, COLUMNS_OF[sensor]] = span.readings
+    return Signals(span.t, volts=volts)

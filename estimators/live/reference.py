@@ -1,0 +1,136 @@
+"""What a monitor holds readings against: a calibration, or the estimate so far, and how well it predicts them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.calibration import SensorCalibration
+from estimators.coverage.information import AttitudeFreeInformation, design_rows
+from estimators.ellipsoid.fit import EllipsoidFit
+from estimators.goodness.residuals import fitted_parameters
+from estimators.kinematic import SensorFit
+from estimators.live.estimate import SensorEstimate
+from estimators.model import SensorParameters
+from rig.recording import Recording
+from rig.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+Array = NDArray[np.float64]
+
+#: A calibration from n samples of k values predicts new ones with the variance p / (k n) on average, and several times
+#: that in directions it has hardly seen.
+_SELDOM_SEEN = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Of some samples.
+
+    Attributes:
+        t: (n,) [s]. values: (n, k) in standard deviations of a reading, k = 3 channels, or 1, the field's magnitude.
+        predicted: (k,) the variance of the model's own error in the middle of them, in the same units.
+        directions: (n, 3) unit vectors of the field in the sensor's frame.
+        terms: (n, 10) [vec R, 1]; empty without attitude.
+    """
+
+    t: Array
+    values: Array
+    predicted: Array
+    directions: Array
+    terms: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A model of a sensor's readings.
+
+    Attributes:
+        matrix, bias, magnitude: field = matrix @ (reading - bias), of this magnitude.
+        noise: (3,) standard deviation of a reading [recorded unit].
+        parameters: of the known-angle model; None without attitude.
+        covariance: (p, p) of the parameters, in ``jacobian``'s units; None where only ``share`` is known.
+        jacobian: (3, 10, p) of the known-angle model; None without attitude.
+        share: the mean variance of the prediction, of a reading's.
+    """
+
+    matrix: Array
+    bias: Array
+    magnitude: float
+    noise: Array
+    parameters: SensorParameters | None
+    covariance: Array | None
+    jacobian: Array | None
+    share: float
+
+    @classmethod
+    def of_calibration(cls, own: SensorCalibration, posed: bool) -> Self:
+        """From a calibration; ``posed``: the attitude is recorded."""
+        known = posed and bool(own.axes) and own.field_direction is not None
+        noise = own.fit_rms if own.noise is None else np.maximum(own.noise, 0.0)
+        least = np.finfo(float).eps * max(float(np.abs(own.bias).max()), 1e-300)
+        number = len(own.parameters) / (3.0 if known else 1.0)
+        return cls(
+            own.matrix,
+            own.bias,
+            own.reference_magnitude,
+            np.maximum(noise, least),
+            fitted_parameters(own) if known else None,
+            None,
+            None,
+            _SELDOM_SEEN * number / max(own.samples, 1),
+        )
+
+    @classmethod
+    def of_estimate(cls, found: SensorEstimate) -> Self:
+        """From what is known so far."""
+        fit = found.fit
+        if isinstance(fit, SensorFit):
+            jacobian = fit.parameters.jacobian(fit.method)
+            return cls(
+                found.matrix, found.bias, found.magnitude, found.noise, fit.parameters, fit.covariance, jacobian, 0.0
+            )
+        relative = found.noise * np.sqrt(np.square(found.matrix).sum(axis=0)) / found.magnitude
+        information = AttitudeFreeInformation.of(found.directions, relative, found.counts, fit.parameters)
+        assert isinstance(fit, EllipsoidFit)
+        return cls(found.matrix, found.bias, found.magnitude, found.noise, None, information.covariance, None, 0.0)
+
+    def residuals(self, batch: Recording, sensor: str, arm: Arm | None) -> Residuals:
+        """Of a batch; with its attitude where the reference has one."""
+        readings = batch.readings(sensor)
+        if self.parameters is None:
+            return self._by_magnitude(batch.t, readings)
+        terms = np.ones((10, len(batch)))
+        with one_blas_thread():
+            for rows, block in batch.rotation_blocks(arm):
+                terms[:9, rows] = block
+            values = readings - (self.parameters.coefficients.T @ terms).T
+            field = np.kron(self.parameters.fields[0], np.eye(3)) @ terms[:9]
+        middle = terms[:, len(batch) // 2]
+        predicted = np.full(3, self.share)
+        if self.jacobian is not None and self.covariance is not None:
+            rows = np.einsum("kip,i->kp", self.jacobian, middle) / self.noise[:, None]
+            predicted = np.einsum("kp,pq,kq->k", rows, self.covariance, rows)
+        return Residuals(batch.t, values / self.noise, predicted, field.T, terms.T)
+
+    def _by_magnitude(self, t: Array, readings: Array) -> Residuals:
+        """As of ``estimators.goodness.residuals``: |M (V - b)| - H, less what noise across the field adds."""
+        fields = (readings - self.bias) @ self.matrix.T
+        length = np.sqrt(np.square(fields).sum(axis=1))
+        directions = fields / np.where(length > 0.0, length, 1.0)[:, None]
+        noise = np.square(self.noise)
+        variance = np.maximum(np.square(directions @ self.matrix) @ noise, 1e-300)
+        across = float((np.square(self.matrix) @ noise).sum()) - variance
+        values = (length - self.magnitude - across / (2.0 * self.magnitude)) / np.sqrt(variance)
+        predicted = np.full(1, self.share)
+        if self.covariance is not None:
+            middle = len(t) // 2
+            number = len(self.covariance)
+            row = self.magnitude * design_rows(directions[middle][None], number)[0] / np.sqrt(variance[middle])
+            predicted = np.array([float(row @ self.covariance @ row)])
+        return Residuals(t, values[:, None], predicted, directions, np.empty((len(t), 0)))

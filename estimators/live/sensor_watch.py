@@ -1,0 +1,371 @@
+"""A monitor of calibrated readings: does the calibration still hold, and if not, since when and what has changed?
+
+Residuals are summed over blocks of a tenth of a second. Over windows of 1, 4, 16 and 64 blocks two chi-squares are
+formed, of the residuals' mean (a shift) and of their squares (noise); over a minute a third, of their means by
+direction. Each test has its share of the false alarms that are allowed, by Bonferroni's bound: sliding windows overlap,
+so that there are fewer than stated.
+
+Real noise has a memory. During the first seconds the mean squares of the windows' means are compared with what white
+noise would make of them, and the tests are widened by that ratio; never narrowed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from estimators.coverage import SphereCells, direction_name
+from estimators.live.alarm import Alarm
+from estimators.live.naming import Likeness, Span, likenesses
+from estimators.live.reference import Reference, Residuals
+from estimators.live.stuck import Stuck
+from rig.channels import ACCELEROMETER
+from rig.recording import Recording
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+Array = NDArray[np.float64]
+
+BLOCK_S: Final = 0.1
+#: Lengths of the windows, in blocks; each is looked at four times while it slides by its length.
+WINDOWS: Final = (1, 4, 16, 64)
+_PER_LENGTH: Final = 4
+_DAY_S: Final = 86400.0
+#: Directions are told apart by so many cells, over so many seconds.
+CELLS: Final = 12
+_BY_DIRECTION_S: Final = 60.0
+#: A change is over when no window up to the one that showed it, or up to this many blocks, has been as improbable as
+#: this for so long [s].
+_SHORT: Final = 4
+_STILL_THERE: Final = 1e-3
+_CALM_S: Final = 1.0
+#: What a window may add to the noise's own history, over what is known of it.
+_CAPPED: Final = 4.0
+#: The change is named once so many seconds after it are known; so much before it is kept.
+_NAMED_S: Final = 1.0
+_KEPT_S: Final = 12.0
+_KEPT: Final = 4096
+#: A running estimate is held against its own past: a window's length is judged from so many of its windows on, and an
+#: estimate that predicts readings worse than this (in variances of a reading) judges nothing.
+_HISTORY: Final = 8
+_VAGUE: Final = 4.0
+#: An accelerometer without attitude is judged where it rests: where this block and so many on either side have at most
+#: so many times the variance of its quietest tenth (of those remembered).
+_BESIDE: Final = 5
+_QUIET: Final = 2.5
+_REMEMBERED: Final = 600
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    t_s: float
+    count: int
+    sums: Array  # (k,)
+    squares: float
+    predicted: Array  # (k,)
+    direction: Array  # (3,)
+
+
+class SensorWatch:
+    """The monitor of one sensor.
+
+    Attributes:
+        sensor: which one.
+        alarmed: the change that lasts, if any.
+        inflation: (windows,) by how much the noise's memory widens each test.
+        cells: of ``by_direction``.
+    """
+
+    def __init__(self, sensor: str, unit: str, rate_Hz: float, tests_a_day: float, learn_s: float, fixed: bool) -> None:
+        """Args:
+        rate_Hz: of the samples.
+        tests_a_day: false alarms a day for each of the sensor's tests.
+        learn_s: how long the noise's memory is learnt [s].
+        fixed: whether the reference is a given calibration.
+        """
+        self.sensor, self._unit = sensor, unit
+        self.alarmed: Alarm | None = None
+        self.inflation = np.ones(len(WINDOWS))
+        self.level = 1.0
+        self.cells = SphereCells.of(CELLS)
+        self.reference: Reference | None = None
+        self.worst_p = 1.0
+        self._block = max(1, round(BLOCK_S * rate_Hz))
+        self._block_s = self._block / rate_Hz
+        self._rate_Hz = rate_Hz
+        self._chance = tests_a_day / _DAY_S
+        self._learn_s, self._fixed = learn_s, fixed
+        self._begun_s: float | None = None
+        self._learnt = learn_s <= 0.0
+        self._blocks: deque[_Block] = deque(maxlen=WINDOWS[-1])
+        self._pending: deque[tuple[_Block, float]] = deque(maxlen=2 * _BESIDE + 1)
+        self._variances: deque[float] = deque(maxlen=_REMEMBERED)
+        self._number = 0
+        self._past = np.zeros((len(WINDOWS), 2))  # sums of chi-square over degrees, and how many
+        self._squares = np.zeros(2)
+        self._by_cell: deque[Array] = deque()
+        self._since_cells = 0.0
+        self._kept: deque[tuple[Array, Array, Residuals]] = deque()
+        self._kept_count = 0
+        self._rest: tuple[Array, Residuals] | None = None
+        self._calm_s = np.nan
+        self._watched = _SHORT
+        self._named = True
+        self.stuck = Stuck(tests_a_day / _DAY_S / rate_Hz)
+
+    def refer(self, reference: Reference) -> None:
+        """What readings are held against from now on; not while a change lasts, which it would take up."""
+        if self.alarmed is None:
+            self.reference = reference
+
+    def add(self, batch: Recording, arm: Arm | None) -> list[Alarm]:
+        """Take samples up; what there is to say."""
+        found: list[Alarm] = []
+        if self._begun_s is None:
+            self._begun_s = float(batch.t[0])
+        readings = batch.readings(self.sensor)
+        stopped = self.stuck.add(batch.t, readings)
+        if stopped is not None:
+            found += self._raise(float(batch.t[-1]), stopped.since_s, stopped.words, stopped.chance, stopped.names)
+        if self.reference is None or not np.isfinite(self.reference.matrix).all():
+            return found
+        residuals = self.reference.residuals(batch, self.sensor, arm)
+        self._keep(batch.t, readings, residuals)
+        if self._rest is not None and self._rest[1].values.shape[1] == residuals.values.shape[1]:
+            readings = np.concatenate([self._rest[0], readings])
+            residuals = _joined(self._rest[1], residuals)
+        whole = len(readings) // self._block * self._block
+        for first in range(0, whole, self._block):
+            found += self._decide(slice(first, first + self._block), readings, residuals)
+        self._rest = (readings[whole:], _part(residuals, slice(whole, None)))
+        return found
+
+    def _decide(self, rows: slice, readings: Array, residuals: Residuals) -> list[Alarm]:
+        assert self.reference is not None
+        now = float(residuals.t[rows][-1])
+        if not self._fixed and float(residuals.predicted.max()) > _VAGUE:
+            return self._settle(now, calm=True)
+        values = residuals.values[rows]
+        direction = residuals.directions[rows][len(values) // 2]
+        squares = float(np.square(values).sum())
+        block = _Block(now, len(values), values.sum(axis=0), squares, residuals.predicted, direction)
+        if self.sensor == ACCELEROMETER and self.reference.parameters is None and len(values) >= 3:
+            rested = self._rested(block, float(readings[rows].var(axis=0, ddof=1).sum()))
+            if rested is None:
+                return self._settle(now, calm=True)
+            block = rested
+        self._blocks.append(block)
+        self._number += 1
+        return self._test(block.t_s)
+
+    def _rested(self, block: _Block, variance: float) -> _Block | None:
+        """The block in the middle of the last ones, if the sensor rested through all of them."""
+        self._variances.append(variance)
+        self._pending.append((block, variance))
+        if len(self._pending) <= 2 * _BESIDE:
+            return None
+        floor = float(np.quantile(self._variances, 0.1))
+        still = all(own <= _QUIET * floor for _, own in self._pending)
+        return self._pending[_BESIDE][0] if still else None
+
+    def _test(self, now: float) -> list[Alarm]:
+        """All tests that are due after a block."""
+        worst: tuple[float, int, str] | None = None
+        calm = True
+        blocks = list(self._blocks)
+        learning = not self._learnt
+        for place, length in enumerate(WINDOWS):
+            hop = max(1, length // _PER_LENGTH)
+            if length > len(blocks) or self._number % hop:
+                continue
+            mean, square, freedom = self._statistics(blocks[-length:], place)
+            limit = self._chance * hop * self._block_s
+            ready = self._fixed or self._past[place, 1] >= _HISTORY * _PER_LENGTH
+            if self.alarmed is None:  # the noise's own, and of what may be a change no more than a share
+                ratio = min(mean[0] / mean[1], _CAPPED * self.inflation[place])
+                self._past[place] += ratio if not learning else mean[0] / mean[1], 1.0
+                if length == 1:
+                    self._squares += min(square, _CAPPED * self.level * freedom), freedom
+            if learning or not ready:
+                continue
+            shift = float(chdtrc(mean[1], mean[0] / self.inflation[place]))
+            noisy = float(chdtrc(freedom / self.level, square / self.level**2))
+            self.worst_p = min(shift, noisy) if length == 1 else min(self.worst_p, shift, noisy)
+            seconds = length * self._block_s
+            for p, what in ((shift, "the residuals' mean"), (noisy, "the residuals' squares")):
+                if p < limit and (worst is None or p < worst[0]):
+                    worst = (p, length, f"{what} over {seconds:.1f} s (p = {p:.0e})")
+                if length <= self._watched and p < max(limit, _STILL_THERE):
+                    calm = False
+        self._learn(now)
+        if worst is not None and self.alarmed is None:
+            self._watched = max(worst[1], _SHORT)
+            return self._raise(now, self._since(blocks), worst[2], worst[0])
+        by_direction = self._directions(now) if self._fixed and self._learnt else []
+        return [*by_direction, *self._settle(now, calm)]
+
+    def _statistics(self, blocks: list[_Block], place: int) -> tuple[tuple[float, float], float, float]:
+        """Chi-square of the mean with its degrees, sum of squares with its own."""
+        count = sum(block.count for block in blocks)
+        sums = np.sum([block.sums for block in blocks], axis=0)
+        predicted = np.mean([block.predicted for block in blocks], axis=0)
+        k = len(sums)
+        chi_square = float((np.square(sums / count) / (1.0 / count + predicted)).sum())
+        squares = sum(block.squares for block in blocks)
+        inside = squares / (1.0 + float(predicted.mean()))
+        return (chi_square, float(k)), inside, float(k * count)
+
+    def _learn(self, now: float) -> None:
+        """Widen the tests by what the windows' means were so far: once, or, of a running estimate, ever again."""
+        assert self._begun_s is not None
+        if self._fixed and self._learnt:
+            return
+        if self._fixed and now - self._begun_s < self._learn_s:
+            return
+        ratio = self._past[:, 0] / np.maximum(self._past[:, 1], 1.0)
+        count = self._past[:, 1] / np.minimum(_PER_LENGTH, WINDOWS)
+        k = len(self._blocks[-1].sums) if self._blocks else 1
+        largest = 1.0
+        for place in range(len(WINDOWS)):
+            if count[place] >= 3.0:
+                # what chance alone lets the ratio exceed one by
+                sure = ratio[place] / (1.0 + 2.0 * np.sqrt(2.0 / (k * count[place])))
+                largest = max(largest, float(ratio[place]) if sure > 1.0 else 1.0)
+            self.inflation[place] = largest
+        mean = self._squares[0] / max(self._squares[1], 1.0)
+        sure = mean > 1.0 + 3.0 * np.sqrt(2.0 / max(self._squares[1], 1.0))
+        self.level = max(1.0, float(mean)) if sure else 1.0
+        self._learnt = True
+
+    def _since(self, blocks: list[_Block]) -> float:
+        """Where a change of the mean most likely lies: the split of the blocks with the largest step."""
+        counts = np.array([block.count for block in blocks], dtype=float)
+        sums = np.array([block.sums for block in blocks])
+        later_n, later = np.cumsum(counts[::-1])[::-1], np.cumsum(sums[::-1], axis=0)[::-1]
+        earlier_n, earlier = counts.sum() - later_n, sums.sum(axis=0) - later
+        step = (
+            later / later_n[:, None]
+            - np.where(earlier_n > 0, 1.0, 0.0)[:, None] * earlier / np.maximum(earlier_n, 1.0)[:, None]
+        )
+        weight = later_n * np.maximum(earlier_n, 1.0) / np.maximum(later_n + earlier_n, 1.0)
+        place = int(np.argmax(weight * np.square(step).sum(axis=1)))
+        return blocks[place].t_s - self._block_s + 0.5 / self._rate_Hz
+
+    def _raise(self, now: float, since: float, test: str, p: float, names: tuple[Likeness, ...] = ()) -> list[Alarm]:
+        if self.alarmed is not None:
+            return []
+        self.alarmed = Alarm("change", now, since, self.sensor, test, p, names)
+        self._named = bool(names)
+        self._calm_s = now
+        return [self.alarmed]
+
+    def _settle(self, now: float, calm: bool) -> list[Alarm]:
+        """Name a change that lasts, and end one that is over."""
+        found: list[Alarm] = []
+        change = self.alarmed
+        if change is None:
+            return found
+        if not self._named and now - change.since_s >= _NAMED_S:
+            self._named = True
+            names = tuple(self._names(change.since_s))
+            change = self.alarmed = replace(change, names=names)
+            if names:
+                found.append(replace(change, kind="named", t_s=now))
+        if not calm or self.stuck.stuck:
+            self._calm_s = now
+        elif now - self._calm_s > _CALM_S:
+            found.append(replace(change, kind="over", t_s=now, since_s=self._calm_s))
+            self.alarmed = None
+            self._blocks.clear()
+            self._by_cell.clear()
+            self._number = 0
+        return found
+
+    def _names(self, since_s: float) -> list[Likeness]:
+        assert self.reference is not None
+        t = np.concatenate([part[0] for part in self._kept])
+        readings = np.concatenate([part[1] for part in self._kept])
+        width = self._kept[-1][2].values.shape[1]
+        parts = [part[2] for part in self._kept]
+        if any(part.values.shape[1] != width for part in parts):
+            return []
+        values = np.concatenate([part.values for part in parts]) / np.sqrt(self.inflation[0] * self.level)
+        directions = np.concatenate([part.directions for part in parts])
+        terms = np.concatenate([part.terms for part in parts])
+        span = Span(t, readings, values, directions, terms, since_s)
+        return likenesses(span, self.sensor, self.reference, self._unit)
+
+    def _keep(self, t: Array, readings: Array, residuals: Residuals) -> None:
+        step = max(1, int(_KEPT_S * self._rate_Hz) // _KEPT)
+        rows = slice(None, None, step)
+        part = _part(residuals, rows)
+        self._kept.append((t[rows], readings[rows], part))
+        self._kept_count += len(part.t)
+        while len(self._kept) > 1 and (self._kept_count > _KEPT or self._kept[0][0][-1] < t[-1] - _KEPT_S):
+            self._kept_count -= len(self._kept.popleft()[0])
+
+    def _directions(self, now: float) -> list[Alarm]:
+        """The test of the means by direction, over the last minute."""
+        block = self._blocks[-1]
+        k = len(block.sums)
+        cell = int(self.cells.number(block.direction[None])[0])
+        if not self._by_cell or now - self._since_cells >= _BY_DIRECTION_S / 6.0:
+            due = bool(self._by_cell)
+            self._by_cell.append(np.zeros((CELLS, 2 * k + 1)))
+            self._since_cells = now
+            if len(self._by_cell) > 6:
+                self._by_cell.popleft()
+        else:
+            due = False
+        row = self._by_cell[-1][cell]
+        row[0] += block.count
+        row[1 : k + 1] += block.sums
+        row[k + 1 :] += block.count * block.predicted
+        if not due or self.alarmed is not None:
+            return []
+        z = self.by_direction
+        used = np.isfinite(z).all(axis=1)
+        chi_square = float(np.square(z[used]).sum())
+        p = float(chdtrc(float(k * used.sum()), chi_square)) if used.any() else 1.0
+        if p >= self._chance * _BY_DIRECTION_S / 6.0:
+            return []
+        worst = int(np.nanargmax(np.where(used, np.square(np.nan_to_num(z)).sum(axis=1), -1.0)))
+        toward = direction_name(self.cells.centres[worst])
+        return self._raise(now, now - _BY_DIRECTION_S / 6.0, f"the residuals toward {toward} (p = {p:.0e})", p)
+
+    @property
+    def by_direction(self) -> Array:
+        """(cells, k) mean residual over its standard deviation in each cell, over the last minute; NaN unseen."""
+        if not self._by_cell:
+            return np.full((CELLS, 1), np.nan)
+        total = np.sum(self._by_cell, axis=0)
+        k = (total.shape[1] - 1) // 2
+        count = np.where(total[:, :1] > 0.0, total[:, :1], np.nan)
+        mean, predicted = total[:, 1 : k + 1] / count, total[:, k + 1 :] / count
+        return np.asarray(mean / np.sqrt(self.inflation[-1] / count + predicted))
+
+
+def _part(residuals: Residuals, rows: slice) -> Residuals:
+    return Residuals(
+        residuals.t[rows],
+        residuals.values[rows],
+        residuals.predicted,
+        residuals.directions[rows],
+        residuals.terms[rows],
+    )
+
+
+def _joined(one: Residuals, other: Residuals) -> Residuals:
+    return Residuals(
+        np.concatenate([one.t, other.t]),
+        np.concatenate([one.values, other.values]),
+        other.predicted,
+        np.concatenate([one.directions, other.directions]),
+        np.concatenate([one.terms, other.terms]),
+    )

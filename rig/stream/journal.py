@@ -1,0 +1,116 @@
+"""The stream on disk: appended to a CSV as it comes, and closed into Parquet at the end."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.csv
+
+from rig.errors import RigError
+from rig.recording import Metadata, Recording, RecordingWriter, scan_recording
+
+#: The disk is told to keep what it has at least so often [s].
+_SYNCED_S: Final = 1.0
+
+
+class Journal:
+    """A recording that grows.
+
+    Whole lines are handed to the system as they come, so that a process that is killed loses none that it has written;
+    the disk is told once a second, for the day when the power fails.
+
+    Attributes:
+        path: the recording to be made. csv: what it is while it grows.
+        total: samples in it.
+    """
+
+    def __init__(self, path: Path, metadata: Metadata, resumed: bool = False) -> None:
+        """Nothing is written before the first batch.
+
+        Args:
+            path: the recording to be made, .parquet or .csv; until it is closed it is a .csv of the same name.
+            metadata: of the recording.
+            resumed: go on with the one that is there.
+        """
+        self.path = path
+        self.csv = path.with_suffix(".csv")
+        self.total = 0
+        self._metadata = metadata
+        self._resumed = resumed
+        self._file: Any = None
+        self._names: tuple[str, ...] = ()
+        self._synced = 0.0
+
+    def write(self, batch: Recording) -> None:
+        """Append samples.
+
+        Raises:
+            RigError: the disk is full or gone, or the batch has other columns than the recording.
+        """
+        if self._file is None:
+            self._open(batch)
+        if batch.columns.names != self._names:
+            raise RigError(f"{self.csv}: found other columns than {', '.join(self._names)}")
+        table = batch.table()
+        schema = pa.schema([(name, pa.float64()) for name in self._names])
+        rows = pa.record_batch([pa.array(table[name]) for name in self._names], schema=schema)
+        sink = pa.BufferOutputStream()
+        pa.csv.write_csv(rows, sink, pa.csv.WriteOptions(include_header=False))
+        try:
+            self._file.write(memoryview(sink.getvalue()))
+            if (now := time.monotonic()) - self._synced > _SYNCED_S:
+                os.fsync(self._file.fileno())
+                self._synced = now
+        except OSError as error:
+            raise RigError(f"{self.csv}: cannot be written: {error.strerror or error}") from error
+        self.total += len(batch)
+
+    def _open(self, batch: Recording) -> None:
+        self._names = batch.columns.names
+        try:
+            if self._resumed:
+                self._file = self.csv.open("ab", buffering=0)
+                return
+            self._file = self.csv.open("xb", buffering=0)
+            self._file.write(f"# rig: {self._metadata.to_json()}\n{','.join(self._names)}\n".encode())
+        except FileExistsError:
+            raise RigError(f"{self.csv}: is there already: expected --resume to go on with it, or another -o") from None
+        except OSError as error:
+            raise RigError(f"{self.csv}: cannot be written: {error.strerror}") from error
+
+    def close(self) -> Path | None:
+        """Close the recording: a Parquet file takes the CSV's place, if that was asked for; None without a sample."""
+        if self._file is not None:
+            os.fsync(self._file.fileno())
+            self._file.close()
+            self._file = None
+        if not self.csv.is_file():
+            return None
+        if self.path.suffix == ".parquet":
+            with RecordingWriter(self.path) as writer:
+                for batch in scan_recording(self.csv, joints=-1 if self._metadata.arm != "a465" else None):
+                    writer.write(batch)
+            self.csv.unlink()
+        return self.path
+
+
+def mended(path: Path) -> int:
+    """Cut what a crash left of a last line; returns how many bytes that was.
+
+    Raises:
+        RigError: no such file.
+    """
+    try:
+        with path.open("r+b") as file:
+            size = file.seek(0, os.SEEK_END)
+            back = min(size, 1 << 16)
+            file.seek(size - back)
+            keep = size - back + file.read(back).rfind(b"\n") + 1
+            file.truncate(keep)
+            return size - keep
+    except OSError as error:
+        raise RigError(f"{path}: cannot be resumed: {error.strerror}") from error

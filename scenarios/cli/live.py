@@ -1,0 +1,371 @@
+"""``rig live`` and ``rig replay``: streams, calibrated and watched while they run."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from rig.errors import RigError
+from scenarios.cli._options import (
+    PATH,
+    RECORDING_SUFFIXES,
+    Choice,
+    arm_options,
+    check_output,
+    chosen_arm,
+    json_option,
+    print_json,
+)
+
+if TYPE_CHECKING:
+    from estimators import Calibration
+    from estimators.live import Guide
+    from rig.recording import Metadata
+    from scenarios.live.session import Display, Plan, Session
+
+#: A file that does not grow for so long is taken to be whole [s].
+_FILE_IDLE_S: Final = 3.0
+
+
+@click.command(short_help="A recording as a stream of lines.")
+@click.argument("run", type=PATH)
+@click.option("--speed", default="1", metavar="N|max", help="Times as fast as it was recorded; 1 by default.")
+@click.option("--form", type=Choice(("csv", "json")), default="csv", help="CSV (by default) or a JSON object a line.")
+@click.option("--from", "from_s", type=float, metavar="S", help="From this time of the recording on.")
+@click.option("--until", "until_s", type=float, metavar="S", help="Up to this time of it.")
+@click.option("--without-pose", is_flag=True, help="Leave out joint angles and tool poses, as if turned by hand.")
+@click.option("--to", "port", metavar="connect:PORT", help="Send it to a port of this machine, not to stdout.")
+def replay(
+    run: Path,
+    speed: str,
+    form: Any,
+    from_s: float | None,
+    until_s: float | None,
+    without_pose: bool,
+    port: str | None,
+) -> None:
+    """Write the recording RUN as lines, at the pace at which it was recorded or faster.
+
+    \b
+    Example:
+      rig replay run.parquet | rig live -
+      rig replay run.parquet --speed max --form json > lines.jsonl
+      rig replay run.parquet --speed 10 --to connect:5555
+    """
+    from rig.recording import scan_recording
+    from scenarios.live.replay import replay as replayed
+
+    scan = scan_recording(run, batch_rows=1 << 15)
+    with ExitStack() as opened:
+        write: Callable[[bytes], object]
+        write = _written if port is None else opened.enter_context(_connected(port)).sendall
+        try:
+            replayed(scan, write, _speed(speed), form, from_s, until_s, not without_pose)
+        except ConnectionError:
+            if port is None:
+                raise
+            raise RigError(f"{port}: the receiver has gone") from None
+
+
+def _written(data: bytes) -> None:
+    sys.stdout.buffer.write(data)
+    sys.stdout.buffer.flush()
+
+
+def _speed(text: str) -> float | None:
+    if text == "max":
+        return None
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = 0.0
+    if not 0.0 < speed < float("inf"):
+        raise RigError(f"--speed: found {text!r}, expected a positive number or max")
+    return speed
+
+
+def _connected(text: str) -> socket.socket:
+    from rig.stream.sources import ADDRESS
+
+    kind, _, number = text.partition(":")
+    if kind != "connect" or not number.isdecimal() or not 0 < int(number) < 65536:
+        raise RigError(f"--to: found {text!r}, expected connect:PORT, as in connect:5555")
+    try:
+        return socket.create_connection((ADDRESS, int(number)), timeout=5.0)
+    except OSError as error:
+        raise RigError(f"--to {text}: nobody listens: {error.strerror or error}, expected rig live tcp:PORT") from error
+
+
+@click.command(short_help="Calibrate, or watch, a sensor while it moves.")
+@click.argument("source", default="-")
+@click.option("-o", "--output", type=PATH, metavar="RUN", help="The recording: .parquet or .csv; live-TIME by default.")
+@click.option("--cal", type=PATH, metavar="CAL", help="The calibration: .json; RUN.calibration.json by default.")
+@click.option("--resume", is_flag=True, help="Go on with what an interrupted session has left of -o RUN.")
+@click.option("--columns", metavar="NAMES", help="Of lines without a header, with commas; - for those to pass over.")
+@click.option("--rate", type=float, metavar="HZ", help="Of lines without a time.")
+@click.option("--gravity", type=float, metavar="M_S2", help="Gravity's magnitude, where the stream does not say it.")
+@click.option("--field", type=float, metavar="F", help="The magnetic field's, in the unit wanted; relative otherwise.")
+@click.option("--to", default="0.1%", metavar="P%", help="Enough is: every 95 % interval within ±P %; 0.1% by default.")
+@click.option("--forget", type=float, metavar="SECONDS", help="Only the last SECONDS count.")
+@click.option("--parameters", type=Choice(("6", "9")), default="9", help="Without the attitude; 9 by default.")
+@click.option("--without-pose", is_flag=True, help="Calibrate without the attitude, though poses come.")
+@click.option("--guide", metavar="NAME", help="Show a procedure step by step; 'list' lists them.")
+@click.option("--keep-going", is_flag=True, help="Do not stop when it is enough.")
+@click.option("--seconds", type=float, metavar="S", help="Stop after so much of the stream's time.")
+@click.option("--idle", type=float, metavar="S", help="Stop when nothing comes for so long; of a file 3 s by default.")
+@click.option("--calibration", type=PATH, metavar="CAL", help="Watch this calibration instead: alarms when it fails.")
+@click.option("--alarms", type=float, default=1.0, metavar="N", help="False alarms a day at most; 1 by default.")
+@click.option("--learn", type=float, default=5.0, metavar="S", help="The noise's memory is learnt so long; 5 s.")
+@arm_options
+@click.option("--view/--no-view", default=False, help="Show it in the rerun viewer.")
+@click.option("--view-file", type=PATH, metavar="F.rrd", help="Write what the viewer would show.")
+@json_option
+def live(source: str, output: Path | None, as_json: bool, **given: Any) -> None:
+    """Calibrate a sensor while SOURCE runs, and stop when it is enough; or watch a calibration.
+
+    SOURCE is - (standard input), a file that may still grow, tcp:PORT (waits on 127.0.0.1), connect:PORT or
+    serial:DEVICE@BAUD. Lines are CSV with a header, or JSON objects, with a recording's column names: t_s,
+    accel1_V..accel3_V, mag1_uT.., in any unit, with a pose or without. Samples are appended to RUN.csv as they come; at
+    the end it becomes RUN.parquet, and its calibration is judged on held-out pieces.
+
+    \b
+    Example:
+      rig replay run.parquet --speed 20 | rig live - -o live.parquet
+      rig live serial:/dev/ttyUSB0@115200 --guide four-turns --to 0.5%
+      rig live imu.log --columns accel1_m_s2,accel2_m_s2,accel3_m_s2,-,-,- --rate 100 --gravity 9.80665
+      rig live tcp:5555 --calibration cal.json --alarms 1
+    """
+    if given["guide"] == "list":
+        _list_procedures(as_json)
+        return
+    path = Path(time.strftime("live-%Y%m%d-%H%M%S.parquet", time.gmtime())) if output is None else output
+    check_output(path, RECORDING_SUFFIXES)
+    cal = given["cal"] if given["cal"] is not None else path.with_suffix(".calibration.json")
+    check_output(cal, (".json",))
+    if given["view_file"] is not None:
+        check_output(given["view_file"], (".rrd",))
+    if given["resume"]:
+        from scenarios.live.session import check_resumable
+
+        check_resumable(path)
+    elif path.with_suffix(".csv").exists():
+        raise RigError(f"{path.with_suffix('.csv')}: is there already: expected --resume, or another -o")
+    plan = _plan(source, given)
+    session, displays = _session(source, path, plan, given)
+    try:
+        with _stoppable() as stopped:
+            if given["resume"]:
+                session.resume()
+            session.run(stopped)
+    finally:
+        made = session.close()
+    del displays
+    if made is None:
+        raise RigError(f"{source}: nothing came")
+    _finish(session, made, cal, plan, as_json)
+
+
+def _plan(source: str, given: dict[str, Any]) -> Plan:
+    from estimators import Calibration
+    from estimators.live import Options
+    from scenarios.live.session import Plan
+
+    for name in ("rate", "gravity", "field", "forget", "seconds", "idle", "alarms"):
+        value = given[name]
+        if value is not None and not 0.0 < value < float("inf"):
+            raise RigError(f"--{name}: found {value:g}, expected a positive number")
+    is_file = source != "-" and ":" not in source
+    idle = given["idle"] if given["idle"] is not None else _FILE_IDLE_S if is_file else None
+    known = None if given["calibration"] is None else Calibration.read(given["calibration"])
+    return Plan(
+        Options(
+            to=_share(given["to"]),
+            forget_s=given["forget"],
+            parameters=6 if given["parameters"] == "6" else 9,
+            attitude=not given["without_pose"],
+        ),
+        known,
+        chosen_arm(given["arm_file"], given["tip"]),
+        _guide(given["guide"]),
+        not given["keep_going"],
+        idle,
+        given["seconds"],
+        given["alarms"],
+        max(given["learn"], 0.0),
+    )
+
+
+def _share(text: str) -> float:
+    number = text.strip()
+    percent = number.endswith("%")
+    try:
+        value = float(number.rstrip("% ")) * (0.01 if percent else 1.0)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < 1.0:
+        raise RigError(f"--to: found {text!r}, expected a share such as 0.1% or 0.001")
+    return value
+
+
+def _guide(name: str | None) -> Guide | None:
+    if name is None:
+        return None
+    from estimators.live import Guide, procedure
+
+    return Guide(procedure(name))
+
+
+def _list_procedures(as_json: bool) -> None:
+    from estimators.live import PROCEDURES
+
+    rows: list[dict[str, Any]] = [
+        {
+            "name": each.name,
+            "title": each.title,
+            "steps": [step.words for step in each.steps],
+            "lacking": each.lacking(),
+        }
+        for each in PROCEDURES.values()
+    ]
+    if as_json:
+        print_json(rows)
+        return
+    from rich.text import Text
+
+    from scenarios.report import show, table
+
+    listed = table("procedure", "steps", "what it is", "what it lacks", numbers=("steps",))
+    for row in rows:
+        listed.add_row(*map(Text, (row["name"], str(len(row["steps"])), row["title"], row["lacking"] or "")))
+    show(listed)
+
+
+def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tuple[Session, list[Display]]:
+    from rig.stream import Feed, open_source
+    from scenarios.live.panel import Lines, TerminalPanel
+    from scenarios.live.session import Session
+
+    names = None if given["columns"] is None else [name.strip() for name in given["columns"].split(",")]
+    joints = None if plan.arm is None else plan.arm.dof
+    feed = Feed(open_source(source), names, _metadata(given), given["rate"], joints)
+    displays: list[Display] = []
+    if given["view"] or given["view_file"] is not None:
+        from scenarios.live.view import LiveView
+
+        displays.append(LiveView(given["view"], given["view_file"], plan.arm))
+    displays.append(TerminalPanel(source) if sys.stderr.isatty() else Lines())
+    return Session(feed, path, plan, displays), displays
+
+
+def _metadata(given: dict[str, Any]) -> Metadata | None:
+    """What the command line says about the stream; None where that is for the stream to say."""
+    from rig.recording import Metadata
+
+    if given["gravity"] is None and given["field"] is None and given["columns"] is None:
+        return None
+    gravity = 9.8 if given["gravity"] is None else given["gravity"]
+    field = 1.0 if given["field"] is None else given["field"]
+    return Metadata(gravity_m_s2=gravity, magnetic_field=field)
+
+
+@contextmanager
+def _stoppable() -> Iterator[Callable[[], bool]]:
+    """Signals end the session, not the program: nothing that came is lost. The second time they end both."""
+    from scenarios.cli._signals import WORDS, Ending
+
+    asked = False
+
+    def ask(number: int, frame: object) -> None:
+        nonlocal asked
+        if asked:
+            raise Ending(number)
+        asked = True
+
+    asking = (number for number in WORDS if signal.getsignal(number) is not signal.SIG_IGN)
+    before = {number: signal.signal(number, ask) for number in asking}
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _finish(session: Session, made: Path, cal: Path, plan: Plan, as_json: bool) -> None:
+    """Calibrate and judge what was recorded, write it and say so; exit status 1 where the answer is bad."""
+    alarms = session.alarms
+    calibration: Calibration | None = None
+    refused: RigError | None = None
+    if plan.calibration is None:
+        from scenarios.live.finish import calibrated
+
+        try:
+            calibration = calibrated(made, plan.options, plan.arm, alarms)
+            calibration.write(cal)
+        except RigError as error:
+            refused = error
+    if as_json:
+        print_json(_document(session, made, cal, calibration, refused))
+    else:
+        _report(session, made, cal, calibration)
+    if refused is not None:
+        raise type(refused)(f"{made}: is recorded, but {refused}")
+    good = not alarms if calibration is None else all(_good(calibration, sensor) for sensor in calibration.sensors)
+    if not good or (calibration is not None and plan.stop and not session.enough):
+        click.get_current_context().exit(1)
+
+
+def _good(calibration: Calibration, sensor: str) -> bool:
+    verdict = calibration[sensor].quality.verdict
+    return verdict is not None and bool(verdict["good"])
+
+
+def _document(
+    session: Session, made: Path, cal: Path, calibration: Calibration | None, refused: RigError | None
+) -> dict[str, Any]:
+    import json
+
+    return {
+        "recording": made,
+        "samples": session.samples,
+        "seconds": session.seconds,
+        "enough": session.enough,
+        "left_out": session.snapshot.left_out,
+        "calibration": None if calibration is None else cal,
+        "refused": None if refused is None else str(refused),
+        "sensors": {} if calibration is None else json.loads(calibration.to_json())["sensors"],
+        "alarms": [
+            {
+                "sensor": alarm.sensor,
+                "t_s": alarm.t_s,
+                "since_s": alarm.since_s,
+                "test": alarm.test,
+                "p_value": alarm.p_value,
+                "looks_like": [{"effect": each.name, "where": each.where} for each in alarm.names],
+            }
+            for alarm in session.alarms
+        ],
+        "events": [{"t_s": event.t_s, "words": event.words} for event in session.events],
+    }
+
+
+def _report(session: Session, made: Path, cal: Path, calibration: Calibration | None) -> None:
+    ended = "enough" if session.enough else "not enough" if calibration is not None else "ended"
+    recorded = session.samples if session.journal is None else session.journal.total
+    click.echo(f"{made}: {recorded:,} samples, {session.seconds:.1f} s: {ended}")
+    for alarm in session.alarms:
+        click.echo(f"{alarm}; it looks like {alarm.looks_like}")
+    if calibration is None:
+        return
+    from scenarios.calibration_report import calibration_report
+    from scenarios.report import show
+
+    show(calibration_report(calibration))
+    click.echo(f"{cal}: written")

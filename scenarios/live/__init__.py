@@ -1,0 +1,1 @@
+"""Recordings as streams, and streams calibrated and watched while they run."""

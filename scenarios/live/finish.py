@@ -1,0 +1,87 @@
+"""What is left when a session ends: the recording, its calibration, and whether that is any good."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import estimators
+from estimators.calibration import Calibration
+from estimators.ellipsoid import Options as EllipsoidOptions
+from estimators.ellipsoid import read_thinned
+from estimators.live import Options
+from estimators.live.alarm import Alarm
+from rig.recording import Recording, scan_recording
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+#: Of longer streams without attitude every so many samples are fitted at the end, so that memory does not grow.
+MOST_SAMPLES: Final = 1 << 19
+
+
+def calibrated(path: Path, options: Options, arm: Arm | None, alarms: Sequence[Alarm]) -> Calibration:
+    """The calibration of a recording by the estimators that are used offline, judged on held-out pieces of it.
+
+    Args:
+        path: the recording.
+        options: as the stream was calibrated.
+        arm: for joint angles.
+        alarms: of the stream; one within the samples that count makes the calibration no good.
+
+    Raises:
+        RefusedFit: the data cannot tell the parameters.
+    """
+    run = _run(path, options)
+    ellipsoid = EllipsoidOptions(parameters=options.parameters)
+    posed = options.attitude and (run.pose != "none" if isinstance(run, Recording) else True)
+    found = estimators.calibrate(
+        run,
+        method=None if posed else "ellipsoid",
+        noise="residuals",
+        arm=arm if posed else None,
+        field_points=dict(options.field_points) if options.field_points else "down",
+        attitude_free=ellipsoid,
+    )
+    return _alarmed(estimators.judged(run, found, arm if posed else None), run, alarms)
+
+
+def _run(path: Path, options: Options) -> Recording | Path:
+    """The file; or, of a sliding window or a long stream without attitude, what of it is used."""
+    scan = scan_recording(path)
+    attitude = options.attitude and bool(scan.columns.joints or scan.columns.tool)
+    if options.forget_s is None:
+        return path if attitude else read_thinned(scan, at_most=MOST_SAMPLES)
+    last = max(float(batch.t[-1]) for batch in scan)
+    begin = last - options.forget_s
+    parts = [batch.select(batch.t >= begin) for batch in scan if float(batch.t[-1]) >= begin]
+    return joined(parts)
+
+
+def joined(parts: Sequence[Recording]) -> Recording:
+    """Successive batches of a recording as one."""
+    from rig.recording.files import recording_of
+
+    first = parts[0]
+    table = {name: np.concatenate([part.table()[name] for part in parts]) for name in first.columns.names}
+    return recording_of(table, first.columns, first.metadata, first.name, first.origin)
+
+
+def _alarmed(calibration: Calibration, run: Recording | Path, alarms: Sequence[Alarm]) -> Calibration:
+    begin = float(run.t[0]) if isinstance(run, Recording) else -np.inf
+    sensors = dict(calibration.sensors)
+    for sensor, own in sensors.items():
+        mine = [alarm for alarm in alarms if alarm.sensor == sensor and alarm.t_s >= begin]
+        if not mine or own.quality.verdict is None:
+            continue
+        reason = f"the monitor saw a change at {mine[0].t_s:.1f} s: {mine[0].looks_like}"
+        verdict = dict(own.quality.verdict)
+        reasons = [*verdict["reasons"], reason]
+        verdict |= {"good": False, "reasons": reasons, "text": f"not good: because {'; '.join(reasons)}"}
+        warnings = (*own.quality.warnings, reason)
+        sensors[sensor] = replace(own, quality=replace(own.quality, verdict=verdict, warnings=warnings))
+    return replace(calibration, sensors=sensors)

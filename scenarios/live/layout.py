@@ -1,0 +1,79 @@
+"""What the live view shows: the sensor or the arm on the left, a column for each sensor on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from scenarios.view.arm import ARM
+from scenarios.view.timeline import TIMELINE
+
+READINGS: Final = "readings"
+RESIDUALS: Final = "residuals"
+INTERVALS: Final = "intervals"
+SPHERES: Final = "directions"
+GUIDE: Final = "guide"
+NOW: Final = "now"
+
+#: Readings and residuals are shown this far back [s].
+_BACK_S: Final = 30.0
+_SOLID = rr.components.FillMode.Solid
+
+
+def live_blueprint(units: Mapping[str, str], base: str | None) -> rrb.Blueprint:
+    """The layout; ``base``: the arm's base frame, None without an arm."""
+    columns = [_column(sensor, unit) for sensor, unit in units.items()]
+    text = rrb.TextDocumentView(origin=GUIDE, name="What to do, and what is known")
+    log = rrb.TextLogView(origin="events", name="Events")
+    left: list[rrb.View] = [text, log] if base is None else [_arm_view(base), text, log]
+    shares = [3.0, 1.0] if base is None else [3.0, 2.2, 1.0]
+    return rrb.Blueprint(
+        rrb.Horizontal(contents=[rrb.Vertical(contents=left, row_shares=shares), *columns]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+        auto_views=False,
+    )
+
+
+def _column(sensor: str, unit: str) -> rrb.Container:
+    back = rr.TimeRange(
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-_BACK_S), end=rr.TimeRangeBoundary.cursor_relative()
+    )
+    last = rrb.TimeAxis(view_range=back)
+    return rrb.Vertical(
+        contents=[
+            rrb.Spatial3DView(
+                origin=f"{SPHERES}/{sensor}",
+                name=f"Field at the {sensor}: seen blue, missing orange, now white",
+                eye_controls=rrb.EyeControls3D(
+                    position=(1.6, -2.5, 1.3), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
+                ),
+                line_grid=False,
+            ),
+            rrb.TimeSeriesView(origin=f"{READINGS}/{sensor}", name=f"{sensor.capitalize()} [{unit}]", axis_x=last),
+            rrb.TimeSeriesView(
+                origin=f"{RESIDUALS}/{sensor}", name="Residuals [standard deviations], lines at ±3", axis_x=last
+            ),
+            rrb.TimeSeriesView(
+                origin=f"{INTERVALS}/{sensor}",
+                name="Interval over what was asked for [powers of ten]",
+                plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=False),
+            ),
+        ],
+        row_shares=[3.0, 1.6, 1.6, 1.8],
+    )
+
+
+def _arm_view(base: str) -> rrb.View:
+    return rrb.Spatial3DView(
+        origin="/",
+        contents=[f"/{ARM}/**"],
+        name="The arm",
+        spatial_information=rrb.SpatialInformation(target_frame=base),
+        eye_controls=rrb.EyeControls3D(position=(1.3, -1.4, 1.1), look_target=(0.0, 0.0, 0.45), eye_up=(0.0, 0.0, 1.0)),
+        defaults=[rr.Boxes3D.from_fields(fill_mode=_SOLID), rr.Cylinders3D.from_fields(fill_mode=_SOLID)],
+    )

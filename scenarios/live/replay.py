@@ -1,0 +1,108 @@
+"""A recording as a stream of lines, at its own pace or faster."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import Final, Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+from rig.recording import Recording, RecordingScan
+
+Form = Literal["csv", "json"]
+FORMS: Final[tuple[Form, ...]] = ("csv", "json")
+
+#: Lines are handed over at least so often [s], and at most so many at once.
+_SLICE_S: Final = 0.01
+_MOST: Final = 8192
+
+
+def replay(
+    scan: RecordingScan,
+    write: Callable[[bytes], object],
+    speed: float | None = 1.0,
+    form: Form = "csv",
+    from_s: float | None = None,
+    until_s: float | None = None,
+    pose: bool = True,
+    progress: Callable[[int], None] | None = None,
+) -> int:
+    """Write a recording line by line.
+
+    Args:
+        scan: the recording.
+        write: takes the bytes; it may block.
+        speed: how many times as fast as it was recorded; None: as fast as it is taken.
+        form: CSV with its metadata and a header, or a JSON object a line.
+        from_s, until_s: of the recording's own time [s]; None: from its begin, to its end.
+        pose: with joint angles and tool poses.
+        progress: called with the number of samples of every slice.
+
+    Returns:
+        How many samples were written.
+    """
+    count = 0
+    begun: float | None = None
+    for whole in scan:
+        batch = _within(whole, from_s, until_s)
+        if batch is None:
+            continue
+        if not pose and batch.pose != "none":
+            batch = _without_pose(batch)
+        names = batch.columns.names
+        table = list(batch.table().values())
+        if begun is None:
+            begun = float(batch.t[0])
+            started = time.monotonic()
+            write(_head(batch, names, form))
+        first = 0
+        while first < len(batch):
+            if speed is None:
+                stop = min(first + _MOST, len(batch))
+            else:
+                gone = (time.monotonic() - started) * speed
+                stop = int(np.searchsorted(batch.t, begun + gone, side="right"))
+                if stop <= first:
+                    time.sleep(min(_SLICE_S, max((float(batch.t[first]) - begun - gone) / speed, 0.0)))
+                    continue
+                stop = min(stop, first + _MOST)
+            write(_lines([column[first:stop] for column in table], names, form))
+            count += stop - first
+            if progress is not None:
+                progress(stop - first)
+            first = stop
+    return count
+
+
+def _within(batch: Recording, from_s: float | None, until_s: float | None) -> Recording | None:
+    first = 0 if from_s is None else int(np.searchsorted(batch.t, from_s))
+    stop = len(batch) if until_s is None else int(np.searchsorted(batch.t, until_s, side="right"))
+    return batch.select(slice(first, stop)) if first < stop else None
+
+
+def _without_pose(batch: Recording) -> Recording:
+    from dataclasses import replace
+
+    metadata = replace(batch.metadata, arm="none")
+    return replace(batch, q=None, tool_quaternion=None, tool_position=None, metadata=metadata)
+
+
+def _head(batch: Recording, names: tuple[str, ...], form: Form) -> bytes:
+    said = batch.metadata.to_json()
+    if form == "json":
+        return f'{{"rig": {said}}}\n'.encode()
+    return f"# rig: {said}\n{','.join(names)}\n".encode()
+
+
+def _lines(columns: list[np.ndarray], names: tuple[str, ...], form: Form) -> bytes:
+    if form == "json":
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return "".join(json.dumps(dict(zip(names, row, strict=True))) + "\n" for row in rows).encode()
+    sink = pa.BufferOutputStream()
+    batch = pa.record_batch([pa.array(np.ascontiguousarray(column)) for column in columns], names=list(names))
+    pa.csv.write_csv(batch, sink, pa.csv.WriteOptions(include_header=False))
+    return bytes(sink.getvalue())

@@ -1,0 +1,232 @@
+"""A session in the rerun viewer, live: directions seen and missing, readings, residuals, intervals, and the arm."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from estimators.coverage import direction_name
+from estimators.live import SensorState
+from rig.channels import CHANNELS_OF
+from rig.errors import RigError
+from rig.recording import Recording
+from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rgb
+from scenarios.decimation import extremes
+from scenarios.live.layout import GUIDE, INTERVALS, NOW, READINGS, RESIDUALS, SPHERES, live_blueprint
+from scenarios.live.session import Event, Snapshot
+from scenarios.motion import arm_of
+from scenarios.report import plus_minus
+from scenarios.view.arm import ArmView
+from scenarios.view.timeline import TIMELINE, at
+from scenarios.view.viewer import start_viewer
+
+if TYPE_CHECKING:
+    from rig.arm import Arm
+
+Array = NDArray[np.float64]
+
+#: The view is brought up to date this often at most [s], and the larger parts of it less often.
+_PERIOD_S: Final = 0.2
+_SPHERE_S: Final = 0.5
+#: Points of a series for each time it is brought up to date.
+_POINTS: Final = 24
+_LONGEST: Final = 4096
+_GLOBE: Final = (52, 56, 62)
+_SEEN, _MISSING = rgb(AXES_ON_DARK[0]), rgb(ORANGE)
+
+
+class LiveView:
+    """Shows a session in a viewer window, in a file, or both."""
+
+    def __init__(self, window: bool, file: Path | None, arm: Arm | None) -> None:
+        """Args:
+        window: open the viewer, which nothing but this machine can reach.
+        file: what is written besides, or instead.
+        arm: for joint angles; None: the A465 where the recording names it.
+
+        Raises:
+            RigError: the viewer cannot be started, or logging is switched off in the environment.
+        """
+        self._stream = rr.RecordingStream("torusrig live")
+        if not rr.is_enabled(self._stream):
+            raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
+        sinks: list[Any] = [rr.GrpcSink(start_viewer())] if window else []
+        sinks += [rr.FileSink(str(file))] if file is not None else []
+        self._stream.set_sinks(*sinks)
+        self._arm_model = arm
+        self._arm: ArmView | None = None
+        self._waiting: list[Recording] = []
+        self._last: Recording | None = None
+        self._begun = False
+        self._at = self._sphere_at = -np.inf
+        self._parameters: dict[str, tuple[str, ...]] = {}
+
+    def samples(self, batch: Recording) -> None:
+        """Keep the new samples until they are drawn: the latest of them, if there are too many."""
+        if not self._begun:
+            self._begin(batch)
+        self._waiting.append(batch)
+        while sum(map(len, self._waiting)) > _LONGEST and len(self._waiting) > 1:
+            self._waiting.pop(0)
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Draw what is new, if it is time."""
+        if not self._begun or time.monotonic() - self._at < _PERIOD_S:
+            return
+        self._at = time.monotonic()
+        self._draw(snapshot)
+
+    def event(self, event: Event) -> None:
+        """A line in the log."""
+        if not np.isnan(event.t_s):
+            self._stream.set_time(TIMELINE, duration=event.t_s)
+        level = rr.TextLogLevel.WARN if event.alarm else rr.TextLogLevel.INFO
+        self._stream.log("events", rr.TextLog(event.words, level=level))
+
+    def close(self) -> None:
+        """Write what is pending."""
+        self._stream.disconnect()
+
+    def _begin(self, batch: Recording) -> None:
+        self._begun = True
+        model = self._arm_model or arm_of(batch)
+        if batch.q is not None and model is not None:
+            self._arm = ArmView(self._stream, model)
+        self._stream.send_blueprint(live_blueprint(batch.units, None if self._arm is None else self._arm.base))
+        for sensor in batch.sensors:
+            for channel, colour in zip(CHANNELS_OF[sensor], AXES_ON_DARK, strict=True):
+                self._style(f"{READINGS}/{sensor}/{channel}", channel, colour)
+            globe = rr.Ellipsoids3D(radii=[0.96], colors=[_GLOBE], fill_mode=rr.components.FillMode.Solid)
+            self._stream.log(f"{SPHERES}/{sensor}/globe", globe, static=True)
+            axes = rr.Arrows3D(
+                vectors=1.35 * np.eye(3), colors=[rgb(c) for c in AXES_ON_DARK], radii=0.015, labels=["x", "y", "z"]
+            )
+            self._stream.log(f"{SPHERES}/{sensor}/axes", axes, static=True)
+
+    def _style(self, path: str, name: str, colour: str, width: float = 1.2) -> None:
+        self._stream.log(path, rr.SeriesLines(colors=[rgb(colour)], names=[name], widths=[width]), static=True)
+
+    def _draw(self, snapshot: Snapshot) -> None:
+        parts, self._waiting = self._waiting, []
+        total = sum(map(len, parts))
+        for part in parts:
+            self._last = part
+            points = max(2, _POINTS * len(part) // total)
+            for sensor in part.sensors:
+                self._series(sensor, part, snapshot, points)
+        if self._last is None:
+            return
+        self._stream.set_time(TIMELINE, duration=snapshot.t_s)
+        if self._arm is not None and self._last.q is not None:
+            self._arm.move(self._last.t[-1:], self._last.q[-1:])
+        spheres = time.monotonic() - self._sphere_at >= _SPHERE_S
+        for state in snapshot.states:
+            self._state(state, spheres)
+        if spheres:
+            self._sphere_at = time.monotonic()
+        self._stream.log(GUIDE, rr.TextDocument(_words(snapshot), media_type=rr.MediaType.MARKDOWN))
+
+    def _series(self, sensor: str, part: Recording, snapshot: Snapshot, points: int) -> None:
+        for channel, values in zip(CHANNELS_OF[sensor], part.readings(sensor).T, strict=True):
+            self._line(f"{READINGS}/{sensor}/{channel}", part.t, values, points)
+        watch = snapshot.watch
+        reference = None if watch is None or sensor not in watch.sensors else watch.sensors[sensor].reference
+        if reference is None or not np.isfinite(reference.matrix).all():
+            return
+        assert watch is not None
+        values = reference.residuals(part, sensor, watch.arm).values
+        names = CHANNELS_OF[sensor] if values.shape[1] == 3 else ("magnitude",)
+        if self._parameters.setdefault(f"{sensor} residuals", ()) != names:
+            self._parameters[f"{sensor} residuals"] = tuple(names)
+            for name, colour in zip(names, AXES_ON_DARK, strict=False):
+                self._style(f"{RESIDUALS}/{sensor}/{name}", name, colour)
+            for name in ("+3σ", "-3σ"):
+                self._style(f"{RESIDUALS}/{sensor}/{name}", name, GREY)
+        for name, column in zip(names, values.T, strict=True):
+            self._line(f"{RESIDUALS}/{sensor}/{name}", part.t, column, points)
+        for name, level in (("+3σ", 3.0), ("-3σ", -3.0)):
+            ends = part.t[[-1]]
+            self._line(f"{RESIDUALS}/{sensor}/{name}", ends, np.full(1, level), 2)
+
+    def _line(self, path: str, t: Array, values: Array, points: int) -> None:
+        rows = extremes(np.ascontiguousarray(values), points)
+        self._stream.send_columns(path, indexes=at(t[rows]), columns=rr.Scalars.columns(scalars=values[rows]))
+
+    def _state(self, state: SensorState, spheres: bool) -> None:
+        if state.estimate is None or state.rule is None:
+            return
+        self._intervals(state)
+        if spheres:
+            self._sphere(state)
+
+    def _intervals(self, state: SensorState) -> None:
+        """How wide each interval is over what was asked for, as powers of ten: all below zero is enough."""
+        assert state.rule is not None
+        rule = state.rule
+        if self._parameters.get(state.sensor) != tuple(rule.target):
+            self._parameters[state.sensor] = tuple(rule.target)
+            for place, name in enumerate(rule.target):
+                self._style(f"{INTERVALS}/{state.sensor}/{name}", name, AXES_ON_DARK[place % 3])
+            self._style(f"{INTERVALS}/{state.sensor}/asked", "asked for", YELLOW, 2.0)
+        for name, target in rule.target.items():
+            ratio = rule.std[name] / target
+            if np.isfinite(ratio) and ratio > 0.0:
+                self._stream.log(f"{INTERVALS}/{state.sensor}/{name}", rr.Scalars(float(np.log10(ratio))))
+        self._stream.log(f"{INTERVALS}/{state.sensor}/asked", rr.Scalars(0.0))
+
+    def _sphere(self, state: SensorState) -> None:
+        assert state.estimate is not None
+        assert state.rule is not None
+        path = f"{SPHERES}/{state.sensor}"
+        seen, missing = state.estimate.directions, state.rule.coverage.missing
+        self._stream.log(f"{path}/seen", rr.Points3D(seen, colors=[_SEEN], radii=0.022))
+        self._stream.log(f"{path}/missing", rr.Points3D(missing, colors=[_MISSING], radii=0.05))
+        if self._last is not None:
+            field = (self._last.readings(state.sensor)[-1] - state.estimate.bias) @ state.estimate.matrix.T
+            length = float(np.sqrt(field @ field))
+            if length > 0.0:
+                marker = rr.Points3D([field / length], colors=[(255, 255, 255)], radii=0.07)
+                self._stream.log(f"{path}/{NOW}", marker)
+        toward = state.rule.next_direction
+        if state.enough or toward is None:
+            self._stream.log(f"{path}/next", rr.Clear(recursive=False))
+            return
+        label = f"next: {direction_name(toward)}"
+        arrow = rr.Arrows3D(vectors=[1.5 * np.asarray(toward)], colors=[rgb(VERMILLION)], radii=0.03, labels=[label])
+        self._stream.log(f"{path}/next", arrow)
+
+
+def _words(snapshot: Snapshot) -> str:
+    """What to do and how it stands, as Markdown."""
+    lines = [f"**{'ENOUGH' if snapshot.enough else 'live'}**, {snapshot.samples:,} samples, {snapshot.t_s:.1f} s", ""]
+    if snapshot.guide:
+        lines += [f"**{snapshot.guide}**", ""]
+    for state in snapshot.states:
+        todo = "enough" if state.enough else state.problem or state.turn
+        lines += [f"**{state.sensor}**: {100.0 * state.seen:.0f} % of directions seen; {todo}", ""]
+        if state.estimate is not None:
+            lines += _table(state)
+    if snapshot.watch is not None:
+        for name, one in snapshot.watch.sensors.items():
+            if one.alarmed is not None:
+                lines += [f"**ALARM {name}** since {one.alarmed.since_s:.1f} s: {one.alarmed.looks_like}", ""]
+    return "\n".join(lines)
+
+
+def _table(state: SensorState) -> Sequence[str]:
+    assert state.estimate is not None
+    found = state.estimate
+    cells = [
+        f"{name} {plus_minus(value, std * found.quantile, ' ± ')}"
+        for name, value, std in zip(found.names, found.values.tolist(), found.std.tolist(), strict=True)
+    ]
+    width = 4 if len(cells) > 9 else 3
+    rows = ["|" + " |" * width, "|" + "---|" * width]
+    rows += ["| " + " | ".join(cells[i : i + width]) + " |" for i in range(0, len(cells), width)]
+    return [*rows, ""]

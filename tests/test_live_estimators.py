@@ -1,0 +1,235 @@
+"""Recursive estimators: what comes piece by piece says the same as what comes at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import estimators
+import scenarios
+from estimators.coverage import direction_name
+from estimators.ellipsoid.fit import fit_ellipsoid
+from estimators.ellipsoid.quartic import QuarticSums, fit_sums
+from estimators.live import PROCEDURES, Calibrator, Cloud, Guide, Options, SlidingSum, StillStream
+from estimators.statistics import Statistics
+from rig.errors import RefusedFit, RigError
+from rig.recording import Recording
+
+Array = NDArray[np.float64]
+
+GAIN = np.array([[0.14, 0.002, 0.001], [0.002, 0.143, -0.003], [0.001, -0.003, 0.138]])
+OFFSET = np.array([2.3, 2.4, 2.1])
+NOISE = 0.0135
+
+
+def tumbled(count: int, seed: int, noise: float = NOISE) -> Array:
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((count, 3))
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    return 9.8 * u @ GAIN + OFFSET + noise * rng.standard_normal((count, 3))
+
+
+@pytest.fixture(scope="module")
+def sweep() -> Recording:
+    return scenarios.load("ann-arbor").simulate(seed=3)
+
+
+def fed(run: Recording, options: Options, piece: int) -> Calibrator:
+    stream = Calibrator(run, options)
+    for first in range(0, len(run), piece):
+        stream.add(run.select(slice(first, first + piece)))
+    return stream
+
+
+@pytest.mark.parametrize("piece", [7, 1000])
+def test_with_a_pose_the_stream_says_what_the_offline_fit_says(sweep: Recording, piece: int) -> None:
+    stream = fed(sweep, Options(), piece)
+    offline = estimators.calibrate(sweep, noise="residuals")
+    for sensor in sweep.sensors:
+        live, whole = stream.estimate(sensor), offline[sensor]
+        assert live.names == whole.parameters
+        sigma = np.sqrt(np.diagonal(whole.covariance))
+        # sums of 6,656 products in another order: some 1e-14 of themselves, times a condition below 1e3
+        np.testing.assert_allclose((live.values - whole.values) / sigma, 0.0, atol=1e-6)
+        np.testing.assert_allclose(live.std, sigma, rtol=1e-9)
+
+
+def test_a_sliding_window_says_what_its_own_samples_say(sweep: Recording) -> None:
+    span = 800.0
+    stream = fed(sweep, Options(forget_s=span), 40)
+    count = stream.estimate("accelerometer").samples
+    # a twentieth of the window more at most, and one piece
+    assert span * sweep.rate_Hz <= count <= 1.05 * span * sweep.rate_Hz + 2 * 40
+    last = sweep.select(slice(len(sweep) - count, None))
+    offline = estimators.calibrate(last, noise="residuals")
+    for sensor in sweep.sensors:
+        live, whole = stream.estimate(sensor), offline[sensor]
+        sigma = np.sqrt(np.diagonal(whole.covariance))
+        np.testing.assert_allclose((live.values - whole.values) / sigma, 0.0, atol=1e-6)
+
+
+def test_old_parts_are_dropped_and_never_subtracted() -> None:
+    window: SlidingSum[Statistics] = SlidingSum(1.0)
+    large = replace(Statistics.empty(), gram=np.full((10, 10), 1e30))
+    small = replace(Statistics.empty(), gram=np.full((10, 10), 1.0))
+    window.add(0.0, large)
+    for step in range(1, 300):
+        window.add(0.01 * step, small)
+    assert window.total is not None
+    assert window.total.gram[0, 0] == np.round(window.total.gram[0, 0]) <= 107.0
+
+
+@pytest.mark.parametrize("parameters", [6, 9])
+def test_quartic_sums_add_to_rounding(parameters: int) -> None:
+    readings = tumbled(20_000, seed=1)
+    whole = QuarticSums.of(readings, readings[0])
+    parts = QuarticSums.of(readings[:0], readings[0])
+    for first in range(0, len(readings), 333):
+        parts = parts + QuarticSums.of(readings[first : first + 333], readings[0])
+    one, other = (fit_sums(s, readings[::100], 9.8, parameters=parameters) for s in (whole, parts))
+    np.testing.assert_allclose(one.values, other.values, rtol=1e-11)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-8)
+
+
+def test_quartic_sums_do_not_depend_on_where_they_are_taken_about() -> None:
+    readings = tumbled(5_000, seed=2)
+    one, other = (fit_sums(QuarticSums.of(readings, origin), readings, 9.8) for origin in (readings[0], OFFSET))
+    np.testing.assert_allclose(one.values, other.values, rtol=1e-9)
+
+
+def test_quartic_sums_are_the_offline_estimate_but_for_its_weights() -> None:
+    """Equal noise on axes whose gains differ by 4 %: weights differ by 8 %, estimates by some 4 % of their sigma (RMS);
+    the offline fit finds the channels' noise, known to 1 %, besides. Ten of these are half a sigma."""
+    for seed in range(5):
+        readings = tumbled(20_000, seed=10 + seed)
+        live = fit_sums(QuarticSums.of(readings, readings[0]), readings[::50], 9.8)
+        offline = fit_ellipsoid(readings, 9.8)
+        assert np.abs((live.values - offline.values) / offline.std).max() < 0.5
+        np.testing.assert_allclose(live.std, offline.std, rtol=0.05)
+
+
+def test_quartic_intervals_hold() -> None:
+    """Of 100 sets of nine estimates 900 normal errors over sigma: their mean square is 1 +- 0.047 (one sigma; the
+    errors of a set are hardly correlated), so within four sigma but for one in 10,000 runs."""
+    truth = np.concatenate([np.diagonal(GAIN), [GAIN[0, 1], GAIN[0, 2], GAIN[1, 2]], OFFSET])
+    square = 0.0
+    for seed in range(100):
+        readings = tumbled(1_000, seed=100 + seed)
+        found = fit_sums(QuarticSums.of(readings, readings[0]), readings, 9.8)
+        square += float(np.square((found.values - truth) / found.std).mean())
+    assert abs(square / 100.0 - 1.0) < 4.0 * 0.06
+
+
+def test_quartic_sums_refuse_what_is_no_ellipsoid() -> None:
+    readings = tumbled(500, seed=3)
+    with pytest.raises(RefusedFit, match="more than the 9 parameters"):
+        fit_sums(QuarticSums.of(readings[:9], readings[0]), readings[:9])
+    with pytest.raises(RefusedFit, match="no ellipsoid"):
+        fit_sums(QuarticSums.of(np.tile(OFFSET, (50, 1)), OFFSET), OFFSET[None])
+    with pytest.raises(RigError, match="origins"):
+        _ = QuarticSums.of(readings, OFFSET) + QuarticSums.of(readings, readings[0])
+
+
+def held(poses: int, seed: int) -> tuple[Array, Array, Array]:
+    """Times, readings and the poses' true means: 3 s still, 1 s of motion, again and again at 100 Hz."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((poses, 3))
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    means = 9.8 * u @ GAIN + OFFSET
+    parts = []
+    for place, mean in enumerate(means):
+        parts.append(np.tile(mean, (300, 1)))
+        after = means[(place + 1) % poses]
+        parts.append(mean + np.linspace(0.0, 1.0, 100)[:, None] * (after - mean) + 0.2 * rng.standard_normal((100, 3)))
+    readings = np.concatenate(parts)
+    return 0.01 * np.arange(len(readings)), readings + NOISE * rng.standard_normal(readings.shape), means
+
+
+@pytest.mark.parametrize("piece", [1, 13, 1600])
+def test_still_poses_are_found_as_they_come_without_motion(piece: int) -> None:
+    t, readings, truth = held(30, seed=4)
+    stream = StillStream(100.0)
+    for first in range(0, len(t), piece):
+        stream.add(t[first : first + piece], readings[first : first + piece])
+    # the threshold needs the first windows, so the first pose or two may be missed; a split pose is one too many
+    assert 28 <= len(stream) <= 30
+    nearest = np.argmin(np.linalg.norm(truth[None] - stream.means[:, None], axis=2), axis=1)
+    errors = stream.means - truth[nearest]
+    # a mean over n readings errs by NOISE / sqrt(n); 90 of them exceed five sigma once in 20,000 runs
+    assert (np.abs(errors) < 5.0 * NOISE / np.sqrt(stream.counts)[:, None]).all()
+    assert (stream.counts >= 50).all()
+    assert stream.delay_s == pytest.approx(0.5)
+
+
+def test_an_accelerometer_by_hand_is_fitted_by_its_poses_as_offline() -> None:
+    t, readings, _ = held(40, seed=5)
+    run = Recording(t=t, accelerometer=readings)
+    stream = fed(run, Options(attitude=False), 50)
+    found, still = stream.estimate("accelerometer"), stream.still("accelerometer")
+    assert still is not None
+    offline = fit_ellipsoid(still.means, 9.8, counts=still.counts)
+    assert found.poses == len(still)
+    assert np.array_equal(found.matrix, offline.matrix)
+
+
+def test_the_cloud_is_bounded_and_keeps_every_reading() -> None:
+    cloud = Cloud()
+    for seed in range(20):
+        cloud.add(float(seed), tumbled(5_000, seed))
+    assert len(cloud) < 8192
+    assert cloud.counts.sum() == 100_000
+    np.testing.assert_allclose((cloud.counts[:, None] * cloud.means).sum(axis=0) / 1e5, OFFSET, atol=0.02)
+
+
+def test_the_cloud_forgets() -> None:
+    cloud = Cloud(span_s=10.0)
+    cloud.add(0.0, np.tile(OFFSET, (5, 1)) + 1.0)
+    cloud.add(20.0, tumbled(100, 0))
+    assert cloud.counts.sum() == 100
+
+
+def test_it_is_enough_when_the_intervals_are_and_the_sphere_was_seen() -> None:
+    rng = np.random.default_rng(6)
+    u = rng.standard_normal((30_000, 3))
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    for up, wanted in ((u, True), (u[u[:, 2] > 0.3], False)):
+        mag = up @ GAIN + OFFSET + 1e-5 * rng.standard_normal(up.shape)
+        run = Recording(t=0.01 * np.arange(len(mag)), magnetometer=mag)
+        stream = fed(run, Options(to=1e-2, attitude=False), 1_000)
+        state = stream.state("magnetometer")
+        assert state.interval < 1e-2
+        assert state.enough is wanted
+        if not wanted:
+            assert "-z" in state.turn
+
+
+def test_procedures_say_which_turn_is_missing() -> None:
+    turns = PROCEDURES["three-turns"]
+    assert turns.undetermined(9) == ("angle1-2",)
+    assert turns.undetermined(6) == ()
+    assert "add one slow turn about z, beginning with x up" in str(turns.lacking())
+    for name in ("four-turns", "faces-and-edges", "sphere"):
+        assert PROCEDURES[name].lacking() is None
+
+
+def test_a_procedure_is_shown_step_by_step() -> None:
+    guide = Guide(PROCEDURES["faces"])
+    seen = []
+    for number in range(6):
+        assert guide.number == number
+        ups = np.array(seen).reshape(-1, 3)
+        assert guide.words(ups).startswith(f"step {number + 1} of 6: hold it with ")
+        seen.append(guide.procedure.steps[number].directions[0])
+        guide.see(np.array(seen))
+    assert guide.words(np.array(seen)) == "faces is done"
+    assert {direction_name(up) for up in seen} == {"+x", "-x", "+y", "-y", "+z", "-z"}
+
+
+def test_an_unknown_procedure_and_bad_options_are_refused() -> None:
+    with pytest.raises(RigError, match="three-turns"):
+        estimators.live.procedure("three-turn")
+    with pytest.raises(RigError, match="forget_s: found -1"):
+        Options(forget_s=-1.0)
