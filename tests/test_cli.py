@@ -26,7 +26,7 @@ from scenarios.scenario import Scenario
 
 COMMANDS = (
     *("demo", "sweep", "calibrate", "apply", "diagnose", "export", "bound", "study", "blind", "noise"),
-    *("view", "scenarios", "effects"),
+    *("live", "replay", "view", "scenarios", "effects"),
 )
 ROOT = Path(__file__).parents[1]
 

@@ -215,9 +215,10 @@ def _noted(calibration: SensorCalibration, notes: tuple[str, ...]) -> SensorCali
 
 
 def read_thinned(
-    scan: RecordingScan, progress: Callable[[int], None] | None = None, at_most: int = MOST_SAMPLES
+    scan: RecordingScan, progress: Callable[[int], None] | None = None, at_most: int | None = None
 ) -> Recording:
     """Time and readings of a file in memory: all of it, or every so many samples of more than ``at_most``."""
+    most = MOST_SAMPLES if at_most is None else at_most
     kept: list[Recording] = []
     step = 1
     total = row = 0
@@ -229,7 +230,7 @@ def read_thinned(
         row += len(batch)
         if progress is not None:
             progress(len(batch))
-        if total > at_most:
+        if total > most:
             kept = [_joined(kept, 2)]
             total, step = len(kept[0]), 2 * step
     joined = _joined(kept, 1)

@@ -186,6 +186,8 @@ class Calibrator:
 
     def turn(self, sensor: str, direction: Array) -> str:
         """The field along a direction (3,) of the sensor's frame, in words."""
+        if self.posed:
+            return f"bring the field along {direction_name(direction)} of frame 6"
         if sensor == ACCELEROMETER:
             return f"point {direction_name(self.up(sensor, direction))} up"
         return f"point {direction_name(direction)} along the field"

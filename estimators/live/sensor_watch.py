@@ -21,6 +21,7 @@ from scipy.special import chdtrc
 
 from estimators.coverage import SphereCells, direction_name
 from estimators.live.alarm import Alarm
+from estimators.live.blocks import Blocks, Rested
 from estimators.live.naming import Likeness, Span, likenesses
 from estimators.live.reference import Reference, Residuals
 from estimators.live.stuck import Stuck
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from rig.arm import Arm
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 BLOCK_S: Final = 0.1
 #: Lengths of the windows, in blocks; each is looked at four times while it slides by its length.
@@ -55,21 +57,19 @@ _KEPT: Final = 4096
 #: estimate that predicts readings worse than this (in variances of a reading) judges nothing.
 _HISTORY: Final = 8
 _VAGUE: Final = 4.0
-#: An accelerometer without attitude is judged where it rests: where this block and so many on either side have at most
-#: so many times the variance of its quietest tenth (of those remembered).
-_BESIDE: Final = 5
-_QUIET: Final = 2.5
-_REMEMBERED: Final = 600
 
 
 @dataclass(frozen=True, eq=False)
-class _Block:
-    t_s: float
-    count: int
-    sums: Array  # (k,)
-    squares: float
-    predicted: Array  # (k,)
-    direction: Array  # (3,)
+class _Tests:
+    """One window's tests: chi-squares of the mean over their degrees (d,), the first block over the limit with its
+    probability and words, and the least probability."""
+
+    place: int
+    ratio: Array
+    first: int | None
+    p: float
+    words: str
+    least: float
 
 
 class SensorWatch:
@@ -95,7 +95,6 @@ class SensorWatch:
         self.level = 1.0
         self.cells = SphereCells.of(CELLS)
         self.reference: Reference | None = None
-        self.worst_p = 1.0
         self._block = max(1, round(BLOCK_S * rate_Hz))
         self._block_s = self._block / rate_Hz
         self._rate_Hz = rate_Hz
@@ -103,9 +102,8 @@ class SensorWatch:
         self._learn_s, self._fixed = learn_s, fixed
         self._begun_s: float | None = None
         self._learnt = learn_s <= 0.0
-        self._blocks: deque[_Block] = deque(maxlen=WINDOWS[-1])
-        self._pending: deque[tuple[_Block, float]] = deque(maxlen=2 * _BESIDE + 1)
-        self._variances: deque[float] = deque(maxlen=_REMEMBERED)
+        self._blocks = Blocks.empty(3)
+        self._rested = Rested()
         self._number = 0
         self._past = np.zeros((len(WINDOWS), 2))  # sums of chi-square over degrees, and how many
         self._squares = np.zeros(2)
@@ -140,97 +138,110 @@ class SensorWatch:
         if self._rest is not None and self._rest[1].values.shape[1] == residuals.values.shape[1]:
             readings = np.concatenate([self._rest[0], readings])
             residuals = _joined(self._rest[1], residuals)
-        whole = len(readings) // self._block * self._block
-        for first in range(0, whole, self._block):
-            found += self._decide(slice(first, first + self._block), readings, residuals)
-        self._rest = (readings[whole:], _part(residuals, slice(whole, None)))
+        blocks = Blocks.of(residuals, self._block)
+        whole = slice(len(blocks) * self._block, None)
+        self._rest = (readings[whole], _part(residuals, whole))
+        if not len(blocks) or (not self._fixed and float(residuals.predicted.max()) > _VAGUE):
+            return found
+        if self.sensor == ACCELEROMETER and self.reference.parameters is None and self._block >= 3:
+            blocks = self._rested.through(blocks, readings, self._block)
+        if self._blocks.sums.shape[1] != blocks.sums.shape[1]:
+            self._blocks = Blocks.empty(blocks.sums.shape[1])
+        while len(blocks):
+            count, said = self._take(blocks)
+            found += said
+            blocks = blocks.pick(slice(count, None))
         return found
 
-    def _decide(self, rows: slice, readings: Array, residuals: Residuals) -> list[Alarm]:
-        assert self.reference is not None
-        now = float(residuals.t[rows][-1])
-        if not self._fixed and float(residuals.predicted.max()) > _VAGUE:
-            return self._settle(now, calm=True)
-        values = residuals.values[rows]
-        direction = residuals.directions[rows][len(values) // 2]
-        squares = float(np.square(values).sum())
-        block = _Block(now, len(values), values.sum(axis=0), squares, residuals.predicted, direction)
-        if self.sensor == ACCELEROMETER and self.reference.parameters is None and len(values) >= 3:
-            rested = self._rested(block, float(readings[rows].var(axis=0, ddof=1).sum()))
-            if rested is None:
-                return self._settle(now, calm=True)
-            block = rested
-        self._blocks.append(block)
-        self._number += 1
-        return self._test(block.t_s)
-
-    def _rested(self, block: _Block, variance: float) -> _Block | None:
-        """The block in the middle of the last ones, if the sensor rested through all of them."""
-        self._variances.append(variance)
-        self._pending.append((block, variance))
-        if len(self._pending) <= 2 * _BESIDE:
-            return None
-        floor = float(np.quantile(self._variances, 0.1))
-        still = all(own <= _QUIET * floor for _, own in self._pending)
-        return self._pending[_BESIDE][0] if still else None
-
-    def _test(self, now: float) -> list[Alarm]:
-        """All tests that are due after a block."""
-        worst: tuple[float, int, str] | None = None
-        calm = True
-        blocks = list(self._blocks)
-        learning = not self._learnt
-        for place, length in enumerate(WINDOWS):
-            hop = max(1, length // _PER_LENGTH)
-            if length > len(blocks) or self._number % hop:
-                continue
-            mean, square, freedom = self._statistics(blocks[-length:], place)
-            limit = self._chance * hop * self._block_s
-            ready = self._fixed or self._past[place, 1] >= _HISTORY * _PER_LENGTH
-            if self.alarmed is None:  # the noise's own, and of what may be a change no more than a share
-                ratio = min(mean[0] / mean[1], _CAPPED * self.inflation[place])
-                self._past[place] += ratio if not learning else mean[0] / mean[1], 1.0
-                if length == 1:
-                    self._squares += min(square, _CAPPED * self.level * freedom), freedom
-            if learning or not ready:
-                continue
-            shift = float(chdtrc(mean[1], mean[0] / self.inflation[place]))
-            noisy = float(chdtrc(freedom / self.level, square / self.level**2))
-            self.worst_p = min(shift, noisy) if length == 1 else min(self.worst_p, shift, noisy)
-            seconds = length * self._block_s
-            for p, what in ((shift, "the residuals' mean"), (noisy, "the residuals' squares")):
-                if p < limit and (worst is None or p < worst[0]):
-                    worst = (p, length, f"{what} over {seconds:.1f} s (p = {p:.0e})")
-                if length <= self._watched and p < max(limit, _STILL_THERE):
-                    calm = False
+    def _take(self, blocks: Blocks) -> tuple[int, list[Alarm]]:
+        """Test the next blocks, all at once while nothing happens; how many were taken, and what there is to say."""
+        free = self.alarmed is None and self._learnt
+        if not free:
+            blocks = blocks.pick(slice(0, 1))
+        tests = self._tests(blocks)
+        count = len(blocks)
+        worst = min((test for test in tests if test.first is not None), key=lambda test: test.first or 0, default=None)
+        if worst is not None and worst.first is not None and self.alarmed is None:
+            count = worst.first + 1
+            tests = self._tests(blocks.pick(slice(0, count)))
+        if self.alarmed is None:  # the noise's own; and of what may be a change no more than a share
+            for test in tests:
+                cap = np.inf if not self._learnt else _CAPPED * self.inflation[test.place]
+                self._past[test.place] += np.minimum(test.ratio, cap).sum(), len(test.ratio)
+            squares = blocks.squares[:count]
+            cap = np.inf if not self._learnt else _CAPPED * self.level * self._freedom
+            self._squares += np.minimum(squares, cap).sum(), count * self._freedom
+        taken = blocks.pick(slice(0, count))
+        self._blocks = self._blocks.then(taken).pick(slice(-WINDOWS[-1], None))
+        self._number += count
+        now = float(taken.t[-1])
         self._learn(now)
         if worst is not None and self.alarmed is None:
-            self._watched = max(worst[1], _SHORT)
-            return self._raise(now, self._since(blocks), worst[2], worst[0])
-        by_direction = self._directions(now) if self._fixed and self._learnt else []
-        return [*by_direction, *self._settle(now, calm)]
+            worst = min((test for test in tests if test.first is not None), key=lambda test: test.p, default=worst)
+            self._watched = max(WINDOWS[worst.place], _SHORT)
+            return count, self._raise(now, self._since(self._blocks), worst.words, worst.p)
+        calm = all(test.least > _STILL_THERE for test in tests if WINDOWS[test.place] <= self._watched)
+        by_direction = self._directions(taken) if self._fixed and self._learnt else []
+        return count, [*by_direction, *self._settle(now, calm)]
 
-    def _statistics(self, blocks: list[_Block], place: int) -> tuple[tuple[float, float], float, float]:
-        """Chi-square of the mean with its degrees, sum of squares with its own."""
-        count = sum(block.count for block in blocks)
-        sums = np.sum([block.sums for block in blocks], axis=0)
-        predicted = np.mean([block.predicted for block in blocks], axis=0)
-        k = len(sums)
-        chi_square = float((np.square(sums / count) / (1.0 / count + predicted)).sum())
-        squares = sum(block.squares for block in blocks)
-        inside = squares / (1.0 + float(predicted.mean()))
-        return (chi_square, float(k)), inside, float(k * count)
+    @property
+    def _freedom(self) -> float:
+        """Degrees of freedom of a block."""
+        return float(self._block * self._blocks.sums.shape[1])
+
+    def _tests(self, blocks: Blocks) -> list[_Tests]:
+        """Every window's tests that are due with these blocks."""
+        joined = self._blocks.then(blocks)
+        before, k = len(self._blocks), blocks.sums.shape[1]
+        numbers = self._number + 1 + np.arange(len(blocks))
+        sums = np.concatenate([np.zeros((1, k)), np.cumsum(joined.sums, axis=0)])
+        squares = np.concatenate([[0.0], np.cumsum(joined.squares)])
+        predicted = np.concatenate([np.zeros((1, k)), np.cumsum(joined.predicted, axis=0)])
+        found = []
+        for place, length in enumerate(WINDOWS):
+            hop = max(1, length // _PER_LENGTH)
+            due = np.flatnonzero((numbers % hop == 0) & (before + 1 + np.arange(len(blocks)) >= length))
+            if not len(due):
+                continue
+            end = before + 1 + due
+            count = float(length * self._block)
+            model = (predicted[end] - predicted[end - length]) / length
+            mean = (sums[end] - sums[end - length]) / count
+            shift = (np.square(mean) / (1.0 / count + model)).sum(axis=1)
+            noise = (squares[end] - squares[end - length]) / (1.0 + model.mean(axis=1))
+            ready = self._learnt and (self._fixed or self._past[place, 1] >= _HISTORY * _PER_LENGTH)
+            found.append(self._judged(place, due, shift, noise, k, ready))
+        return found
+
+    def _judged(self, place: int, due: Rows, shift: Array, noise: Array, k: int, ready: bool) -> _Tests:
+        """Chi-squares (d,) of the mean and of the squares against their limits."""
+        ratio = shift / k
+        if not ready:
+            return _Tests(place, ratio, None, 1.0, "", 1.0)
+        length = WINDOWS[place]
+        freedom = k * length * self._block
+        p_shift = chdtrc(float(k), shift / self.inflation[place])
+        p_noise = chdtrc(freedom / self.level, noise / self.level**2)
+        both = np.minimum(p_shift, p_noise)
+        limit = self._chance * max(1, length // _PER_LENGTH) * self._block_s
+        over = np.flatnonzero(both < limit)
+        least = float(both.min())
+        if not len(over):
+            return _Tests(place, ratio, None, 1.0, "", least)
+        first = int(over[0])
+        what = "the residuals' mean" if p_shift[first] <= p_noise[first] else "the residuals' squares"
+        p = float(both[first])
+        words = f"{what} over {length * self._block_s:.1f} s (p = {p:.0e})"
+        return _Tests(place, ratio, int(due[first]), p, words, least)
 
     def _learn(self, now: float) -> None:
         """Widen the tests by what the windows' means were so far: once, or, of a running estimate, ever again."""
         assert self._begun_s is not None
-        if self._fixed and self._learnt:
-            return
-        if self._fixed and now - self._begun_s < self._learn_s:
+        if self._fixed and (self._learnt or now - self._begun_s < self._learn_s):
             return
         ratio = self._past[:, 0] / np.maximum(self._past[:, 1], 1.0)
         count = self._past[:, 1] / np.minimum(_PER_LENGTH, WINDOWS)
-        k = len(self._blocks[-1].sums) if self._blocks else 1
+        k = self._blocks.sums.shape[1]
         largest = 1.0
         for place in range(len(WINDOWS)):
             if count[place] >= 3.0:
@@ -243,10 +254,9 @@ class SensorWatch:
         self.level = max(1.0, float(mean)) if sure else 1.0
         self._learnt = True
 
-    def _since(self, blocks: list[_Block]) -> float:
+    def _since(self, blocks: Blocks) -> float:
         """Where a change of the mean most likely lies: the split of the blocks with the largest step."""
-        counts = np.array([block.count for block in blocks], dtype=float)
-        sums = np.array([block.sums for block in blocks])
+        counts, sums = np.full(len(blocks), float(self._block)), blocks.sums
         later_n, later = np.cumsum(counts[::-1])[::-1], np.cumsum(sums[::-1], axis=0)[::-1]
         earlier_n, earlier = counts.sum() - later_n, sums.sum(axis=0) - later
         step = (
@@ -255,11 +265,14 @@ class SensorWatch:
         )
         weight = later_n * np.maximum(earlier_n, 1.0) / np.maximum(later_n + earlier_n, 1.0)
         place = int(np.argmax(weight * np.square(step).sum(axis=1)))
-        return blocks[place].t_s - self._block_s + 0.5 / self._rate_Hz
+        return float(blocks.t[place]) - self._block_s + 0.5 / self._rate_Hz
 
     def _raise(self, now: float, since: float, test: str, p: float, names: tuple[Likeness, ...] = ()) -> list[Alarm]:
         if self.alarmed is not None:
-            return []
+            if not names:
+                return []
+            self.alarmed, self._named = replace(self.alarmed, names=names), True
+            return [replace(self.alarmed, kind="named", t_s=now)]
         self.alarmed = Alarm("change", now, since, self.sensor, test, p, names)
         self._named = bool(names)
         self._calm_s = now
@@ -282,7 +295,7 @@ class SensorWatch:
         elif now - self._calm_s > _CALM_S:
             found.append(replace(change, kind="over", t_s=now, since_s=self._calm_s))
             self.alarmed = None
-            self._blocks.clear()
+            self._blocks = self._blocks.pick(slice(0, 0))
             self._by_cell.clear()
             self._number = 0
         return found
@@ -310,23 +323,17 @@ class SensorWatch:
         while len(self._kept) > 1 and (self._kept_count > _KEPT or self._kept[0][0][-1] < t[-1] - _KEPT_S):
             self._kept_count -= len(self._kept.popleft()[0])
 
-    def _directions(self, now: float) -> list[Alarm]:
+    def _directions(self, blocks: Blocks) -> list[Alarm]:
         """The test of the means by direction, over the last minute."""
-        block = self._blocks[-1]
-        k = len(block.sums)
-        cell = int(self.cells.number(block.direction[None])[0])
-        if not self._by_cell or now - self._since_cells >= _BY_DIRECTION_S / 6.0:
-            due = bool(self._by_cell)
+        now, k = float(blocks.t[-1]), blocks.sums.shape[1]
+        due = bool(self._by_cell) and now - self._since_cells >= _BY_DIRECTION_S / 6.0
+        if due or not self._by_cell:
             self._by_cell.append(np.zeros((CELLS, 2 * k + 1)))
             self._since_cells = now
             if len(self._by_cell) > 6:
                 self._by_cell.popleft()
-        else:
-            due = False
-        row = self._by_cell[-1][cell]
-        row[0] += block.count
-        row[1 : k + 1] += block.sums
-        row[k + 1 :] += block.count * block.predicted
+        rows = np.hstack([np.ones((len(blocks), 1)), blocks.sums / self._block, blocks.predicted]) * self._block
+        np.add.at(self._by_cell[-1], self.cells.number(blocks.directions), rows)
         if not due or self.alarmed is not None:
             return []
         z = self.by_direction

@@ -12,7 +12,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
@@ -238,27 +238,17 @@ class LineReader:
         numbers = {name: str(place) for place, name in enumerate(self.layout.names)}
         wanted = [numbers[name] for name in self.layout.wanted]
 
-        def skip(row: Any) -> str:
-            self._spoilt(row.text.encode() if row.text else b"")
-            return "skip"
-
-        before = self.broken
-        try:
-            table = pa.csv.read_csv(
-                pa.BufferReader(whole),
-                read_options=pa.csv.ReadOptions(
-                    column_names=[str(place) for place in range(len(self.layout.names))],
-                    use_threads=False,
-                    block_size=max(len(whole), 1),
-                ),
-                parse_options=pa.csv.ParseOptions(invalid_row_handler=skip),
-                convert_options=pa.csv.ConvertOptions(
-                    include_columns=wanted, column_types=dict.fromkeys(wanted, pa.float64())
-                ),
-            )
-        except BaseException:
-            self.broken = before  # they will be counted again, line by line
-            raise
+        table = pa.csv.read_csv(
+            pa.BufferReader(whole),
+            read_options=pa.csv.ReadOptions(
+                column_names=[str(place) for place in range(len(self.layout.names))],
+                use_threads=False,
+                block_size=max(len(whole), 1),
+            ),
+            convert_options=pa.csv.ConvertOptions(
+                include_columns=wanted, column_types=dict.fromkeys(wanted, pa.float64())
+            ),
+        )
         return {name: as_float64(table.column(numbers[name])) for name in self.layout.wanted}
 
     def _json_columns(self, whole: bytes) -> dict[str, Array]:

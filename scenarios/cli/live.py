@@ -38,26 +38,26 @@ _FILE_IDLE_S: Final = 3.0
 @click.command(short_help="A recording as a stream of lines.")
 @click.argument("run", type=PATH)
 @click.option("--speed", default="1", metavar="N|max", help="Times as fast as it was recorded; 1 by default.")
-@click.option("--form", type=Choice(("csv", "json")), default="csv", help="CSV (by default) or a JSON object a line.")
 @click.option("--from", "from_s", type=float, metavar="S", help="From this time of the recording on.")
 @click.option("--until", "until_s", type=float, metavar="S", help="Up to this time of it.")
 @click.option("--without-pose", is_flag=True, help="Leave out joint angles and tool poses, as if turned by hand.")
 @click.option("--to", "port", metavar="connect:PORT", help="Send it to a port of this machine, not to stdout.")
+@click.option("--json", "as_json", is_flag=True, help="A JSON object a line, not CSV.")
 def replay(
     run: Path,
     speed: str,
-    form: Any,
     from_s: float | None,
     until_s: float | None,
     without_pose: bool,
     port: str | None,
+    as_json: bool,
 ) -> None:
     """Write the recording RUN as lines, at the pace at which it was recorded or faster.
 
     \b
     Example:
       rig replay run.parquet | rig live -
-      rig replay run.parquet --speed max --form json > lines.jsonl
+      rig replay run.parquet --speed max --json > lines.jsonl
       rig replay run.parquet --speed 10 --to connect:5555
     """
     from rig.recording import scan_recording
@@ -68,7 +68,7 @@ def replay(
         write: Callable[[bytes], object]
         write = _written if port is None else opened.enter_context(_connected(port)).sendall
         try:
-            replayed(scan, write, _speed(speed), form, from_s, until_s, not without_pose)
+            replayed(scan, write, _speed(speed), "json" if as_json else "csv", from_s, until_s, not without_pose)
         except ConnectionError:
             if port is None:
                 raise

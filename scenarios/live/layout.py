@@ -44,6 +44,7 @@ def _column(sensor: str, unit: str) -> rrb.Container:
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-_BACK_S), end=rr.TimeRangeBoundary.cursor_relative()
     )
     last = rrb.TimeAxis(view_range=back)
+    whole = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     return rrb.Vertical(
         contents=[
             rrb.Spatial3DView(
@@ -61,6 +62,7 @@ def _column(sensor: str, unit: str) -> rrb.Container:
             rrb.TimeSeriesView(
                 origin=f"{INTERVALS}/{sensor}",
                 name="Interval over what was asked for [powers of ten]",
+                axis_x=rrb.TimeAxis(view_range=whole),
                 plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=False),
             ),
         ],
@@ -74,6 +76,8 @@ def _arm_view(base: str) -> rrb.View:
         contents=[f"/{ARM}/**"],
         name="The arm",
         spatial_information=rrb.SpatialInformation(target_frame=base),
-        eye_controls=rrb.EyeControls3D(position=(1.3, -1.4, 1.1), look_target=(0.0, 0.0, 0.45), eye_up=(0.0, 0.0, 1.0)),
+        eye_controls=rrb.EyeControls3D(
+            position=(0.95, -1.0, 0.85), look_target=(0.1, 0.0, 0.45), eye_up=(0.0, 0.0, 1.0)
+        ),
         defaults=[rr.Boxes3D.from_fields(fill_mode=_SOLID), rr.Cylinders3D.from_fields(fill_mode=_SOLID)],
     )

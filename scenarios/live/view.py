@@ -16,6 +16,7 @@ from estimators.live import SensorState
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording
+from scenarios.calibration_report import symbol
 from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rgb
 from scenarios.decimation import extremes
 from scenarios.live.layout import GUIDE, INTERVALS, NOW, READINGS, RESIDUALS, SPHERES, live_blueprint
@@ -223,10 +224,10 @@ def _table(state: SensorState) -> Sequence[str]:
     assert state.estimate is not None
     found = state.estimate
     cells = [
-        f"{name} {plus_minus(value, std * found.quantile, ' ± ')}"
+        f"{symbol(name)} {plus_minus(value, std * found.quantile, ' ± ')}"
         for name, value, std in zip(found.names, found.values.tolist(), found.std.tolist(), strict=True)
     ]
-    width = 4 if len(cells) > 9 else 3
+    width = 3
     rows = ["|" + " |" * width, "|" + "---|" * width]
     rows += ["| " + " | ".join(cells[i : i + width]) + " |" for i in range(0, len(cells), width)]
     return [*rows, ""]

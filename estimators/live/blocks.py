@@ -1,0 +1,107 @@
+"""Residuals summed over blocks of successive samples, and which blocks a sensor rested through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from estimators.live.reference import Residuals
+
+Array = NDArray[np.float64]
+
+#: An accelerometer without attitude is judged where it rests: where this block and so many on either side have at most
+#: so many times the variance of its quietest tenth (of those remembered).
+_BESIDE: Final = 5
+_QUIET: Final = 2.5
+_REMEMBERED: Final = 600
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """m blocks of the same number of samples.
+
+    Attributes:
+        t: (m,) time of the last sample of each [s].
+        sums: (m, k) of standardised residuals. squares: (m,) of their squares.
+        predicted: (m, k) variance of the model's own error.
+        directions: (m, 3) of the field in the sensor's frame, in the middle of each.
+    """
+
+    t: Array
+    sums: Array
+    squares: Array
+    predicted: Array
+    directions: Array
+
+    @classmethod
+    def empty(cls, k: int) -> Self:
+        """None, of residuals of k series."""
+        return cls(np.empty(0), np.empty((0, k)), np.empty(0), np.empty((0, k)), np.empty((0, 3)))
+
+    @classmethod
+    def of(cls, residuals: Residuals, length: int) -> Self:
+        """Whole blocks of so many samples; what is left over is left out."""
+        count = len(residuals.t) // length
+        rows = slice(0, count * length)
+        values = residuals.values[rows].reshape(count, length, residuals.values.shape[1])
+        return cls(
+            residuals.t[rows][length - 1 :: length],
+            values.sum(axis=1),
+            np.square(values).sum(axis=(1, 2)),
+            np.tile(residuals.predicted, (count, 1)),
+            residuals.directions[rows][length // 2 :: length],
+        )
+
+    def __len__(self) -> int:
+        """How many."""
+        return len(self.t)
+
+    def pick(self, rows: slice | NDArray[np.bool_]) -> Self:
+        """Some of them."""
+        return type(self)(
+            self.t[rows], self.sums[rows], self.squares[rows], self.predicted[rows], self.directions[rows]
+        )
+
+    def then(self, other: Blocks) -> Self:
+        """These and the ones after them."""
+        return type(self)(
+            *(
+                np.concatenate([getattr(self, name), getattr(other, name)])
+                for name in ("t", "sums", "squares", "predicted", "directions")
+            )
+        )
+
+
+class Rested:
+    """Lets blocks through in whose middle a sensor rested, half a second later."""
+
+    def __init__(self) -> None:
+        """Nothing has come yet."""
+        self._waiting: Blocks | None = None
+        self._variances = np.empty(0)
+        self._past = np.empty(0)
+
+    def through(self, blocks: Blocks, readings: Array, length: int) -> Blocks:
+        """The blocks that are decided by now and rested.
+
+        Args:
+            blocks: that come next. readings: (n, 3) of them. length: samples of a block.
+        """
+        parts = readings[: len(blocks) * length].reshape(len(blocks), length, 3)
+        own = parts.var(axis=1, ddof=1).sum(axis=1)
+        self._past = np.concatenate([self._past, own])[-_REMEMBERED:]
+        if self._waiting is None or self._waiting.sums.shape[1] != blocks.sums.shape[1]:
+            self._waiting, self._variances = Blocks.empty(blocks.sums.shape[1]), np.empty(0)
+        waiting, variances = self._waiting.then(blocks), np.concatenate([self._variances, own])
+        width = 2 * _BESIDE + 1
+        keep = slice(max(len(waiting) - width + 1, 0), None)
+        self._waiting, self._variances = waiting.pick(keep), variances[keep]
+        if len(waiting) < width:
+            return Blocks.empty(blocks.sums.shape[1])
+        floor = float(np.quantile(self._past, 0.1))
+        still = sliding_window_view(variances, width).max(axis=1) <= _QUIET * floor
+        return waiting.pick(slice(_BESIDE, len(waiting) - _BESIDE)).pick(still)

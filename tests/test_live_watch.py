@@ -1,0 +1,165 @@
+"""The monitor: alarms when something changes, at no more than the stated rate when nothing does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import estimators
+import scenarios
+from estimators.calibration import Calibration
+from estimators.live import Calibrator, Options
+from estimators.live.alarm import Alarm
+from estimators.live.stuck import Stuck
+from estimators.live.watch import Watch
+from rig.errors import RigError
+from rig.recording import Recording
+
+Array = NDArray[np.float64]
+
+CHANGE_S, OVER_S = 800.0, 1000.0
+
+
+@pytest.fixture(scope="module")
+def calibration() -> Calibration:
+    return estimators.calibrate(scenarios.load("ann-arbor").simulate(seed=1))
+
+
+@pytest.fixture(scope="module")
+def sweep() -> Recording:
+    return scenarios.load("ann-arbor").simulate(seed=2)
+
+
+def watched(run: Recording, calibration: Calibration | None, alarms: float = 1.0, piece: int = 25) -> list[Alarm]:
+    watch = Watch.of(run, calibration, None, alarms)
+    found = []
+    for first in range(0, len(run), piece):
+        found += watch.add(run.select(slice(first, first + piece)))
+    return found
+
+
+def changed(run: Recording, sensor: str, change: Callable[[Array], Array]) -> Recording:
+    readings = run.readings(sensor).copy()
+    lasting = (run.t >= CHANGE_S) & (run.t < OVER_S)
+    readings[lasting] = change(readings[lasting])
+    return replace(run, **{sensor: readings})
+
+
+def test_nothing_is_said_where_nothing_changes(sweep: Recording, calibration: Calibration) -> None:
+    # 28 minutes at one false alarm a day: one run in 50 would say something; at one in 100 days, one in 5,000
+    assert watched(sweep, calibration, alarms=0.01) == []
+
+
+NOISE = np.random.default_rng(0)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "change", "name", "where"),
+    [
+        ("accelerometer", lambda v: v + np.array([0.06, 0.0, 0.0]), "bias_step", "accel1"),
+        ("magnetometer", lambda v: v + np.array([0.06, -0.08, 0.05]), "bias_step", "mag1-3"),
+        ("accelerometer", lambda v: 1.02 * v, "supply_ratiometric", "supply"),
+        ("accelerometer", lambda v: v + 0.06 * NOISE.standard_normal(v.shape), "noise_excess", "accel1"),
+        ("magnetometer", lambda v: np.where([False, True, False], v[0], v), "dropouts", "channel 2"),
+    ],
+)
+def test_a_change_is_noticed_at_once_named_and_its_end_too(
+    sweep: Recording,
+    calibration: Calibration,
+    sensor: str,
+    change: Callable[[Array], Array],
+    name: str,
+    where: str,
+) -> None:
+    """Changes of four sigma and more: eight samples at 4 Hz, two seconds, show them with a chi-square above 100."""
+    found = watched(changed(sweep, sensor, change), calibration, alarms=0.01)
+    first = found[0]
+    assert first.begins
+    assert first.sensor == sensor
+    assert CHANGE_S <= first.t_s <= CHANGE_S + 2.5
+    assert abs(first.since_s - CHANGE_S) <= 1.25
+    names = first.names or next(alarm.names for alarm in found if alarm.kind == "named")
+    assert name in {each.name for each in names}, names
+    assert any(where in each.where for each in names)
+    assert found[-1].kind == "over"
+    assert OVER_S <= found[-1].t_s <= OVER_S + 4.0
+
+
+def test_a_magnet_by_hand_is_noticed_without_a_calibration() -> None:
+    """The estimate so far is what readings are held against: 5 % of the field is 50 sigma and more."""
+    run = scenarios.load("camps2009-magnetometer").simulate(seed=3)
+    readings = run.readings("magnetometer").copy()
+    lasting = (run.t >= 60.0) & (run.t < 90.0)
+    readings[lasting] += 0.05 * np.ptp(readings, axis=0) * np.array([0.5, 0.3, -0.4])
+    run = replace(run, magnetometer=readings)
+    stream = Calibrator(run, Options())
+    watch = Watch.of(run, None, None)
+    found = []
+    for first in range(0, len(run), 5):
+        part = run.select(slice(first, first + 5))
+        stream.add(part)
+        found += watch.add(part)
+        if (estimate := stream.state("magnetometer").estimate) is not None:
+            watch.refer({"magnetometer": estimate})
+    assert [alarm.kind for alarm in found] == ["change", "named", "over"]
+    assert 60.0 <= found[0].t_s <= 62.0
+    assert 90.0 <= found[2].t_s <= 92.0
+
+
+def test_false_alarms_are_no_more_than_stated(calibration: Calibration) -> None:
+    """White noise on a sensor at rest, 8 hours of it at 5 Hz, at a stated 60 a day: 20 expected at most, and no more
+    than 40 but in one of 30,000 runs. At least one, so that the test can fail; Poisson of 20 / 4 gives none in 1 of
+    150 runs, and the rate is above a half of what is stated."""
+    own = calibration["magnetometer"]
+    pose = scenarios.load("ann-arbor").simulate(seed=2).select(slice(0, 1))
+    assert pose.q is not None
+    rng = np.random.default_rng(7)
+    count, rate = 8 * 3600 * 5, 5.0
+    terms = np.concatenate([pose.rotations(None if pose.q is None else _arm())[0], [1.0]])
+    from estimators.goodness.residuals import fitted_parameters
+
+    mean = terms @ fitted_parameters(own).coefficients
+    assert own.noise is not None
+    run = Recording(
+        t=np.arange(count) / rate,
+        q=np.tile(pose.q, (count, 1)),
+        magnetometer=mean + own.noise * rng.standard_normal((count, 3)),
+        metadata=replace(pose.metadata, rate_Hz=rate),
+    )
+    found = [alarm for alarm in watched(run, calibration, alarms=60.0, piece=20_000) if alarm.begins]
+    assert 1 <= len(found) <= 40
+
+
+def _arm() -> object:
+    from rig.arm import Arm
+
+    return Arm.a465()
+
+
+def test_a_converters_steps_are_no_stuck_channel() -> None:
+    rng = np.random.default_rng(1)
+    readings = np.round(0.4 * rng.standard_normal((50_000, 3)))  # 8 of 10 samples repeat themselves
+    stuck = Stuck(1.0 / 86400.0 / 100.0)
+    assert all(
+        stuck.add(0.01 * np.arange(first, first + 100), readings[first : first + 100]) is None
+        for first in range(0, 50_000, 100)
+    )
+    held = np.tile(readings[-1], (600, 1))
+    found = stuck.add(500.0 + 0.01 * np.arange(600), held)
+    assert found is not None
+    assert "repeat" in found.words
+
+
+def test_a_calibration_of_something_else_is_refused(sweep: Recording, calibration: Calibration) -> None:
+    volts = replace(sweep, units={"accelerometer": "mV", "magnetometer": "V"})
+    with pytest.raises(RigError, match="comes in mV"):
+        Watch.of(volts, calibration, None)
+    only = replace(calibration, sensors={"magnetometer": calibration["magnetometer"]})
+    with pytest.raises(RigError, match="expected a sensor that was calibrated"):
+        Watch.of(replace(sweep, magnetometer=None, units={"accelerometer": "V"}), only, None)
+    with pytest.raises(RigError, match="alarms a day"):
+        Watch.of(sweep, calibration, None, alarms_a_day=0.0)
