@@ -130,7 +130,7 @@ class SensorWatch:
         readings = batch.readings(self.sensor)
         stopped = self.stuck.add(batch.t, readings)
         if stopped is not None:
-            found += self._raise(float(batch.t[-1]), stopped.since_s, stopped.words, stopped.chance, stopped.names)
+            found += self._raise(stopped.t_s, stopped.since_s, stopped.words, stopped.chance, stopped.names)
         if self.reference is None or not np.isfinite(self.reference.matrix).all():
             return found
         residuals = self.reference.residuals(batch, self.sensor, arm)

@@ -22,10 +22,11 @@ class Stopped:
     """Channels that do not move any more.
 
     Attributes:
-        since_s: since when [s]. words: what. chance: that noise did it.
+        t_s: when that was sure [s]. since_s: since when [s]. words: what. chance: that noise did it.
         names: of the catalogue.
     """
 
+    t_s: float
     since_s: float
     words: str
     chance: float
@@ -79,6 +80,7 @@ class Stuck:
             return None
         longest = int(run[new].min())
         since = float(t[max(n - longest, 0)]) if longest < n else float(t[0])
+        sure = float(t[max(n - 1 - int((run - np.ceil(needed))[new].max()), 0)])
         names = ", ".join(str(channel + 1) for channel in np.flatnonzero(new))
         at_end = (readings[-1] <= self._low) | (readings[-1] >= self._high)
         clipped = bool(at_end[new].all()) and not new.all()
@@ -86,7 +88,7 @@ class Stuck:
         plural = "s" if int(new.sum()) > 1 else ""
         words = f"channel{plural} {names} repeat{'' if plural else 's'} the same reading"
         chance = float((probability[new] ** run[new]).max())
-        return Stopped(since, words, chance, (Likeness(name, f"channel{plural} {names}", 0.0, "stuck"),))
+        return Stopped(sure, since, words, chance, (Likeness(name, f"channel{plural} {names}", 0.0, "stuck"),))
 
     def _was_long(self, needed: Array) -> NDArray[np.bool_]:
         return np.asarray(self._run >= needed)
