@@ -68,6 +68,13 @@ class Rig:
         assert result.err == ""
         return result.out
 
+    def not_good(self, *arguments: str | Path) -> str:
+        """Standard output of a call whose answer is there, but bad."""
+        result = self(*arguments)
+        assert result.status == 1, result.err
+        assert result.err == ""
+        return result.out
+
     def refused(self, *arguments: str | Path, status: int = 2) -> str:
         """The one line on standard error of a call that must fail."""
         result = self(*arguments)

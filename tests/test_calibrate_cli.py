@@ -66,13 +66,23 @@ def test_calibrate_says_whether_it_is_good(rig: Rig, swept: Path) -> None:
     run = read_recording("run.parquet")
     assert run.accelerometer is not None
     replace(run, accelerometer=np.minimum(run.accelerometer, 3.0)).write("clipped.parquet")
-    text = rig.done("calibrate", "clipped.parquet", "-o", "cal.json")
+    text = rig.not_good("calibrate", "clipped.parquet", "-o", "cal.json")
     assert "verdict         not good: because " in text
     assert text.count("readings are clipped") == 1
     verdict = Calibration.read("cal.json")["accelerometer"].quality.verdict
     assert verdict is not None
     assert verdict["good"] is False
     assert any(reason.startswith("readings are clipped") for reason in verdict["reasons"])
+
+
+@pytest.mark.parametrize(("factor", "words"), [(1.0, "accel1 equals accel2"), (-0.5, "accel1 is -2 times accel2")])
+def test_a_copied_axis_is_never_good(rig: Rig, swept: Path, factor: float, words: str) -> None:
+    run = read_recording("run.parquet")
+    volts = np.array(run.accelerometer)
+    volts[:, 1] = factor * volts[:, 0]
+    replace(run, accelerometer=volts).write("copied.parquet")
+    (swept / "run.locked.parquet").unlink()
+    assert f"{words}: one of them is a copy" in rig.not_good("calibrate", "copied.parquet")
 
 
 def test_calibrate_does_without_the_attitude_where_there_is_none(rig: Rig, swept: Path) -> None:
@@ -84,7 +94,7 @@ def test_calibrate_does_without_the_attitude_where_there_is_none(rig: Rig, swept
     assert Calibration.read("cal.json")["magnetometer"].method.startswith("ellipsoid")
     insisted = rig.done("calibrate", "tumble.parquet", "--method", "ellipsoid", "--json")
     assert json.loads(insisted) == json.loads((swept / "cal.json").read_text())
-    six = json.loads(rig.done("calibrate", "run.parquet", "--method", "ellipsoid", "--parameters", "6", "--json"))
+    six = json.loads(rig.not_good("calibrate", "run.parquet", "--method", "ellipsoid", "--parameters", "6", "--json"))
     assert len(six["sensors"]["magnetometer"]["parameters"]) == 6
 
 
@@ -96,7 +106,7 @@ def test_calibrate_leaves_out_outliers_where_it_is_asked_to(rig: Rig, swept: Pat
     volts[odd, 1] += 1.0
     replace(run, accelerometer=volts).write("odd.parquet")
     (swept / "run.locked.parquet").rename("odd.locked.parquet")
-    assert "10 readings are outliers" in rig.done("calibrate", "odd.parquet")
+    assert "10 readings are outliers" in rig.not_good("calibrate", "odd.parquet")
     text = rig.done("calibrate", "odd.parquet", "--robust", "-o", "cal.json", "--coverage", "seen.png")
     assert "10 of 600 samples were left out as outliers" in text
     assert "10 samples were left out" in text
@@ -118,7 +128,7 @@ def test_calibrate_says_what_cannot_be_told_and_why(rig: Rig, swept: Path) -> No
 
 def test_calibrate_takes_the_noise_floor_from_where_it_is_told(rig: Rig, swept: Path) -> None:
     def noise(*options: str) -> list[float]:
-        found = json.loads(rig.done("calibrate", "run.parquet", "--json", *options))["sensors"]
+        found = json.loads(rig("calibrate", "run.parquet", "--json", *options).out)["sensors"]
         return [value for sensor in ("accelerometer", "magnetometer") for value in found[sensor]["noise"]]
 
     assert noise("--noise", "1,2,3,4,5,6") == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3], rel=1e-14)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -247,3 +248,20 @@ def test_damaged_files_are_refused(
         if suffix == ".parquet" and not tail:
             known = {column.tobytes() for column in example(30).table().values()}
             assert {column.tobytes() for column in found.table().values()} <= known
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)],
+    ids=lambda value: str(value),
+)
+def test_unix_time_in_another_unit_is_recognised(tmp_path: Path, unit: str, factor: float) -> None:
+    path = tmp_path / "run.csv"
+    run = example()
+    replace(run, t=run.t + 1.7e9).write(path)  # Unix time in seconds is as good as any
+    assert len(read_recording(path)) == len(run)
+    table = path.read_text().splitlines()
+    rows = [line.split(",", 1) for line in table[2:]]
+    path.write_text("\n".join([*table[:2], *(f"{float(t) * factor!r},{rest}" for t, rest in rows), ""]))
+    with pytest.raises(RigError, match=f"looks like Unix time in {unit}, expected seconds: divide it by"):
+        read_recording(path)

@@ -18,7 +18,7 @@ from estimators.goodness.by_direction import ByDirection, by_direction
 from estimators.goodness.hold_out import HoldOut, hold_out
 from estimators.goodness.optimum import Transfer, at_optimum
 from estimators.goodness.outliers import Outliers, outliers
-from estimators.goodness.readings import Clipped, Repeats, clipped, repeats
+from estimators.goodness.readings import Clipped, Repeats, clipped, copies, repeats
 from estimators.goodness.residuals import Residuals, residuals_of, selected
 from estimators.goodness.sampling import thinned
 from estimators.goodness.whiteness import Whiteness, whiteness
@@ -52,6 +52,7 @@ class Goodness:
         transfer: whether the calibration's parameters are the recording's; None where these samples cannot tell.
         coverage, by_direction, hold_out, whiteness, repeats, clipped, outliers: each test's result; None where the
             recording is too short for it.
+        copies: channels that are another one's readings, as of ``readings.copies``.
         left_out: outliers that the estimator says it has left out.
         samples: that were looked at.
     """
@@ -69,6 +70,7 @@ class Goodness:
     repeats: Repeats
     clipped: Clipped
     outliers: Outliers
+    copies: tuple[tuple[int, int, float], ...]
     left_out: int
     samples: int
 
@@ -220,6 +222,7 @@ def _judge(data: Data, sensor: str, calibration: SensorCalibration, arm: Arm | N
         repeats(data.readings, calibration.noise),
         clipped(data.readings, calibration.noise, data.limits),
         odd,
+        copies(data.readings),
         left_out,
         len(data.readings),
     )

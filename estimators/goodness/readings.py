@@ -20,6 +20,9 @@ _LEAST_NOISE: Final = 0.5
 #: Without noise, the end of a sine has 2.41 = 1 + sqrt(2) times the readings of the step before it.
 _STEEPEST_END: Final = 2.5
 _SIGNIFICANT: Final = 1e-6
+#: Two channels are one where they differ by less than this, as a share of their spread: rounding of a factor.
+_ALIKE: Final = 1e-7
+_FEWEST_ALIKE: Final = 8  # samples of which that is said
 
 
 @dataclass(frozen=True)
@@ -139,6 +142,29 @@ def clipped(readings: Array, noise: ArrayLike | None = None, limits: tuple[float
     low, high = ((a, b, c) for a, b, c in counts)
     lowest, highest = ((a, b, c) for a, b, c in ends)
     return Clipped(low, high, lowest, highest)
+
+
+def copies(readings: Array) -> tuple[tuple[int, int, float], ...]:
+    """Channels that are another one's readings: wired or converted twice, or a column copied.
+
+    Args:
+        readings: (n, 3) [recorded unit].
+
+    Returns:
+        Pairs of columns with the factor from the first to the second; of an offset between them nothing is said.
+    """
+    if len(readings) <= _FEWEST_ALIKE:
+        return ()
+    found = []
+    with np.errstate(over="ignore", invalid="ignore"):
+        deviations = readings - readings.mean(axis=0)
+        power = np.einsum("ij,ij->j", deviations, deviations)
+        for first, second in ((0, 1), (0, 2), (1, 2)):
+            factor = float(deviations[:, first] @ deviations[:, second] / power[first]) if power[first] > 0.0 else 0.0
+            left = deviations[:, second] - factor * deviations[:, first]
+            if power[second] > 0.0 and float(left @ left) < _ALIKE**2 * power[second]:
+                found.append((first, second, factor))
+    return tuple(found)
 
 
 def step_of(values: Array) -> float:

@@ -20,11 +20,16 @@ P_VALUE_LIMIT: Final = 1e-4
 CONDITION_LIMIT: Final = 1e6
 #: Standard deviations that are too small by less than this are those of a good calibration.
 INFLATION_LIMIT: Final = 1.02
+_EQUAL: Final = 1e-6
 
 
 def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
     """Why it is not good."""
     told: list[str] = []
+    for one, other, factor in found.copies:
+        names = CHANNELS_OF[found.sensor]
+        how = "equals" if abs(factor - 1.0) < _EQUAL else f"is {1.0 / factor:.6g} times"
+        told.append(f"{names[one]} {how} {names[other]}: one of them is a copy")
     untold = [name for name, told in calibration.identifiable.items() if told is not True and "deg" not in name]
     if untold or not np.isfinite(calibration.covariance.diagonal()).any():
         told.append(f"{', '.join(untold) or 'the parameters'} cannot be told from these orientations")

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 #: 0.0005 * sum |q_i| <= 0.001; a norm further away is another mistake.
 NORM_TOLERANCE: Final = 1e-3
 
+#: Unit, how many of it are a second, and the least that any moment since 1973 is in it.
+_UNIX_UNITS: Final = (("milliseconds", 1e3, 1e11), ("microseconds", 1e6, 1e14), ("nanoseconds", 1e9, 1e17))
+
 
 def as_columns(values: object, what: str, where: str) -> Array:
     """A read-only float64 array (n,) or (n, k) whose columns are contiguous, without a copy where it is one already.
@@ -65,6 +68,17 @@ def check_increasing(t: Array, where: str, first_row: int = 0) -> None:
     if not later.all():
         row = int(np.argmin(later)) + 1
         _refuse_order(float(t[row - 1]), float(t[row]), first_row + row, where)
+
+
+def check_seconds(t: Array, where: str) -> None:
+    """Raise a RigError for times that are Unix time in another unit: in seconds they would lie beyond the year 5000."""
+    begin = abs(float(t[0]))
+    for unit, factor, lowest in _UNIX_UNITS:
+        if lowest <= begin < 1e3 * lowest:
+            raise RigError(
+                f"{where}: t_s begins with {float(t[0]):.6g}, which looks like Unix time in {unit}, expected seconds:"
+                f" divide it by {factor:g}"
+            )
 
 
 def check_continues(t: Array, before: float, where: str, first_row: int) -> None:

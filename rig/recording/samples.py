@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rig import quaternion
 from rig.channels import ACCELEROMETER, CHANNELS_OF, MAGNETOMETER, SENSORS
 from rig.errors import RigError, unknown_name
-from rig.recording.checks import as_columns, check_finite, check_increasing, check_shape, check_unit
+from rig.recording.checks import as_columns, check_finite, check_increasing, check_seconds, check_shape, check_unit
 from rig.recording.columns import POSITION, QUATERNION, SUPPLY, TEMPERATURE, TIME, Columns
 from rig.recording.metadata import Metadata
 from rig.recording.tables import TableWriter
@@ -71,6 +71,7 @@ class Recording:
     def __post_init__(self) -> None:
         where = self.origin or self.name
         t = self._keep("t", self.t, (-1,), (TIME,))
+        check_seconds(t, where)
         check_increasing(t, where, self.first_row)
         n = len(t)
         if self.q is not None:

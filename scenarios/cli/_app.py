@@ -17,8 +17,8 @@ from rig.errors import LONGEST_MESSAGE, RigError, nearest, one_line, shown
 from rig.patience import is_stuck
 from scenarios.cli import _signals
 
-#: Exit statuses beside a RigError's own (1 or 2); the last two as the shell gives them for SIGINT and SIGPIPE.
-DONE, USAGE, BUG, INTERRUPTED, UNREAD = 0, 2, 70, 130, 141
+#: Exit statuses; the last two as the shell gives them for SIGINT and SIGPIPE.
+DONE, BAD, USAGE, BUG, INTERRUPTED, UNREAD = 0, 1, 2, 70, 130, 141
 
 #: The commands and the modules that hold them, in the order of the help.
 _COMMANDS: Final = {
@@ -112,8 +112,8 @@ def _ending() -> Iterator[None]:
 def cli(context: click.Context) -> None:
     """A robot arm turns an accelerometer and a magnetometer; the rig simulates it and calibrates them.
 
-    Exit status: 0 done; 1 no answer worth having (a refused fit); 2 the call or its input is wrong. Errors are one
-    line.
+    Exit status: 0 done, and of a diagnosis whatever its verdict; 1 the answer is bad (a refused fit, a calibration
+    that is not good, which is written all the same); 2 the call or its input is wrong. Errors are one line.
 
     \b
     Example:

@@ -81,7 +81,7 @@ def calibrate(
     fminunc: bool,
     coverage: Path | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Calibrate the sensors of RUN, a recording with joint angles, tool poses or, turned by hand, neither.
 
     A RUN.locked.parquet beside RUN.parquet is taken as the noise floor; without one the noise comes from the residuals.
@@ -160,7 +160,7 @@ def calibrate(
         calibration.write(output)
     if as_json:
         click.echo(calibration.to_json())
-        return
+        return _status(calibration)
     from scenarios.calibration_report import calibration_report
     from scenarios.report import show
 
@@ -170,6 +170,16 @@ def calibrate(
     for written in (output, coverage):
         if written is not None:
             click.echo(f"\n{written}: written")
+    return _status(calibration)
+
+
+def _status(calibration: Calibration) -> int:
+    """The exit status: a calibration that is not good is written, and the answer is bad."""
+    from scenarios.cli._app import BAD, DONE
+
+    verdicts = [sensor.quality.verdict for sensor in calibration.sensors.values()]
+    good = all(not isinstance(verdict, dict) or verdict.get("good", True) for verdict in verdicts)
+    return DONE if good else BAD
 
 
 def _draw_coverage(run: Path, calibration: Calibration, arm: Arm | None, path: Path) -> None:
