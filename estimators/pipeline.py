@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -31,6 +31,9 @@ FieldPoints = str | Sequence[float] | Mapping[str, str | Sequence[float]]
 Noise = NoiseFloor | Mapping[str, ArrayLike] | ArrayLike | Literal["residuals"]
 
 #: In which the directions are looked for that a refused fit has missed.
+_UP_AT_REST: Final = (
+    "the accelerometer reads a - g: its axes are given for g - a, the opposite of how they lie on the chip"
+)
 _SAMPLES_OF_A_REFUSAL: Final = 20_000
 _POINTS: Final = {"down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
 
@@ -109,6 +112,9 @@ def calibrate(
             floor_std=0.0 if floor is None else floor[1],
             field_points=points[sensor],
         )
+    if (own := results.get(ACCELEROMETER)) is not None and summed.metadata.accelerometer_reads == "a-g":
+        quality = replace(own.quality, warnings=(*own.quality.warnings, _UP_AT_REST))
+        results[ACCELEROMETER] = replace(own, quality=quality)
     return Calibration(results, source.name, summed.arm)
 
 

@@ -18,7 +18,7 @@ STANDARD_GRAVITY: Final = 9.80665
 #: its stated magnitude.
 UNITS: Final[dict[str, tuple[str, ...]]] = {
     ACCELEROMETER: ("V", "mV", "raw", "g", "m_s2"),
-    MAGNETOMETER: ("V", "mV", "raw", "G", "uT"),
+    MAGNETOMETER: ("V", "mV", "raw", "G", "uT", "nT"),
 }
 
 #: Unit -> (unit it is a multiple of, multiple).
@@ -30,6 +30,7 @@ _BASE: Final[dict[str, tuple[str, float]]] = {
     "m_s2": ("m_s2", 1.0),
     "G": ("G", 1.0),
     "uT": ("G", 1e-2),
+    "nT": ("G", 1e-5),
 }
 
 

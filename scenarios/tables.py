@@ -20,7 +20,7 @@ from rig.simulate import Engine, Motion
 
 ARMS: Final = ("a465", "none")
 
-FieldUnit = Literal["G", "uT"]
+FieldUnit = Literal["G", "uT", "nT"]
 
 
 @dataclass(frozen=True)

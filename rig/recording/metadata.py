@@ -16,7 +16,8 @@ from rig.errors import RigError, closest, shown, unknown_name
 #: The format of a recording, version included.
 FORMAT: Final = "rig-recording/1"
 
-_FIELD_UNITS: Final = ("G", "uT")
+_FIELD_UNITS: Final = ("G", "uT", "nT")
+READS: Final = ("g-a", "a-g")
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,13 @@ class Metadata:
     Attributes:
         gravity_m_s2: magnitude of gravity [m/s^2]; 9.8 as in Renk et al.
         magnetic_field: magnitude of the magnetic field [field unit]; 1 as in Renk et al.
-        magnetic_field_unit: "G" or "uT"; None: the magnitude is relative, and so is every field found from it.
+        magnetic_field_unit: "G", "uT" or "nT"; None: the magnitude is relative, and so is every field found from it.
         rate_Hz: sampling rate [Hz]; None: not stated.
         arm: the arm's name; "none" without an arm.
         notes: free, any JSON value.
+        pose_rate_Hz: at which the poses were logged, where that is slower than the readings; None: as fast.
+        accelerometer_reads: "g-a", gravity less acceleration, down at rest, as in Renk et al.; or "a-g", up at rest, as
+            the common chips do.
         extra: further JSON keys, which are kept as they are.
 
     Raises:
@@ -42,13 +46,18 @@ class Metadata:
     arm: str = "a465"
     notes: Any = ""
     magnetic_field_unit: str | None = None
+    pose_rate_Hz: float | None = None
+    accelerometer_reads: str = "g-a"
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("gravity_m_s2", "magnetic_field"):
             object.__setattr__(self, name, _positive(name, getattr(self, name)))
-        if self.rate_Hz is not None:
-            object.__setattr__(self, "rate_Hz", _positive("rate_Hz", self.rate_Hz))
+        for name in ("rate_Hz", "pose_rate_Hz"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _positive(name, getattr(self, name)))
+        if self.accelerometer_reads not in READS:
+            raise unknown_name("metadata accelerometer_reads", str(self.accelerometer_reads), READS)
         if not isinstance(self.arm, str) or not self.arm:
             raise RigError(f"metadata arm: found {shown(self.arm)}, expected the name of an arm")
         if self.magnetic_field_unit is not None and self.magnetic_field_unit not in _FIELD_UNITS:
@@ -70,6 +79,8 @@ class Metadata:
         """
         known = {name: getattr(self, name) for name in _NAMES}
         stated = {name: value for name, value in known.items() if value is not None or name not in _OPTIONAL}
+        if self.accelerometer_reads == READS[0]:
+            del stated["accelerometer_reads"]
         content = {"format": FORMAT, **stated, **self.extra}
         try:
             return json.dumps(content, allow_nan=False)
@@ -101,7 +112,7 @@ class Metadata:
 
 
 _NAMES: Final = tuple(item.name for item in fields(Metadata) if item.name != "extra")
-_OPTIONAL: Final = ("rate_Hz", "magnetic_field_unit")
+_OPTIONAL: Final = ("rate_Hz", "magnetic_field_unit", "pose_rate_Hz")
 _RESERVED: Final = frozenset((*_NAMES, "format", "rows"))
 
 

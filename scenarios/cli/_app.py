@@ -24,6 +24,7 @@ DONE, BAD, USAGE, BUG, INTERRUPTED, UNREAD = 0, 1, 2, 70, 130, 141
 _COMMANDS: Final = {
     "demo": "run",
     "sweep": "run",
+    "import": "importing",
     "calibrate": "calibrate",
     "apply": "calibrate",
     "diagnose": "diagnose",
@@ -43,6 +44,11 @@ _COMMANDS: Final = {
 _SETTINGS: Final = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
+def _command(name: str) -> Any:
+    """A command by its name; ``import`` is a word of the language."""
+    return getattr(import_module(f"scenarios.cli.{_COMMANDS[name]}"), {"import": "import_"}.get(name, name))
+
+
 class Commands(click.Group):
     """The commands by name; a module is imported when one of its commands is wanted."""
 
@@ -54,7 +60,7 @@ class Commands(click.Group):
         """A command by its name; None where there is none."""
         if cmd_name not in _COMMANDS:
             return None
-        command = getattr(import_module(f"scenarios.cli.{_COMMANDS[cmd_name]}"), cmd_name)
+        command = _command(cmd_name)
         assert isinstance(command, click.Command)
         return command
 

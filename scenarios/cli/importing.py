@@ -1,0 +1,184 @@
+"""``rig import`` and ``rig check``: logs as they come into recordings, and what a file holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from scenarios.cli._options import (
+    PATH,
+    RECORDING_SUFFIXES,
+    Choice,
+    arm_options,
+    check_output,
+    chosen_arm,
+    json_option,
+    print_json,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    from scenarios.importing import Imported, Mapping
+
+
+@click.command("import", short_help="Make a recording of logs as they come: CSV, TSV, MCAP, ROS 2 bags.")
+@click.argument("logs", type=PATH, nargs=-1, required=True, metavar="LOG...")
+@click.option("-o", "--output", type=PATH, metavar="RUN", help="The recording: .parquet or .csv.")
+@click.option(
+    "--map", "map_file", type=PATH, metavar="MAP.toml", help="Which column is what; written if it is not there."
+)
+@arm_options
+@click.option("--angles", type=Choice(("joints", "renk2005")), help="renk2005: theta1, theta5, theta6 of its Table 1.")
+@click.option("--rotation", type=Choice(("base<-tool", "tool<-base")), help="Of quaternions and matrices.")
+@click.option("--euler", metavar="ZYX", help="Three Euler angles: capital about turned axes, small about fixed ones.")
+@click.option("--specific-force", is_flag=True, help="The accelerometer reads +1 g upward at rest; else detected.")
+@click.option("--clock-offset", metavar="S|auto", help="Added to the times of the poses; auto: estimated.")
+@click.option("--time-unit", type=Choice(("s", "ms", "us", "ns")), help="Of the time column.")
+@click.option("--gravity", type=click.FloatRange(min=0, min_open=True), metavar="M_S2", help="Its magnitude.")
+@click.option(
+    "--field", metavar="VALUE[UNIT]", help="The magnetic field's magnitude: 0.55G, 55uT, 55000nT, or relative."
+)
+@json_option
+def import_(
+    logs: tuple[Path, ...],
+    output: Path | None,
+    map_file: Path | None,
+    arm_file: Path | None,
+    tip: str | None,
+    angles: Any,
+    rotation: Any,
+    euler: str | None,
+    specific_force: bool,
+    clock_offset: str | None,
+    time_unit: Any,
+    gravity: float | None,
+    field: str | None,
+    as_json: bool,
+) -> None:
+    """Make one recording of LOGs: text tables, MCAP files, ROS 2 bags; several of them are joined by their times.
+
+    Delimiter, decimal comma, header, columns and units are found by looking, shown, and written to MAP.toml, which is
+    read instead once it is there. Poses and readings are held against each other: gravity must come out constant in the
+    base, so that a transposed rotation, another order of a quaternion, a joint of the other sign or a late clock is
+    recognised and said.
+
+    \b
+    A column is one of: t; accel1_UNIT .. accel3_UNIT (V mV raw g mg m_s2); mag1_UNIT .. mag3_UNIT (V mV raw G mG T uT
+    nT); q1_UNIT .. (rad deg m); qw qx qy qz; r11 .. r33; euler1_UNIT .. euler3_UNIT; theta1_UNIT, theta5, theta6;
+    x_m y_m z_m (or mm); temperature_degC; supply_V. A minus sign before it turns its sign.
+
+    \b
+    Example:
+      rig import log.csv -o run.parquet --map map.toml
+      rig import imu.csv poses.csv -o run.parquet --clock-offset auto
+      rig import bag_folder --arm ur5e.urdf -o run.parquet
+    """
+    if output is not None:
+        check_output(output, RECORDING_SUFFIXES, *logs, map_file, arm_file)
+    from scenarios.importing import import_logs
+
+    options = {
+        "angles": angles,
+        "rotation": rotation,
+        "euler": euler,
+        "accelerometer_reads": "a-g" if specific_force else None,
+        "clock_offset_s": _offset(clock_offset),
+        "time_unit": time_unit,
+    }
+    given, there = _mapping(
+        map_file, {key: value for key, value in options.items() if value is not None}, gravity, field
+    )
+    arm = chosen_arm(arm_file, tip)
+    with progress_bar(f"importing {logs[0]}"):
+        found = import_logs(logs, given if there else None, arm, given)
+    if map_file is not None and not there:
+        from rig.files import write_text
+
+        check_output(map_file, (".toml",), *logs)
+        write_text(map_file, found.mapping.to_toml([f"Of {', '.join(log.name for log in logs)}: confirm or change."]))
+    if output is not None:
+        found.recording.write(output)
+    if as_json:
+        print_json(_document(found, output, map_file))
+        return
+    _tell(found, output, None if there else map_file)
+
+
+def _offset(text: str | None) -> Any:
+    if text is None or text == "auto":
+        return text
+    from rig.errors import RigError
+
+    try:
+        return float(text)
+    except ValueError:
+        raise RigError(f"--clock-offset: found {text!r}, expected a number of seconds or auto") from None
+
+
+def _mapping(
+    path: Path | None, options: dict[str, Any], gravity: float | None, field: str | None
+) -> tuple[Mapping, bool]:
+    """The mapping file with the options over it, and whether there is one."""
+    from dataclasses import replace
+
+    from scenarios.importing.mapping import Mapping, read_mapping
+
+    there = path is not None and path.is_file()
+    mapping = read_mapping(path) if path is not None and there else Mapping()
+    stated = mapping.metadata if gravity is None else replace(mapping.metadata, gravity_m_s2=gravity)
+    if field is not None:
+        magnitude, unit = _field(field)
+        stated = replace(stated, magnetic_field=magnitude, magnetic_field_unit=unit)
+    return replace(mapping, conventions=replace(mapping.conventions, **options), metadata=stated), there
+
+
+def _field(text: str) -> tuple[float, str | None]:
+    """A magnitude with its unit, such as 48.5uT.
+
+    Raises:
+        RigError: neither a number nor one with a unit of the magnetic field.
+    """
+    import re
+
+    from rig.errors import RigError
+
+    found = re.fullmatch(r"\s*([0-9.eE+-]+?)\s*(G|uT|nT)?\s*", text)
+    try:
+        value = float(found[1]) if found else 0.0
+    except ValueError:
+        value = 0.0
+    if found is None or not 0 < value < float("inf"):
+        raise RigError(f"--field: found {text!r}, expected a number above zero with G, uT or nT behind it, or none")
+    return value, found[2]
+
+
+def _document(found: Imported, output: Path | None, map_file: Path | None) -> dict[str, Any]:
+    recording = found.recording
+    return {
+        "recording": output,
+        "map": map_file,
+        "samples": len(recording),
+        "duration_s": recording.duration_s,
+        "pose": recording.pose,
+        "units": dict(recording.units),
+        "columns": found.mapping.columns,
+        "said": list(found.said),
+        "findings": list(found.findings),
+    }
+
+
+def _tell(found: Imported, output: Path | None, written: Path | None) -> None:
+    width = max(len(name) for name in found.mapping.columns)
+    for name, target in found.mapping.columns.items():
+        click.echo(f"  {name:<{min(width, 40)}}  {target}")
+    for line in found.said:
+        click.echo(f"- {line}")
+    for line in found.findings:
+        click.echo(f"! {line}")
+    recording = found.recording
+    if written is not None:
+        click.echo(f"{written}: written; confirm or change it, and give it with --map again")
+    what = f"{len(recording):,} samples of {' and '.join(recording.sensors)}, pose: {recording.pose}"
+    click.echo(f"{output}: {what}" if output is not None else f"{what}; not written: expected -o RUN.parquet")

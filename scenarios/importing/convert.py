@@ -1,0 +1,317 @@
+"""From logs to a recording: columns to quantities, quantities to one clock, and what a wrong convention would show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rig.arm import Arm
+from rig.channels import ACCELEROMETER, MAGNETOMETER
+from rig.errors import RigError
+from rig.recording import Metadata, Recording
+from rig.units import STANDARD_GRAVITY
+from scenarios.importing.bag_log import is_bag, read_bag
+from scenarios.importing.clocks import clock_offset
+from scenarios.importing.conventions import axis_words, judged, suspicious
+from scenarios.importing.mapping import Conventions, Mapping, check_columns
+from scenarios.importing.quantities import guess
+from scenarios.importing.text_log import Log, read_text_log
+from scenarios.importing.tracks import Track, tracks_of
+
+Array = NDArray[np.float64]
+
+_GRAVITY: Final = 9.8  # where none is stated; as recordings have it
+_OTHER_CLOCK_S: Final = 0.5  # no sensor is later than this: more is another clock
+_G: Final = {"g": 1.0, "m_s2": STANDARD_GRAVITY}
+_FIELD: Final = {"G": (0.1, 1.2), "uT": (10.0, 120.0), "nT": (1e4, 1.2e5)}
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """A recording made of logs.
+
+    Attributes:
+        recording, mapping: what came out, and which column was taken for what.
+        said: how the logs were read, line by line.
+        findings: what looks wrong, and what it would be, line by line; empty where all is well.
+    """
+
+    recording: Recording
+    mapping: Mapping
+    said: tuple[str, ...]
+    findings: tuple[str, ...]
+
+
+def import_logs(
+    paths: Sequence[Path], mapping: Mapping | None, arm: Arm | None, base: Mapping | None = None
+) -> Imported:
+    """One recording of one or several logs.
+
+    Args:
+        paths: text tables, MCAP files, ROS 2 bags.
+        mapping: which column is what; None: guessed.
+        arm: of the joints, whose names are looked for and whose kinematics check them.
+        base: conventions and metadata for a guess.
+
+    Raises:
+        RigError: a log that cannot be read, columns that make no recording, poses that are none.
+    """
+    logs = [log for path in paths for log in (read_bag(path) if is_bag(path) else [read_text_log(path)])]
+    said = [f"{log.name}: {log.said}" for log in logs if log.said]
+    guessed = mapping is None
+    if mapping is None:
+        mapping = _guessed(logs, arm, base or Mapping())
+    else:
+        check_columns(mapping, [name for log in logs for name in log.columns], str(paths[0]))
+    tracks: dict[str, Track] = {}
+    for log in logs:
+        own = {name: target for name, target in mapping.columns.items() if name in log.columns}
+        found, words = tracks_of(log, own, mapping.conventions)
+        said += words
+        for track in found:
+            if track.kind in tracks:
+                said.append(f"{track.log}: {track.kind} is taken from {tracks[track.kind].log}: passed over here")
+            tracks.setdefault(track.kind, track)
+    recording, joined, findings = _joined(tracks, mapping, arm, said)
+    recording, checked = _checked(recording, joined, mapping, arm, guessed)
+    return Imported(recording, mapping, tuple(said), (*findings, *checked))
+
+
+def _guessed(logs: Sequence[Log], arm: Arm | None, base: Mapping) -> Mapping:
+    columns: dict[str, str] = {}
+    theta = base.conventions.angles == "renk2005"
+    names = arm.joint_names if arm is not None else ()
+    for log in logs:
+        for name, target in guess(log.columns, names, theta).items():
+            columns.setdefault(name, target)
+    if not any(target.startswith(("accel", "mag")) for target in columns.values()):
+        listed = ", ".join(repr(name) for log in logs for name in log.columns)[:160]
+        raise RigError(
+            f"{logs[0].name}: no accelerometer or magnetometer can be told among the columns {listed}: expected"
+            " --map MAP.toml that names them"
+        )
+    return replace(base, columns=columns)
+
+
+def _joined(
+    tracks: dict[str, Track], mapping: Mapping, arm: Arm | None, said: list[str]
+) -> tuple[Recording, Track | None, list[str]]:
+    """The recording at the instants of the readings; the pose there; findings."""
+    readings = [tracks[kind] for kind in ("accel", "mag") if kind in tracks]
+    if not readings:
+        raise RigError("no log has an accelerometer or a magnetometer, expected one in the mapping")
+    pose = tracks.get("joints") or tracks.get("rotation")
+    findings: list[str] = []
+    timed = [track for track in (*readings, pose) if track is not None]
+    untimed = [track for track in timed if track.t is None]
+    if untimed and len(timed) > len(untimed):
+        raise RigError(
+            f"{untimed[0].log}: {untimed[0].kind} has no time although other logs have one, expected a column t"
+        )
+    main = readings[0]
+    metadata = Metadata(arm="none" if pose is None or pose.kind == "rotation" else arm.name if arm else "a465")
+    if main.t is None:
+        sizes = {track.kind: len(track.values) for track in tracks.values()}
+        if len(set(sizes.values())) > 1:
+            raise RigError(f"{main.log}: without times all must have as many rows, found {sizes}")
+        t = np.arange(len(main.values), dtype=float)
+        said.append(f"no time: each of the {len(t)} rows is a still pose, t_s counts them")
+    else:
+        if pose is not None:
+            pose = _on_one_clock(main, pose, mapping.conventions, arm, said, findings)
+        spans = [track.t for track in (*readings, pose) if track is not None and track.t is not None]
+        start, end = max(each[0] for each in spans), min(each[-1] for each in spans)
+        t = main.t[(main.t >= start) & (main.t <= end)]
+        if len(t) < 2:
+            raise RigError(f"{main.log}: its times and those of the other logs do not overlap, expected one clock")
+        if len(t) < len(main.t):
+            said.append(f"{main.log}: {len(main.t) - len(t)} rows before the first or after the last pose: left out")
+        metadata = replace(metadata, rate_Hz=float(np.round(1.0 / np.median(np.diff(t)), 3)))
+    if pose is not None and pose.t is not None and not np.isin(t, pose.t).all():
+        rate = float(np.round(1.0 / np.median(np.diff(pose.t)), 3))
+        metadata = replace(metadata, pose_rate_Hz=rate)
+        said.append(f"poses are interpolated to the readings' instants: recorded at {rate:g} Hz")
+
+    def at(kind: str) -> Array | None:
+        track = pose if pose is not None and kind == pose.kind else tracks.get(kind)
+        if track is None:
+            return None
+        if main.t is None or track.t is None:
+            return track.values
+        return track.at(np.clip(t, track.t[0], track.t[-1]))
+
+    turns = at("rotation")
+    joints, position = at("joints"), at("position")
+    values = joints if joints is not None else turns
+    here = None if pose is None or values is None else replace(pose, t=t, values=values)
+    if arm is not None and joints is not None and joints.shape[1] != arm.dof:
+        raise RigError(
+            f"{tracks['joints'].log}: found {joints.shape[1]} joints, expected {arm.dof} of arm {arm.name!r}"
+        )
+    temperature, supply = at("temperature"), at("supply")
+    stated = mapping.metadata
+    unit = stated.magnetic_field_unit
+    metadata = replace(
+        metadata,
+        gravity_m_s2=stated.gravity_m_s2 or _GRAVITY,
+        magnetic_field=stated.magnetic_field or 1.0,
+        magnetic_field_unit=unit,
+        notes="; ".join([stated.notes] * bool(stated.notes) + ["made by rig import", *said])[:1500],
+    )
+    units = {ACCELEROMETER: "accel", MAGNETOMETER: "mag"}
+    recording = Recording(
+        t=t - t[0] if main.t is not None else t,
+        q=joints,
+        slides=tracks["joints"].slides if "joints" in tracks else (),
+        tool_quaternion=None if turns is None else _quaternions(turns),
+        tool_position=position if turns is not None else None,
+        accelerometer=at("accel"),
+        magnetometer=at("mag"),
+        units={sensor: tracks[kind].unit for sensor, kind in units.items() if kind in tracks},
+        temperature=None if temperature is None else temperature[:, 0],
+        supply=None if supply is None else supply[:, 0],
+        metadata=metadata,
+        name="import",
+    )
+    return recording, here, findings
+
+
+def _quaternions(turns: Array) -> Array:
+    return np.asarray(Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_quat(scalar_first=True))
+
+
+def _rotations(pose: Track, arm: Arm | None) -> Array | None:
+    if pose.kind == "rotation":
+        return pose.values
+    if arm is None or pose.values.shape[1] != arm.dof:
+        return None
+    return arm.rotation_map.rotations(pose.values)
+
+
+def _on_one_clock(
+    main: Track, pose: Track, conventions: Conventions, arm: Arm | None, said: list[str], findings: list[str]
+) -> Track:
+    """The poses with their times on the readings' clock, and what is to be said of it."""
+    assert main.t is not None
+    assert pose.t is not None
+    if main.log == pose.log:
+        return pose
+    if isinstance(conventions.clock_offset_s, float):
+        said.append(f"clock: {conventions.clock_offset_s:g} s added to the times of the poses, as stated")
+        return replace(pose, t=pose.t + conventions.clock_offset_s)
+    overlap = min(main.t[-1], pose.t[-1]) - max(main.t[0], pose.t[0])
+    apart = overlap < 0.5 * min(np.ptp(main.t), np.ptp(pose.t))
+    rotations = _rotations(pose, arm)
+    if rotations is None or len(pose.t) < 2:
+        if apart:
+            raise RigError(
+                f"{pose.log}: its clock has nothing in common with that of {main.log}, and without --arm its offset"
+                " cannot be found: expected clock_offset_s in the mapping, or --arm FILE"
+            )
+        return pose
+    auto = conventions.clock_offset_s == "auto"
+    found = clock_offset(main, pose, rotations, apart, anywhere=auto)
+    words = f"{found.seconds:+.4f} +- {found.std:.4f} s"
+    if apart or auto or (found.told and abs(found.seconds) > _OTHER_CLOCK_S):
+        if not np.isfinite(found.std):
+            raise RigError(
+                f"{pose.log}: the motion does not tell the offset to the clock of {main.log}: expected clock_offset_s"
+            )
+        findings.append(f"two clocks: {words} added to the times of the poses, at which the readings follow them best")
+        return replace(pose, t=pose.t + found.seconds)
+    if found.told:
+        findings.append(
+            f"clock: the readings follow the poses best with {words} added to the times of the poses; kept as logged"
+            " (a late sensor does this too): clock_offset_s in the mapping, or --clock-offset auto, takes it out"
+        )
+    else:
+        said.append(f"clock: one for poses and readings (offset {words})")
+    return pose
+
+
+def _checked(
+    recording: Recording, pose: Track | None, mapping: Mapping, arm: Arm | None, guessed: bool
+) -> tuple[Recording, list[str]]:
+    """The recording with the accelerometer's sign, and what its conventions show."""
+    findings = _unit_findings(recording)
+    stated = mapping.metadata
+    if ACCELEROMETER in recording.sensors and stated.gravity_m_s2 is None:
+        findings.append(
+            f"gravity is not stated: {_GRAVITY} m/s^2 taken; 1 % in it is 1 % in every sensitivity (--gravity)"
+        )
+    if MAGNETOMETER in recording.sensors and stated.magnetic_field is None:
+        findings.append("the magnetic field is not stated: 1 assumed, so that all is relative to it (--field)")
+    reads = mapping.conventions.accelerometer_reads
+    rotations = None if pose is None else _rotations(pose, arm)
+    if pose is not None and rotations is None:
+        findings.append("joint angles without --arm FILE: their conventions are not checked")
+    handed: dict[str, Array] = {}
+    for sensor in recording.sensors:
+        if rotations is None or pose is None:
+            break
+        verdict = judged(pose, rotations, recording.readings(sensor), arm)
+        if verdict.rival is not None:
+            words, times = verdict.rival
+            better = "only" if times is None else f"{times:.3g} times better"
+            findings.append(f"poses: the {sensor} fits them {better} {words}: look at the mapping")
+        elif suspicious(verdict):
+            findings.append(
+                f"poses: {100 * (verdict.misfit or 0.0):.0f} % of the {sensor}'s field is left over, whatever usual"
+                " convention is tried: look at the mapping (axes, order of joints, clock)"
+            )
+        if verdict.fit is None:
+            findings.append(f"poses: they do not tell the {sensor}'s axes, so its conventions cannot be checked")
+        elif verdict.rival is None:
+            handed[sensor] = verdict.fit.parameters.axes
+    if ACCELEROMETER in handed:
+        left = np.linalg.det(handed[ACCELEROMETER]) < 0
+        digital = recording.unit(ACCELEROMETER) in _G
+        if reads == "detect" and digital and not left:
+            findings.append(
+                "accelerometer: reads -1 g upward at rest (g-a), rare for a chip: or an axis is mirrored, two exchanged"
+            )
+        if reads == "detect" and left:
+            reads = "a-g"
+            findings.append(
+                "accelerometer: reads +1 g upward at rest (a-g, the common one), or an axis is mirrored: taken as a-g"
+            )
+        elif reads != "detect" and left != (reads == "a-g"):
+            findings.append(
+                "accelerometer: its axes are left-handed: an axis is mirrored, two are exchanged, or its sign"
+            )
+    if reads == "a-g":
+        recording = replace(recording, metadata=replace(recording.metadata, accelerometer_reads="a-g"))
+    for sensor, axes in handed.items():
+        sign = -1.0 if sensor == ACCELEROMETER and reads == "a-g" else 1.0
+        words = axis_words(sign * axes)
+        if sensor == MAGNETOMETER and np.linalg.det(axes) < 0:
+            findings.append(f"{sensor}: left-handed axes where the field points down: mirrored, or it points up")
+        if words != "1 +x, 2 +y, 3 +z":
+            findings.append(f"{sensor}: axes in the tool: {words}; a calibration takes that up by itself")
+    return recording, findings
+
+
+def _unit_findings(recording: Recording) -> list[str]:
+    found = []
+    for sensor, unit in recording.units.items():
+        size = float(np.median(np.linalg.norm(recording.readings(sensor), axis=1)))
+        if unit in _G and sensor == ACCELEROMETER and not 0.5 < size / _G[unit] < 2.0:
+            found.append(
+                f"accelerometer: the median magnitude is {size:.3g} {unit}, expected near {_G[unit]:.3g}: its unit?"
+            )
+        if unit in _FIELD and not _FIELD[unit][0] < size < _FIELD[unit][1]:
+            low, high = _FIELD[unit]
+            found.append(
+                f"magnetometer: the median magnitude is {size:.3g} {unit}, expected {low:g} to {high:g}: its unit?"
+            )
+    if recording.q is not None:
+        largest = float(np.abs(recording.q).max())
+        if largest > 100.0:
+            found.append(f"joints: angles up to {largest:.3g} rad: degrees, not radians?")
+    return found

@@ -1,0 +1,267 @@
+"""What a column of a log can be, and what its name and its numbers suggest."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Unit in a log -> (unit it is recorded in, factor).
+ACCELEROMETER_UNITS: Final = {
+    "V": ("V", 1.0), "mV": ("mV", 1.0), "raw": ("raw", 1.0), "g": ("g", 1.0), "mg": ("g", 1e-3), "m_s2": ("m_s2", 1.0),
+}  # fmt: skip
+MAGNETOMETER_UNITS: Final = {
+    "V": ("V", 1.0), "mV": ("mV", 1.0), "raw": ("raw", 1.0), "G": ("G", 1.0), "mG": ("G", 1e-3),
+    "T": ("uT", 1e6), "uT": ("uT", 1.0), "nT": ("nT", 1.0),
+}  # fmt: skip
+JOINT_UNITS: Final = {"rad": 1.0, "deg": float(np.pi / 180.0), "m": 1.0}
+LENGTHS: Final = {"m": 1.0, "mm": 1e-3}
+TIME_UNITS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+_KINDS: Final[tuple[tuple[str, str, dict[str, object]], ...]] = (
+    ("accel", r"accel([123])_(\w+)", dict(ACCELEROMETER_UNITS)),
+    ("mag", r"mag([123])_(\w+)", dict(MAGNETOMETER_UNITS)),
+    ("joint", r"q([1-9]\d?)_(\w+)", dict(JOINT_UNITS)),
+    ("theta", r"theta([156])_(\w+)", {"rad": 1, "deg": 1}),
+    ("matrix", r"r([123][123])", {}),
+    ("quaternion", r"q([wxyz])", {}),
+    ("euler", r"euler([123])_(\w+)", {"rad": 1, "deg": 1}),
+    ("position", r"([xyz])_(\w+)", dict(LENGTHS)),
+    ("temperature", r"temperature_(degC)", {"degC": 1}),
+    ("supply", r"supply_(V)", {"V": 1}),
+    ("current", r"current([1-9]\d?)_(A)", {"A": 1}),
+    ("time", r"t", {}),
+)
+
+#: Everything that a column can be, for messages and the reference page.
+TARGETS: Final = (
+    "t",
+    *(f"accel{axis}_{unit}" for unit in ACCELEROMETER_UNITS for axis in (1, 2, 3)),
+    *(f"mag{axis}_{unit}" for unit in MAGNETOMETER_UNITS for axis in (1, 2, 3)),
+    *(f"q{joint}_{unit}" for unit in JOINT_UNITS for joint in range(1, 8)),
+    *(f"theta{joint}_deg" for joint in (1, 5, 6)),
+    *(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)),
+    *(f"q{part}" for part in "wxyz"),
+    *(f"euler{number}_{unit}" for unit in ("deg", "rad") for number in (1, 2, 3)),
+    *(f"{axis}_{unit}" for unit in LENGTHS for axis in "xyz"),
+    "temperature_degC",
+    "supply_V",
+    "current1_A",
+)
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a column is: ``kind``, which of them (``part``), the unit, and a sign that is turned."""
+
+    kind: str
+    part: str
+    unit: str
+    sign: float
+
+
+def parse_target(text: str) -> Target | None:
+    """A target by its name, with a minus sign before it or not; None where it is none."""
+    sign = -1.0 if text.startswith("-") else 1.0
+    name = text.removeprefix("-")
+    for kind, pattern, units in _KINDS:
+        found = re.fullmatch(pattern, name)
+        if found is None:
+            continue
+        groups = found.groups()
+        part = groups[0] if groups else ""
+        unit = groups[1] if len(groups) > 1 else ""
+        if kind in ("temperature", "supply"):
+            part, unit = "", groups[0]
+        if not units or unit in units:
+            return Target(kind, part, unit, sign)
+    return None
+
+
+_UNIT_WORDS: Final = (
+    (r"m/s\^?2|m/s²|m_s2|m s2|mps2|ms-2|ms\^-2|m\.s-2", "m_s2"), (r"milli-?g\b|\bmg\b", "mg"),
+    (r"\bgauss\b|\bG\b", "G"), (r"\bmG\b|milligauss", "mG"), (r"[uµμ]T\b|microtesla", "uT"),
+    (r"\bnT\b|nanotesla", "nT"), (r"\bT\b|\btesla\b", "T"),
+    (r"\bmV\b", "mV"), (r"\bV\b|\bvolts?\b", "V"), (r"\bg'?s?\b", "g"), (r"counts?|\blsb\b|\braw\b", "raw"),
+    (r"deg(rees?)?\b|°", "deg"), (r"rad(ians?)?\b", "rad"), (r"\bmm\b", "mm"), (r"\bm\b", "m"),
+    (r"\bnsecs?\b|\bns\b|nanosec\w*", "ns"), (r"[uµμ]s\b|[uµμ]secs?\b|microsec\w*", "us"),
+    (r"\bms\b|msecs?\b|millis\w*", "ms"),
+    (r"\bs\b|\bsecs?\b|seconds?", "s"),
+)  # fmt: skip
+
+
+def unit_word(name: str, among: Sequence[str]) -> str:
+    """The unit that a column's name ends or is bracketed with, of those among which it must be; empty where none."""
+    spaced = re.sub(r"(?<=[A-Za-z0-9])_(?=[A-Za-z])", " ", name)
+    for pattern, unit in _UNIT_WORDS:
+        if unit in among and (re.search(pattern, spaced) or re.search(pattern, name)):
+            return unit
+    return ""
+
+
+def _name(*parts: str) -> re.Pattern[str]:
+    return re.compile("".join(parts), re.IGNORECASE)
+
+
+_TIME: Final = _name(r"t|time.*|timestamp.*|stamp.*|sec|seconds?|epoch.*|clock.*|t[ _(\[].*|date_?time")
+_ACCEL: Final = _name(
+    r"(.*(acc|accel|acceleration|acel|specific.?force|imu.?a)[^a-z]*.*?(?<![a-z])([xyz123])\b.*",
+    r"|(?:.*[^a-z])?(acc|accel|a)[_ .]?([xyz123])(?![a-z0-9]).*)",
+)
+_MAG: Final = _name(
+    r"(.*(mag|magnetic|magneto|compass|bfield)[^a-z]*.*?(?<![a-z])([xyz123])\b.*",
+    r"|(?:.*[^a-z])?(mag|m|b|h)[_ .]?([xyz123])(?![a-z0-9]).*)",
+)
+_GYRO: Final = _name(r".*(gyro|angular|omega|rate|vel|speed|torque|effort|force|current|target|cmd|command|desired)")
+_MATRIX: Final = _name(r"(?:.*[^a-z])?r(?:ot)?_?\(?([123])[_,]?([123])\)?")
+_QUATERNION: Final = _name(
+    r"(?:.*[^a-z])?(?:q(?:uat(?:ernion)?)?|orientation|ori|rot(?:ation)?)[_ .]?([wxyz])(?![a-z0-9]).*"
+)
+_NUMBERED_JOINT: Final = _name(
+    r"(?:.*[^a-z])?(?:q|j|joint|jnt|axis|a|theta|pos(?:ition)?|actual_q|angle)[_ .]?(\d\d?)(?![0-9]).*"
+)
+_EULER: Final = {"yaw": 1, "pitch": 2, "roll": 3, "rz": 1, "ry": 2, "rx": 3, "heading": 1}
+_POSITION: Final = _name(r"(?:.*(?:pos|position|tcp|tool|trans|translation)[^a-z]*)?([xyz])(?:[ _\[(](m|mm)\W*)?")
+
+
+def guess(columns: dict[str, Array], joint_names: Sequence[str] = (), theta: bool = False) -> dict[str, str]:
+    """Column -> what it is, by names first and then by ranges; columns that suggest nothing are left out.
+
+    Args:
+        columns: of one log.
+        joint_names: of the arm, base to sensor; joints are looked for by them first.
+        theta: whether theta1, theta5, theta6 are Renk's angles.
+    """
+    found: dict[str, str] = {}
+    _guess_time(columns, found)
+    _guess_readings(columns, found)
+    _guess_orientation(columns, found)
+    if theta:
+        for name in columns:
+            match = re.fullmatch(r"theta_?([156]).*", name.strip(), re.IGNORECASE)
+            if match and name not in found:
+                found[name] = f"theta{match[1]}_{_angle_unit(name, columns[name])}"
+    else:
+        _guess_joints(columns, joint_names, found)
+    for name in columns:
+        if name not in found and re.search(r"temp", name, re.IGNORECASE):
+            found[name] = "temperature_degC"
+            break
+    return found
+
+
+def _guess_time(columns: dict[str, Array], found: dict[str, str]) -> None:
+    named = [name for name in columns if _TIME.fullmatch(name.strip())]
+    for name in named:
+        values = columns[name][np.isfinite(columns[name])]
+        if len(values) > 1 and (np.diff(values) >= 0).mean() > 0.99:
+            found[name] = "t"
+            return
+
+
+def _axis(match: re.Match[str]) -> int:
+    letter = next(group for group in reversed(match.groups()) if group and group.lower() in "xyz123")
+    return "xyz123".index(letter.lower()) % 3 + 1
+
+
+def _guess_readings(columns: dict[str, Array], found: dict[str, str]) -> None:
+    for sensor, pattern, units, guess_unit in (
+        ("accel", _ACCEL, ACCELEROMETER_UNITS, _accelerometer_unit),
+        ("mag", _MAG, MAGNETOMETER_UNITS, _magnetometer_unit),
+    ):
+        axes: dict[int, str] = {}
+        for name in columns:
+            match = pattern.fullmatch(name.strip())
+            if match and name not in found and not _GYRO.match(name):
+                axes.setdefault(_axis(match), name)
+        if len(axes) == 3:
+            values = np.stack([columns[axes[axis]] for axis in (1, 2, 3)], axis=1)
+            unit = unit_word(axes[1], tuple(units)) or guess_unit(values)
+            found.update({axes[axis]: f"{sensor}{axis}_{unit}" for axis in (1, 2, 3)})
+
+
+def _magnitude(values: Array) -> float:
+    good = values[np.isfinite(values).all(axis=1)]
+    return float(np.median(np.linalg.norm(good, axis=1))) if len(good) else np.nan
+
+
+def _accelerometer_unit(values: Array) -> str:
+    size = _magnitude(values)
+    for unit, low, high in (("g", 0.6, 1.6), ("m_s2", 6.0, 14.0), ("mg", 600.0, 1600.0)):
+        if low < size < high:
+            return unit
+    return "raw"
+
+
+def _magnetometer_unit(values: Array) -> str:
+    size = _magnitude(values)
+    for unit, low, high in (
+        ("G", 0.1, 1.2), ("uT", 10.0, 120.0), ("mG", 120.0, 1200.0), ("nT", 10_000.0, 120_000.0), ("T", 1e-5, 1.2e-4),
+    ):  # fmt: skip
+        if low < size < high:
+            return unit
+    return "raw"
+
+
+def _angle_unit(name: str, values: Array) -> str:
+    return unit_word(name, ("deg", "rad")) or ("deg" if np.nanmax(np.abs(values), initial=0.0) > 2.1 * np.pi else "rad")
+
+
+def _guess_orientation(columns: dict[str, Array], found: dict[str, str]) -> None:
+    free = [name for name in columns if name not in found]
+    matrix = {m[1] + m[2]: name for name in free if (m := _MATRIX.fullmatch(name.strip()))}
+    if len(matrix) == 9:
+        found.update({name: f"r{part}" for part, name in matrix.items()})
+        return
+    turns = {m[1].lower(): name for name in free if (m := _QUATERNION.fullmatch(name.strip()))}
+    if len(turns) == 4:
+        found.update({name: f"q{part}" for part, name in turns.items()})
+    else:
+        euler: dict[int, str] = {}
+        for name in free:
+            word = re.sub(r"[^a-z]*(deg|rad|degrees)?[^a-z]*$", "", name.strip().lower())
+            if word in _EULER and not _GYRO.match(name):
+                euler.setdefault(_EULER[word], name)
+        if len(euler) == 3:
+            values = np.concatenate([columns[name] for name in euler.values()])
+            unit = _angle_unit(euler[1], values)
+            found.update({name: f"euler{number}_{unit}" for number, name in euler.items()})
+    if any(target[:2] in ("qw", "eu") for target in found.values()):
+        places = {m[1].lower(): name for name in free if (m := _POSITION.fullmatch(name.strip())) and name not in found}
+        if len(places) == 3:
+            unit = "mm" if max(np.nanmax(np.abs(columns[name])) for name in places.values()) > 20.0 else "m"
+            found.update({name: f"{axis}_{unit}" for axis, name in places.items()})
+
+
+def _guess_joints(columns: dict[str, Array], joint_names: Sequence[str], found: dict[str, str]) -> None:
+    free = [name for name in columns if name not in found and not _GYRO.match(name)]
+    joints: dict[int, str] = {}
+    for number, joint in enumerate(joint_names, start=1):
+        plain = _plain(joint)
+        same = [name for name in free if plain in _plain(name) or _plain(joint.removesuffix("_joint")) in _plain(name)]
+        if same:
+            joints[number] = min(same, key=len)
+    if len(joints) < max(len(joint_names), 1):
+        numbered = {int(m[1]): name for name in free if (m := _NUMBERED_JOINT.fullmatch(name.strip()))}
+        first = min(numbered, default=1)
+        shifted = {number + 1 - min(first, 1): name for number, name in numbered.items()} if first == 0 else numbered
+        if len(shifted) >= len(joints) and set(shifted) == set(range(1, len(shifted) + 1)):
+            joints = shifted
+    if not joints and not joint_names:  # joints by names of their own, in the order of the log
+        joints = dict(enumerate((name for name in free if name.startswith("position ")), start=1))
+    if not joints or set(joints) != set(range(1, len(joints) + 1)):
+        return
+    named = {unit_word(name, ("deg", "rad")) for name in joints.values()} - {""}
+    values = np.concatenate([columns[name][np.isfinite(columns[name])] for name in joints.values()])
+    unit = named.pop() if len(named) == 1 else ("deg" if np.abs(values).max(initial=0.0) > 2.1 * np.pi else "rad")
+    found.update({name: f"q{number}_{unit}" for number, name in joints.items()})
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())

@@ -1,0 +1,143 @@
+"""Text tables as they come: delimiter, decimal comma, comments and header are found by looking."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+from numpy.typing import NDArray
+
+from rig.errors import RigError
+
+Array = NDArray[np.float64]
+
+_DELIMITERS: Final = (";", "\t", ",", "|")
+_LOOKED_AT: Final = 1 << 16  # bytes
+_COMMENTS: Final = ("#", "%", "//")
+_NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|nan|-?inf", re.IGNORECASE)
+_DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Log:
+    """One table of a log: a text file, or a topic of a bag.
+
+    Attributes:
+        name: for messages: the file, or file and topic.
+        columns: name -> (n,) numbers; NaN where a cell is empty.
+        said: how it was read, in words.
+    """
+
+    name: str
+    columns: dict[str, Array]
+    said: str = ""
+
+
+def read_text_log(path: Path) -> Log:
+    """A CSV or TSV file as it comes.
+
+    Raises:
+        RigError: it cannot be read, is no text, or has no table of numbers.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(_LOOKED_AT)
+    except OSError as error:
+        raise RigError(f"{path}: cannot be read: {error.strerror}") from error
+    if not head.strip() or b"\0" in head:
+        raise RigError(f"{path}: is {'empty' if not head.strip() else 'no text'}, expected a table of numbers")
+    text = head.decode("utf-8-sig", errors="replace")
+    lines = text.splitlines()[:-1] if len(head) == _LOOKED_AT else text.splitlines()
+    comments = 0
+    while comments < len(lines) and (not lines[comments].strip() or lines[comments].lstrip().startswith(_COMMENTS)):
+        comments += 1
+    body = lines[comments : comments + 50]
+    if not body:
+        raise RigError(f"{path}: found comments only, expected a table of numbers")
+    delimiter = _delimiter(body)
+    cells = [_cells(line, delimiter) for line in body]
+    first = next((row for row, line in enumerate(cells) if line and all(_is_number(cell) for cell in line if cell)), -1)
+    if first < 0:
+        raise RigError(f"{path}: found no line of numbers among the first {len(cells)}, expected a table of numbers")
+    width = len(cells[first])
+    names = _names(cells[:first], lines[:comments], delimiter, width)
+    comma = delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell) for line in cells[first:] for cell in line)
+    table = _numbers(path, delimiter, comments + first, names, comma)
+    words = {"\t": "tabs", None: "blanks"}.get(delimiter, f"{delimiter!r}")
+    said = f"separated by {words}{', decimal comma' if comma else ''}{'' if first else ', no header'}"
+    return Log(str(path), table, said)
+
+
+def _is_number(cell: str) -> bool:
+    return _NUMBER.fullmatch(cell) is not None
+
+
+def _delimiter(lines: list[str]) -> str | None:
+    """The delimiter that splits most lines into the same number of cells, more than one; None: blanks."""
+    best: tuple[int, int, str | None] = (0, 0, None)
+    for order, delimiter in enumerate(_DELIMITERS):
+        counts = [len(_cells(line, delimiter)) for line in lines]
+        common = max(set(counts), key=counts.count)
+        if common > 1 and (counts.count(common), -order) > best[:2]:
+            best = (counts.count(common), -order, delimiter)
+    return best[2]
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
+
+
+def _names(header: list[list[str]], comments: list[str], delimiter: str | None, width: int) -> list[str]:
+    """The columns' names: of the header, with a second line of units; of the last comment; else numbers."""
+    named = [line for line in header if len(line) == width]
+    if not named and comments:
+        words = _cells(comments[-1].lstrip().lstrip("#%/ "), delimiter)
+        named = [words] if len(words) == width else []
+    if not named:
+        return [f"column{number}" for number in range(1, width + 1)]
+    names = named[0]
+    if len(named) > 1:
+        names = [f"{name} [{unit.strip('[]()')}]" if unit else name for name, unit in zip(*named[:2], strict=True)]
+    unique: dict[str, int] = {}
+    result = []
+    for number, name in enumerate(names, start=1):
+        name = name or f"column{number}"
+        unique[name] = unique.get(name, 0) + 1
+        result.append(name if unique[name] == 1 else f"{name}.{unique[name]}")
+    return result
+
+
+def _numbers(path: Path, delimiter: str | None, skipped: int, names: list[str], comma: bool) -> dict[str, Array]:
+    """The columns that hold numbers; others, such as texts, are left out."""
+    if delimiter is None:
+        try:
+            values = np.loadtxt(path, skiprows=skipped, ndmin=2, encoding="utf-8-sig")
+        except ValueError as error:
+            raise RigError(f"{path}: not a table of numbers: {' '.join(str(error).split())[:120]}") from error
+        return dict(zip(names, np.ascontiguousarray(values.T), strict=False))
+    try:
+        table = pa.csv.read_csv(
+            path,
+            read_options=pa.csv.ReadOptions(skip_rows=skipped, column_names=names, use_threads=False),
+            parse_options=pa.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=lambda row: "error"),
+            convert_options=pa.csv.ConvertOptions(
+                decimal_point="," if comma else ".", null_values=["", "nan", "NaN", "NA", "null", "-"]
+            ),
+        )
+    except (pa.ArrowInvalid, OSError) as error:
+        raise RigError(f"{path}: not a whole table: {' '.join(str(error).split())[:120]}") from error
+    found = {}
+    for name, column in zip(names, table.columns, strict=True):
+        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            found[name] = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+    if not found:
+        raise RigError(f"{path}: found no column of numbers among {', '.join(names[:8])}")
+    return found

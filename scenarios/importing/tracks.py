@@ -1,0 +1,224 @@
+"""The quantities of a log, each with its own times: rows in which a quantity is missing belong to another rate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Table
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import interp1d
+from scipy.spatial.transform import Rotation, Slerp
+
+from rig.errors import RigError
+from scenarios.importing.mapping import Conventions
+from scenarios.importing.quantities import (
+    ACCELEROMETER_UNITS,
+    JOINT_UNITS,
+    LENGTHS,
+    MAGNETOMETER_UNITS,
+    TIME_UNITS,
+    parse_target,
+    unit_word,
+)
+from scenarios.importing.text_log import Log
+
+Array = NDArray[np.float64]
+
+_EPOCH: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+_ORTHOGONAL: Final = 0.02  # entries of R' R - 1: matrices rounded to two decimals pass, another kind of table does not
+#: theta1, theta5, theta6 of Renk's Table 1 as joints 1, 5, 6 [rad], and where the others are locked.
+_RENK_ZEROS: Final = {"1": -np.pi / 2, "5": 0.0, "6": -np.pi}
+_RENK_LOCKED: Final = {2: np.pi / 2, 3: -np.pi / 2, 4: 0.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One quantity of a log.
+
+    Attributes:
+        log: where it comes from.
+        kind: accel, mag, joints, rotation, position, temperature, supply, current.
+        t: (n,) [s] of the log's own clock; None where it has no times.
+        values: (n, k); of a rotation (n, 9), R_base_tool row by row.
+        unit: recorded unit of readings; what it was made from, of a rotation.
+        slides: of joints: the numbers of those that slide.
+    """
+
+    log: str
+    kind: str
+    t: Array | None
+    values: Array
+    unit: str = ""
+    slides: tuple[int, ...] = ()
+
+    def at(self, t: Array) -> Array:
+        """Values (m, k) at times (m,) within the track's: linear, rotations along the shortest way."""
+        assert self.t is not None
+        if len(t) == len(self.t) and np.array_equal(t, self.t):
+            return self.values
+        if len(self.t) < 2:
+            raise RigError(f"{self.log}: found {len(self.t)} row of {self.kind}, expected two or more to interpolate")
+        if self.kind == "rotation":
+            turns = Rotation.from_matrix(self.values.reshape(-1, 3, 3))
+            return np.asarray(Slerp(self.t, turns)(t).as_matrix().reshape(-1, 9))
+        return np.asarray(interp1d(self.t, self.values, axis=0)(t))
+
+
+def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> tuple[list[Track], list[str]]:
+    """What a log holds, by the targets of its columns, and what is to be said of it.
+
+    Raises:
+        RigError: a quantity is not whole, or poses are no rotations.
+    """
+    groups: dict[str, dict[str, tuple[str, str, float]]] = {}
+    for name, text in targets.items():
+        target = parse_target(text)
+        if target is None or name not in log.columns:
+            continue
+        parts = groups.setdefault(target.kind, {})
+        if target.part in parts:
+            raise RigError(
+                f"{log.name}: columns {parts[target.part][0]!r} and {name!r} are both {text!r}, expected one"
+            )
+        parts[target.part] = (name, target.unit, target.sign)
+    said: list[str] = []
+    t, order = None, np.arange(len(next(iter(log.columns.values()))))
+    if "time" in groups:
+        name = groups.pop("time")[""][0]
+        t, words = _times(name, log.columns[name], conventions)
+        order = np.argsort(t, kind="stable")
+        if not np.array_equal(order, np.arange(len(t))):
+            words += "; rows were not in the order of time: sorted"
+        said.append(f"{log.name}: time is {words}")
+    found = []
+    for kind, parts in groups.items():
+        columns = _stacked(kind, parts, log, order)
+        whole = np.isfinite(columns).all(axis=1)
+        when = None if t is None else t[order]
+        if when is not None:
+            whole &= np.isfinite(when)
+            later = np.ones(len(when), dtype=bool)
+            kept = np.flatnonzero(whole)
+            later[kept[1:]] = np.diff(when[kept]) > 0
+            if dropped := int((whole & ~later).sum()):
+                said.append(f"{log.name}: {dropped} rows of {kind} repeat the time before: dropped")
+            whole &= later
+        if not whole.any():
+            raise RigError(f"{log.name}: {kind}: found no row with all of {', '.join(p[0] for p in parts.values())}")
+        track = Track(log.name, kind, None if when is None else when[whole], columns[whole])
+        found.append(_converted(track, parts, conventions))
+    return found, said
+
+
+_PARTS: Final = {
+    "accel": ("1", "2", "3"),
+    "mag": ("1", "2", "3"),
+    "matrix": tuple(f"{row}{column}" for row in "123" for column in "123"),
+    "quaternion": ("w", "x", "y", "z"),
+    "euler": ("1", "2", "3"),
+    "position": ("x", "y", "z"),
+    "theta": ("1", "5", "6"),
+}
+
+
+def _stacked(kind: str, parts: dict[str, tuple[str, str, float]], log: Log, order: NDArray[np.intp]) -> Array:
+    wanted = _PARTS.get(kind) or tuple(sorted(parts, key=lambda part: int(part or 0)))
+    if kind == "joint":
+        wanted = tuple(str(number) for number in range(1, max(map(int, parts)) + 1))
+    if missing := [part for part in wanted if part not in parts]:
+        have = ", ".join(repr(parts[part][0]) for part in parts)
+        raise RigError(f"{log.name}: {kind}: part {missing[0]} is missing beside {have}, expected {', '.join(wanted)}")
+    return np.stack([parts[part][2] * log.columns[parts[part][0]][order] for part in wanted], axis=1)
+
+
+def _times(name: str, values: Array, conventions: Conventions) -> tuple[Array, str]:
+    """[s], and in words where the unit comes from."""
+    finite = values[np.isfinite(values)]
+    unit: str
+    if conventions.time_unit != "guess":
+        unit, why = conventions.time_unit, "as stated"
+    elif word := unit_word(name, tuple(TIME_UNITS)):
+        unit, why = word, f"by the name {name!r}"
+    else:
+        largest = float(np.abs(finite).max(initial=0.0))
+        step = float(np.median(np.abs(np.diff(finite)))) if len(finite) > 1 else 1.0
+        unit = next((unit for bound, unit in _EPOCH if largest > bound), "")
+        if not unit:
+            unit = "s" if step <= 1.0 else "ms" if step <= 500.0 else "us" if step <= 5e5 else "ns"
+        why = "by its range"
+    start = finite[0] if abs(finite[0]) * TIME_UNITS[unit] > 1e8 else 0.0
+    return (values - start) * TIME_UNITS[unit] + start * TIME_UNITS[unit], f"in {unit} {why}"
+
+
+def _converted(track: Track, parts: dict[str, tuple[str, str, float]], conventions: Conventions) -> Track:
+    kind, values = track.kind, track.values
+    units = [parts[part][1] for part in (_PARTS.get(kind) or sorted(parts, key=lambda p: int(p or 0)))]
+    if kind in ("accel", "mag"):
+        if len(set(units)) > 1:
+            raise RigError(f"{track.log}: {kind} columns have the units {', '.join(units)}, expected one")
+        unit, factor = (ACCELEROMETER_UNITS if kind == "accel" else MAGNETOMETER_UNITS)[units[0]]
+        return replace(track, values=factor * values, unit=unit)
+    if kind == "joint":
+        slides = tuple(number for number, unit in enumerate(units, start=1) if unit == "m")
+        return replace(track, kind="joints", values=values * [JOINT_UNITS[unit] for unit in units], slides=slides)
+    if kind == "theta":
+        scale = np.array([JOINT_UNITS[unit] for unit in units])
+        q = np.zeros((len(values), 6))
+        for column, (part, zero) in enumerate(_RENK_ZEROS.items()):
+            q[:, int(part) - 1] = values[:, column] * scale[column] + zero
+        for joint, angle in _RENK_LOCKED.items():
+            q[:, joint - 1] = angle
+        return replace(track, kind="joints", values=q)
+    if kind in ("matrix", "quaternion", "euler"):
+        unit = f"euler {conventions.euler}" if kind == "euler" else kind
+        return replace(track, kind="rotation", values=_rotation(track, units[0], conventions), unit=unit)
+    if kind == "position":
+        return replace(track, values=values * LENGTHS[units[0]])
+    return track
+
+
+def _rotation(track: Track, unit: str, conventions: Conventions) -> Array:
+    """(n, 9) R_base_tool."""
+    values = track.values
+    if track.kind == "matrix":
+        R = values.reshape(-1, 3, 3)
+        off = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
+        if off > _ORTHOGONAL:
+            raise RigError(
+                f"{track.log}: r11..r33 are no rotations: rows off right angles or length 1 by {off:.2g}, expected"
+                " another order of the columns, or other columns"
+            )
+        if (flipped := np.linalg.det(R)).min() < 0:
+            row = int(np.argmin(flipped))
+            raise RigError(f"{track.log}: r11..r33 in row {row} are left-handed (determinant -1): expected rotations")
+        turns = Rotation.from_matrix(R)
+    elif track.kind == "quaternion":
+        norm = np.linalg.norm(values, axis=1)
+        if np.abs(norm - 1.0).max() > 0.05:
+            row = int(np.argmax(np.abs(norm - 1.0)))
+            raise RigError(f"{track.log}: the quaternion in row {row} has the norm {norm[row]:.4g}, expected 1")
+        turns = Rotation.from_quat(values, scalar_first=True)
+    else:
+        turns = euler_rotation(conventions.euler, values * JOINT_UNITS[unit], track.log)
+    if conventions.rotation == "tool<-base":
+        turns = turns.inv()
+    return np.asarray(turns.as_matrix().reshape(-1, 9))
+
+
+def euler_rotation(convention: str, angles: Array, where: str = "euler") -> Rotation:
+    """Rotations of three angles (n, 3) [rad] by a convention such as "ZYX".
+
+    Raises:
+        RigError: the convention is none.
+    """
+    try:
+        if len(convention) != 3:
+            raise ValueError
+        return Rotation.from_euler(convention, angles)
+    except ValueError:
+        raise RigError(
+            f"{where}: euler: found {convention!r}, expected three axes, all capital (turned axes) or all small (fixed"
+            " axes), such as 'ZYX' or 'xyz'"
+        ) from None
