@@ -19,7 +19,7 @@ from estimators.noise import NoiseFloor, given_floor, noise_floor
 from estimators.statistics import Statistics
 from rig.channels import ACCELEROMETER, SENSORS
 from rig.errors import RefusedFit, RigError, unknown_name
-from rig.recording import Metadata, Recording, RecordingScan, locked_beside, read_recording, scan_recording
+from rig.recording import Metadata, Recording, RecordingScan, locked_beside, scan_recording, whole_or_beginning
 
 if TYPE_CHECKING:
     from estimators.ellipsoid import Options
@@ -261,7 +261,11 @@ def _floors(path: PathLike | Recording | None, noise: Noise | None) -> _Floors:
     if path is None or isinstance(path, Recording):
         return _Floors()
     locked = locked_beside(Path(path))
-    return _Floors() if locked is None else _Floors("locked recording", measured=noise_floor(read_recording(locked)))
+    return (
+        _Floors()
+        if locked is None
+        else _Floors("locked recording", measured=noise_floor(whole_or_beginning(locked)[0]))
+    )
 
 
 def arm_of(batch: Recording, arm: Arm | None, where: str) -> Arm | None:

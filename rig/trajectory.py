@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.memory import check_fits
+
 Array = NDArray[np.float64]
+
+#: Of a simulation, from its motion to its readings.
+_BYTES_A_SAMPLE: Final = 600
 
 
 @dataclass(frozen=True)
@@ -51,5 +57,13 @@ class PoseTrajectory:
 
 
 def sample_times(duration_s: float, rate_Hz: float) -> Array:
-    """(n,) [s]: 0, 1/rate, .. with n = duration times rate; the end itself belongs to the next sample."""
+    """(n,) [s]: 0, 1/rate, .. with n = duration times rate; the end itself belongs to the next sample.
+
+    Raises:
+        RigError: so many samples do not fit into the memory that may be taken.
+    """
+    samples = duration_s * rate_Hz
+    check_fits(
+        samples * _BYTES_A_SAMPLE, f"duration_s {duration_s:g} s at rate_Hz {rate_Hz:g} Hz, {samples:.6g} samples"
+    )
     return np.arange(round(duration_s * rate_Hz)) / rate_Hz

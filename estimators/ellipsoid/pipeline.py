@@ -27,7 +27,7 @@ Floor = tuple[Array, Array]
 RESTS: Final[tuple[Rest, ...]] = ("auto", "all", "poses")
 #: Samples of a file that are fitted. More would sharpen nothing that matters, as what limits a calibration of so many
 #: readings is not their noise, and this many fit into memory whatever the file's length.
-MOST_SAMPLES: Final = 1 << 22
+MOST_SAMPLES: Final = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from estimators.goodness.outliers import Outliers, efficiency, outliers
 from estimators.goodness.readings import Clipped, Repeats, clipped, repeats
 from estimators.goodness.residuals import Residuals, residuals_of
 from estimators.goodness.robust import Rejection, reject_outliers, robust_calibrate
-from estimators.goodness.sampling import thinned
+from estimators.goodness.sampling import thinned, whole_or_thinned
 from estimators.goodness.whiteness import Whiteness, whiteness
 
 __all__ = [
@@ -36,4 +36,5 @@ __all__ = [
     "robust_calibrate",
     "thinned",
     "whiteness",
+    "whole_or_thinned",
 ]

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.recording import Recording, RecordingScan, scan_recording
-
-Array = NDArray[np.float64]
+from rig.memory import limit_bytes
+from rig.recording import Recording, RecordingScan, joined, scan_recording
 
 #: Samples of a stretch: successive ones are needed to see repeats and correlation, and many stretches to see all
 #: orientations.
 STRETCH: Final = 64
 _STRETCHES: Final = 1024
+_FEWEST: Final = 4096
 
 
 def thinned(run: Recording | RecordingScan | str | os.PathLike[str], at_most: int) -> Recording:
@@ -32,11 +31,17 @@ def thinned(run: Recording | RecordingScan | str | os.PathLike[str], at_most: in
     Raises:
         RigError: the file cannot be read.
     """
+    return _thinned(run, at_most)[0]
+
+
+def _thinned(run: Recording | RecordingScan | str | os.PathLike[str], at_most: int) -> tuple[Recording, int]:
+    """As ``thinned``, and of how many stretches one is kept."""
     stretch = int(np.clip(at_most // _STRETCHES, 4, STRETCH))
     if isinstance(run, Recording):
         if len(run) <= at_most:
-            return run
-        return run.select(np.arange(len(run)) // stretch % -(-len(run) // at_most) == 0)
+            return run, 1
+        every = -(-len(run) // at_most)
+        return run.select(np.arange(len(run)) // stretch % every == 0), every
     scan = run if isinstance(run, RecordingScan) else scan_recording(run)
     kept: list[tuple[Recording, NDArray[np.intp]]] = []
     every, count = 1, 0
@@ -47,7 +52,7 @@ def thinned(run: Recording | RecordingScan | str | os.PathLike[str], at_most: in
         while sum(len(part) for part, _ in kept) > at_most:
             every *= 2
             kept = [chosen for part, own in kept for chosen in _every(every, part, own)]
-    return joined([part for part, _ in kept])
+    return joined([part for part, _ in kept]), every
 
 
 def _every(every: int, part: Recording, numbers: NDArray[np.intp]) -> list[tuple[Recording, NDArray[np.intp]]]:
@@ -58,23 +63,23 @@ def _every(every: int, part: Recording, numbers: NDArray[np.intp]) -> list[tuple
     return [(part.select(chosen), numbers[chosen])] if chosen.any() else []
 
 
-def joined(parts: list[Recording]) -> Recording:
-    """One recording of several that follow one another in time and have the same columns."""
-    first = parts[0]
+def whole_or_thinned(scan: RecordingScan, bytes_a_sample: float) -> tuple[Recording, str]:
+    """A recording whole, or thinned to what may be taken of memory.
 
-    def together(values: list[Array | None]) -> Array | None:
-        found = [value for value in values if value is not None]
-        return np.concatenate(found) if found else None
+    Args:
+        scan: the file.
+        bytes_a_sample: what is to be done with it takes so much memory.
 
-    return replace(
-        first,
-        t=np.concatenate([part.t for part in parts]),
-        q=together([part.q for part in parts]),
-        tool_quaternion=together([part.tool_quaternion for part in parts]),
-        tool_position=together([part.tool_position for part in parts]),
-        accelerometer=together([part.accelerometer for part in parts]),
-        magnetometer=together([part.magnetometer for part in parts]),
-        temperature=together([part.temperature for part in parts]),
-        currents={joint: np.concatenate([part.currents[joint] for part in parts]) for joint in first.currents},
-        supply=together([part.supply for part in parts]),
-    )
+    Returns:
+        The recording, and a word about what was left out; "" where nothing was.
+
+    Raises:
+        RigError: as of ``thinned``.
+    """
+    at_most = max(int(limit_bytes() / bytes_a_sample), _FEWEST)
+    if scan.rows is not None and scan.rows <= at_most:
+        return scan.read(), ""
+    found, every = _thinned(scan, at_most)
+    if every == 1:
+        return found, ""
+    return found, f"{scan.path}: one in {every} stretches is used, {len(found):,} samples: memory allows no more"

@@ -17,8 +17,9 @@ Array = NDArray[np.float64]
 #: 0.0005 * sum |q_i| <= 0.001; a norm further away is another mistake.
 NORM_TOLERANCE: Final = 1e-3
 
-#: Unit, how many of it are a second, and the least that any moment since 1973 is in it.
-_UNIX_UNITS: Final = (("milliseconds", 1e3, 1e11), ("microseconds", 1e6, 1e14), ("nanoseconds", 1e9, 1e17))
+#: Units of Unix time, and how many of each are a second.
+_UNIX_UNITS: Final = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
+_UNIX_S: Final = (6e8, 4.2e9)  # the years 1989 to 2103
 
 
 def as_columns(values: object, what: str, where: str) -> Array:
@@ -71,10 +72,10 @@ def check_increasing(t: Array, where: str, first_row: int = 0) -> None:
 
 
 def check_seconds(t: Array, where: str) -> None:
-    """Raise a RigError for times that are Unix time in another unit: in seconds they would lie beyond the year 5000."""
-    begin = abs(float(t[0]))
-    for unit, factor, lowest in _UNIX_UNITS:
-        if lowest <= begin < 1e3 * lowest:
+    """Raise a RigError for times that are of our days as Unix time in another unit."""
+    begin = float(t[0])
+    for unit, factor in _UNIX_UNITS:
+        if _UNIX_S[0] <= begin / factor < _UNIX_S[1]:
             raise RigError(
                 f"{where}: t_s begins with {float(t[0]):.6g}, which looks like Unix time in {unit}, expected seconds:"
                 f" divide it by {factor:g}"

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.errors import RigError
+from rig.memory import check_fits
 from rig.recording.checks import check_continues, check_finite
 from rig.recording.columns import (
     JOINTS_OF_ARM,
@@ -34,7 +35,8 @@ from rig.recording.tables import TableWriter, open_table
 
 Array = NDArray[np.float64]
 
-_WHOLE_FILE_BATCH = 1 << 20  # rows; what does not matter for a recording that is to be in memory anyway
+_COPIES = 3  # of every number, at most, while a file is read whole
+_WHOLE_FILE_BATCH = 1 << 18  # rows; what does not matter for a recording that is to be in memory anyway
 
 
 @dataclass(frozen=True)
@@ -109,12 +111,22 @@ class RecordingScan:
         Raises:
             RigError: as in iteration.
         """
-        tables = list(self.table.batches(self.columns.names, max(self.batch_rows, _WHOLE_FILE_BATCH)))
+        size = 8 * _COPIES * len(self.columns.names)
+        if self.rows is not None:
+            self._check_fits(self.rows, size)
+        tables, rows = [], 0
+        for table in self.table.batches(self.columns.names, max(self.batch_rows, _WHOLE_FILE_BATCH)):
+            tables.append(table)
+            rows += len(table[TIME])
+            self._check_fits(rows, size)
         if not any(len(table[TIME]) for table in tables):
             raise RigError(f"{self.path}: has no samples")
         if len(tables) == 1:
             return self._recording(tables[0], 0)
         return self._recording({name: np.concatenate([t[name] for t in tables]) for name in self.columns.names}, 0)
+
+    def _check_fits(self, rows: int, size: int) -> None:
+        check_fits(rows * size, f"{self.path}: {rows} rows of {len(self.columns.names)} columns")
 
     def _recording(self, table: dict[str, Array], first_row: int) -> Recording:
         return recording_of(table, self.columns, self.metadata, self.name, str(self.path), first_row)

@@ -27,7 +27,6 @@ _COMPLAINTS: Final = (
     KeyError,
     IndexError,
     OverflowError,
-    MemoryError,
     csv.Error,
 )
 
@@ -91,6 +90,8 @@ def readable(path: Path, kind: str) -> Iterator[None]:
         yield
     except RigError:
         raise
+    except MemoryError as error:  # Arrow's is one, too: nothing is wrong with the file
+        raise RigError(f"{path}: not enough memory to read it: {one_line(str(error), 120)}") from error
     except PermissionError as error:
         raise RigError(f"{path}: cannot be read: {error.strerror}") from error
     except _COMPLAINTS as error:

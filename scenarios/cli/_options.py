@@ -15,6 +15,7 @@ import click
 
 from rig.errors import RigError, nearest, shown, unknown_name
 from rig.files import check_not_input, check_writable
+from rig.memory import VARIABLE, parsed
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -79,6 +80,18 @@ def check_output(path: Path, suffixes: Sequence[str], *inputs: Path | None) -> P
     check_writable(path)
     check_not_input(path, *inputs)
     return path
+
+
+def memory_option(command: Command) -> Command:
+    """``--memory``: what may be taken, by this process and those that it starts."""
+
+    def state(context: click.Context, option: click.Parameter, value: str | None) -> None:
+        if value is not None:
+            parsed(value, "--memory")
+            os.environ[VARIABLE] = value
+
+    text = "Memory to take at most, such as 2G; half of what is free by default. Longer recordings are thinned."
+    return click.option("--memory", metavar="SIZE", callback=state, expose_value=False, help=text)(command)
 
 
 @contextmanager

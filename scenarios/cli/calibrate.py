@@ -17,6 +17,7 @@ from scenarios.cli._options import (
     check_output,
     chosen_arm,
     json_option,
+    memory_option,
     print_json,
     progress_bar,
 )
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 #: Samples whose directions are drawn.
 _DRAWN: Final = 100_000
+#: Memory that a robust fit takes [bytes a sample].
+_ROBUST: Final = 1000.0
 
 
 @click.command(short_help="Calibrate the sensors of a recording.")
@@ -63,6 +66,7 @@ _DRAWN: Final = 100_000
 )
 @click.option("--fminunc", is_flag=True, help="Minimise as Renk et al. too (quasi-Newton), and compare.")
 @click.option("--coverage", type=PATH, metavar="PLOT", help="Draw the directions seen and missing: .png, .svg, .pdf.")
+@memory_option
 @json_option
 def calibrate(
     run: Path,
@@ -95,7 +99,7 @@ def calibrate(
       rig calibrate run.csv --noise 13.4,13.6,14.6 --method separate
       rig calibrate mine.parquet --arm mine.urdf --tip sensor_link -o cal.json
     """
-    from rig.errors import RigError
+    from rig.errors import RigError, one_line
 
     if output is not None:
         check_output(output, (".json",), run, locked, arm_file)
@@ -105,6 +109,7 @@ def calibrate(
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
     from estimators.ellipsoid import Options
+    from estimators.goodness import whole_or_thinned
     from estimators.pipeline import has_pose
     from rig.recording import locked_beside, scan_recording
     from scenarios.cli._start import parsed_start
@@ -128,8 +133,11 @@ def calibrate(
     weighting: Weighting = "equal" if equal_weights else "likelihood"
     with progress_bar(f"calibrating {run}") as progress:
         if robust and not attitude_free:
+            recording, thinned = whole_or_thinned(scan, _ROBUST)
+            if thinned:
+                click.echo(one_line(thinned), err=True)
             calibration, _ = estimators.robust_calibrate(
-                scan.read(), method or "simultaneous", floor, arm, points, weighting
+                recording, method or "simultaneous", floor, arm, points, weighting
             )
         else:
             calibration = estimators.calibrate(
@@ -202,9 +210,9 @@ def _draw_coverage(run: Path, calibration: Calibration, arm: Arm | None, path: P
 
 def _floor(locked: Path) -> NoiseFloor:
     from estimators import noise_floor
-    from rig.recording import read_recording
+    from rig.recording import whole_or_beginning
 
-    return noise_floor(read_recording(locked))
+    return noise_floor(whole_or_beginning(locked)[0])
 
 
 def _given(text: str, scan: RecordingScan) -> dict[str, list[float]]:

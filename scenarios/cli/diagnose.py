@@ -16,6 +16,7 @@ from scenarios.cli._options import (
     check_output,
     chosen_arm,
     json_option,
+    memory_option,
     print_json,
     progress_bar,
 )
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     help="For the next maneuver; as long as RUN by default.",
 )
 @click.option("--out", type=PATH, default="diagnosis", metavar="DIR", help="For the results; ./diagnosis by default.")
+@memory_option
 @json_option
 def diagnose(
     runs: tuple[Path, ...],

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from scenarios.cli._options import PATH, check_output, json_option, print_json, progress_bar
+from scenarios.cli._options import PATH, check_output, json_option, memory_option, print_json, progress_bar
 
 
 @click.command(short_help="What the noise of a locked-arm recording is like.")
 @click.argument("locked", type=PATH)
 @click.option("-o", "--output", type=PATH, metavar="PLOT", help="Draw Allan deviation and spectrum: .png, .svg, .pdf.")
 @click.option("--calibration", type=PATH, metavar="CAL", help="Also give white noise in field units.")
+@memory_option
 @json_option
 def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: bool) -> None:
     """Study the noise of LOCKED, a recording of poses held still.
@@ -30,10 +31,13 @@ def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: 
         check_output(output, (".png", ".svg", ".pdf"), locked, calibration)
     from estimators.calibration import Calibration
     from estimators.noise_study import study_noise
-    from rig.recording import read_recording
+    from rig.errors import one_line
+    from rig.recording import whole_or_beginning
 
     found = None if calibration is None else Calibration.read(calibration)
-    recording = read_recording(locked)
+    recording, shortened = whole_or_beginning(locked)
+    if shortened:
+        click.echo(one_line(shortened), err=True)
     with progress_bar(f"studying {locked}"):
         study = study_noise(recording)
     if output is not None:

@@ -16,6 +16,7 @@ from scenarios.cli._options import (
     check_output,
     json_option,
     maneuver_option,
+    memory_option,
     on_arm,
     print_json,
     progress_bar,
@@ -69,6 +70,7 @@ def demo(output: Path, seed: int, as_json: bool) -> None:
 @click.option("--locked", is_flag=True, help="Also write RUN.locked.parquet, for the noise floor.")
 @arm_options
 @maneuver_option
+@memory_option
 @json_option
 def sweep(
     scenario: str,

@@ -17,6 +17,7 @@ from scenarios.cli._options import (
     check_output,
     chosen_arm,
     json_option,
+    memory_option,
     print_json,
     progress_bar,
 )
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from rig.recording import Recording
 
 _VIEWER_STARTS_S = 1.5
+#: Memory that a view takes while it is made [bytes a sample].
+_DRAWN = 600.0
 
 
 @click.command(short_help="List the scenarios, or print one.")
@@ -115,6 +118,7 @@ def _draw_effect(name: str | None, output: Path | None, where: str | None) -> No
 @click.option("-o", "--output", type=PATH, metavar="F.rrd", help="Write the view instead of opening it.")
 @click.option("--calibration", type=PATH, metavar="CAL", help="Lay this calibration over it; its own otherwise.")
 @arm_options
+@memory_option
 @json_option
 def view(
     run: Path, output: Path | None, calibration: Path | None, arm_file: Path | None, tip: str | None, as_json: bool
@@ -158,9 +162,12 @@ def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) ->
         return
     if not run.exists() and not run.suffix:
         raise RigError(f"{run}: no such file or folder, expected a recording or a study")
-    from rig.recording import read_recording
+    from estimators.goodness import whole_or_thinned
+    from rig.recording import scan_recording
 
-    recording = read_recording(run, joints=None if arm is None else arm.dof)
+    recording, thinned = whole_or_thinned(scan_recording(run, joints=None if arm is None else arm.dof), _DRAWN)
+    if thinned:
+        click.echo(one_line(thinned), err=True)
     if arm is None and recording.q is not None and recording.metadata.arm == "a465":
         from rig.arm import Arm
 

@@ -274,9 +274,9 @@ def _floor(locked: Path | None) -> Callable[[str, str], NDArray[Any] | None]:
     if locked is None:
         return lambda sensor, unit: None
     from estimators import noise_floor
-    from rig.recording import read_recording
+    from rig.recording import whole_or_beginning
 
-    floor = noise_floor(read_recording(locked))
+    floor = noise_floor(whole_or_beginning(locked)[0])
 
     def of(sensor: str, unit: str) -> NDArray[Any] | None:
         found = floor.of(sensor, unit)

@@ -1,0 +1,141 @@
+"""Recordings that are larger than memory, as means over blocks of successive samples."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import RigError
+from rig.memory import limit_bytes
+from rig.recording.files import RecordingScan, scan_recording
+from rig.recording.samples import Recording
+
+Array = NDArray[np.float64]
+
+#: A line of a CSV file with two columns or more takes so much at least [bytes].
+_SHORTEST_LINE: Final = 4
+
+
+def whole_or_means(
+    path: str | os.PathLike[str], joints: int | None = None, bytes_a_sample: float = 600.0, block: int | None = None
+) -> tuple[Recording, int]:
+    """A recording whole, or as means over blocks of samples where it would take more memory than there may be taken.
+
+    Args:
+        path: of the file.
+        joints: how many joints the arm has; None: as of ``scan_recording``.
+        bytes_a_sample: what is to be done with it takes so much memory.
+        block: samples of a block, where that is known: a locked recording is averaged like the one it belongs to.
+
+    Returns:
+        The recording, and how many samples each of its own stands for.
+
+    Raises:
+        RigError: as of ``scan_recording`` and of reading.
+    """
+    scan = scan_recording(path, joints=joints)
+    if block is None:
+        rows = scan.rows
+        if rows is None:
+            rows = scan.path.stat().st_size // max(2 * len(scan.table.names), _SHORTEST_LINE)
+        block = max(1, int(np.ceil(rows * bytes_a_sample / limit_bytes())))
+    return (scan.read() if block == 1 else block_means(scan, block)), block
+
+
+def whole_or_beginning(path: str | os.PathLike[str], bytes_a_sample: float = 300.0) -> tuple[Recording, str]:
+    """A recording whole, or so much of its beginning as may be taken of memory: noise has to be successive samples.
+
+    Args:
+        path, bytes_a_sample: as of ``whole_or_means``.
+
+    Returns:
+        The recording, and a word about what was left out; "" where nothing was.
+
+    Raises:
+        RigError: as of reading.
+    """
+    scan = scan_recording(path)
+    most = max(int(limit_bytes() / bytes_a_sample), 1)
+    if scan.rows is not None and scan.rows <= most:
+        return scan.read(), ""
+    parts: list[Recording] = []
+    count = 0
+    for batch in scan:
+        parts.append(batch.select(slice(0, most - count)))
+        count += len(parts[-1])
+        if count == most:
+            return joined(parts), f"{path}: its first {most:,} samples are used: memory allows no more"
+    return joined(parts), ""
+
+
+def block_means(scan: RecordingScan, block: int) -> Recording:
+    """Means over blocks of so many successive samples, in constant memory but for the result.
+
+    Times, joint angles, readings and all else are averaged; of a tool's quaternion the mean is made a rotation again.
+    What is left over at the end, less than a block, is dropped. The stated rate is divided by the block's length.
+
+    Raises:
+        RigError: no whole block, or as of reading.
+    """
+    parts: list[Recording] = []
+    rest: Recording | None = None
+    for batch in scan:
+        together = batch if rest is None else joined([rest, batch])
+        whole = len(together) // block * block
+        rest = together.select(slice(whole, None)) if whole < len(together) else None
+        if whole:
+            parts.append(_means(together.select(slice(0, whole)), block))
+    if not parts:
+        raise RigError(f"{scan.path}: has fewer than {block} samples, expected a block of them")
+    found = joined(parts)
+    rate = found.metadata.rate_Hz
+    return replace(found, metadata=replace(found.metadata, rate_Hz=None if rate is None else rate / block))
+
+
+def joined(parts: list[Recording]) -> Recording:
+    """One recording of several that follow one another in time and have the same columns."""
+    return parts[0] if len(parts) == 1 else _made(parts, np.concatenate)
+
+
+def _means(recording: Recording, block: int) -> Recording:
+    def mean(values: list[Array]) -> Array:
+        array = values[0].reshape(len(recording) // block, block, *values[0].shape[1:])
+        return np.asarray(array.mean(axis=1))
+
+    turns = recording.tool_quaternion
+    if turns is not None:  # of the two that are the same rotation, the one nearer to the block's first
+        turns = turns.reshape(-1, block, 4)
+        side = np.where(np.einsum("bij,bj->bi", turns, turns[:, 0]) < 0.0, -1.0, 1.0)
+        turns = (side[:, :, None] * turns).mean(axis=1)
+        turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+        place = recording.tool_position
+        rest = _made([replace(recording, tool_quaternion=None, tool_position=None)], mean)
+        return replace(rest, tool_quaternion=turns, tool_position=None if place is None else mean([place]))
+    return _made([recording], mean)
+
+
+def _made(parts: list[Recording], make: Callable[[list[Array]], Array]) -> Recording:
+    """A recording whose every array is made of those of others."""
+
+    def of(values: list[Array | None]) -> Array | None:
+        found = [value for value in values if value is not None]
+        return make(found) if found else None
+
+    first = parts[0]
+    return replace(
+        first,
+        t=make([part.t for part in parts]),
+        q=of([part.q for part in parts]),
+        tool_quaternion=of([part.tool_quaternion for part in parts]),
+        tool_position=of([part.tool_position for part in parts]),
+        accelerometer=of([part.accelerometer for part in parts]),
+        magnetometer=of([part.magnetometer for part in parts]),
+        temperature=of([part.temperature for part in parts]),
+        currents={joint: make([part.currents[joint] for part in parts]) for joint in first.currents},
+        supply=of([part.supply for part in parts]),
+    )
