@@ -71,7 +71,8 @@ class Recording:
     def __post_init__(self) -> None:
         where = self.origin or self.name
         t = self._keep("t", self.t, (-1,), (TIME,))
-        check_seconds(t, where)
+        if self.first_row == 0:  # a later batch is judged with the first
+            check_seconds(t, where)
         check_increasing(t, where, self.first_row)
         n = len(t)
         if self.q is not None:
