@@ -13,6 +13,7 @@ import estimators.gap
 from rig.errors import RigError
 from scenarios.blind.answers import Answers
 from scenarios.blind.solve import ANSWERS, solve_set
+from scenarios.blind.strata import FEWEST
 from scenarios.cli import _app
 from scenarios.studies.executor import Workers
 
@@ -57,12 +58,12 @@ def test_a_damaged_answer_is_found_and_made_again(made: Path, tmp_path: Path, mo
         def write(self, path: Path) -> None:
             path.write_text('{"verdict": "named", "causes": []}')
 
-    def judge_all(run: Path, locked: Path, without: tuple[str, ...] = ()) -> Found:
+    def judge_all(run: Path, locked: Path | None, without: tuple[str, ...], arm: object) -> Found:
         asked.append(run.stem)
         return Found()
 
     monkeypatch.setattr(estimators.gap, "diagnose", judge_all)
-    assert solve_set(folder, HERE) == 10
+    assert solve_set(folder, HERE) == FEWEST
     kept = Answers(folder / ANSWERS)
     path = kept.path("case004")
     path.write_text(path.read_text().replace("named", "no-gap"))

@@ -117,7 +117,7 @@ def largest_correlation(recording: Recording, locked: Recording) -> dict[str, An
     sigma = np.asarray(desk.projection.floor.sigma_V)
     target = (desk.residual / sigma).ravel()
     best, label = 0.0, ("", "")
-    for effect, fixed in candidates():
+    for effect, fixed in candidates(desk.signals):
         for shape in desk.shapes(effect):
             columns = desk.columns(effect, {**fixed, **shape}) / sigma[:, None]
             flat = columns.reshape(-1, columns.shape[2])
@@ -133,7 +133,7 @@ def stepwise_bic(recording: Recording, locked: Recording) -> dict[str, Any]:
     desk = _Desk.of(recording, locked)
     residual = desk.projection(desk.residual)
     designs = []
-    for effect, fixed in candidates():
+    for effect, fixed in candidates(desk.signals):
         for shape in desk.shapes(effect):
             design = desk.projection(desk.columns(effect, {**fixed, **shape}))
             designs.append(((effect.name, fixed["where"]), _orthonormal(design)))

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError
 from rig.recording import Recording
-from scenarios.blind.draws import ABSORBED, BY_BEING_THERE, draw_effect
+from scenarios.blind.draws import ABSORBED, BY_BEING_THERE, draw_effect, places_of
 from scenarios.blind.forms import FORMS
+from scenarios.blind.laboratories import LABORATORIES
 from scenarios.blind.likeness import ALIKE, TWIN, Likeness, likenesses
 from scenarios.blind.mechanics import MECHANISMS
 from scenarios.blind.mechanics.seen import see
@@ -36,7 +37,7 @@ class Case:
     """A case's recordings, its truth, and the true change (n, 6) [V] of the expected readings."""
 
     recording: Recording
-    locked: Recording
+    locked: Recording | None
     truth: Truth
     change: Array
 
@@ -68,24 +69,38 @@ def make_case(name: str, plan: Plan, scenario: Scenario, samples: int, seed: np.
 def _drawn(name: str, plan: Plan, scenario: Scenario, samples: int, rng: np.random.Generator) -> Case:
     there = any(each in BY_BEING_THERE for each in plan.names)
     sweeps = FAST + SWEEPS[3:] if there else SWEEPS
-    setting = draw_setting(scenario, samples, rng, plan.floor, sweeps)
+    setting = draw_setting(scenario, samples, rng, plan.floor, sweeps, LABORATORIES[plan.laboratory])
     effects, causes = [], []
-    for each, wanted in zip(plan.names, plan.strengths, strict=True):
-        effect, cause = _cause(each, wanted, plan.stratum, setting, rng)
+    for each, wanted, where in zip(plan.names, plan.strengths, _places(plan, setting, rng), strict=True):
+        effect, cause = _cause(each, wanted, plan.stratum, setting, rng, where)
         effects.append(effect)
         causes.append(cause)
-    if len(effects) == 2:
+    if len(effects) > 1:
         causes = _beside(effects, causes, setting)
     change, gap = _gap(tuple(effects), setting)
     recording = setting.record(tuple(effects), rng, name)
     locked = setting.record_locked(rng, f"{name}.locked")
     truth = Truth.of(name, plan.stratum, plan.strengths, tuple(causes), gap, setting)
-    return Case(recording, locked, truth, change)
+    return Case(recording, locked, replace(truth, floor_kind=plan.floor), change)
+
+
+def _places(plan: Plan, setting: Setting, rng: np.random.Generator) -> list[str | None]:
+    """The place of each effect where the stratum asks for one; None: anywhere."""
+    if plan.stratum == "two places":
+        return [str(each) for each in rng.choice(places_of(EFFECTS[plan.names[0]], setting), 2, replace=False)]
+    if plan.stratum == "one joint":
+        both = [set(places_of(EFFECTS[name], setting)) for name in plan.names]
+        shared = sorted(both[0] & both[1])
+        if not shared:
+            raise RigError("the two effects share no joint")
+        return [str(rng.choice(shared))] * 2
+    return [None] * len(plan.names)
 
 
 def _cause(
-    name: str, wanted: float, stratum: str, setting: Setting, rng: np.random.Generator
+    name: str, wanted: float, stratum: str, setting: Setting, rng: np.random.Generator, where: str | None = None
 ) -> tuple[Effect, TrueCause]:
+    outside = stratum in ("outside", "known and outside") and name in OUTSIDE
     if stratum == "absorbed":
         known, where, values = ABSORBED[int(name)]
         sign = float(rng.choice([-1.0, 1.0]))
@@ -98,9 +113,10 @@ def _cause(
     else:
         families, make = FORMS[name] if stratum == "form" else ((), None)
         if make is None:
-            make = OUTSIDE[name] if stratum == "outside" else lambda rng, setting: draw_effect(name, rng, setting)
+            one = stratum == "one axis"
+            make = OUTSIDE[name] if outside else lambda rng, setting: draw_effect(name, rng, setting, where, one)
         effect, snr = strength_for(make(rng, setting), wanted, setting)
-    if stratum == "outside":
+    if outside:
         return effect, _with_likenesses(
             TrueCause(name, "", effect.where, snr, snr, parameters=parameters_of(effect)), effect, setting
         )
@@ -131,17 +147,21 @@ def _with_others(cause: TrueCause, found: list[Likeness]) -> TrueCause:
 
 
 def _beside(effects: list[Effect], causes: list[TrueCause], setting: Setting) -> list[TrueCause]:
-    """Two causes with what each of them adds beyond the other.
+    """Several causes with what each of them adds beyond the others.
 
     Raises:
-        RigError: they are too much alike to ask for both.
+        RigError: they are too much alike to ask for all.
     """
     parts = [setting.projection(setting.change((effect,))) for effect in effects]
-    cosine = float(parts[0] @ parts[1] / np.prod([np.linalg.norm(part) for part in parts]))
-    alone = float(np.sqrt(1.0 - min(cosine**2, 1.0)))
-    if alone < _APART:
-        raise RigError("the two effects are too much alike")
-    return [replace(cause, beyond=alone * cause.snr) for cause in causes]
+    found = []
+    for index, cause in enumerate(causes):
+        others = np.stack([part for each, part in enumerate(parts) if each != index], axis=1)
+        left = parts[index] - others @ np.linalg.lstsq(others, parts[index], rcond=None)[0]
+        alone = float(np.linalg.norm(left) / np.linalg.norm(parts[index]))
+        if alone < _APART:
+            raise RigError("the effects are too much alike")
+        found.append(replace(cause, beyond=alone * cause.snr))
+    return found
 
 
 def _gap(effects: tuple[Effect, ...], setting: Setting) -> tuple[Array, Array]:
@@ -162,7 +182,7 @@ def _mechanical(name: str, plan: Plan, scenario: Scenario, samples: int, rng: np
     kind = MECHANISMS[plan.names[0]]
     setting = draw_setting(scenario, samples, rng, plan.floor, FAST if kind.fast else SWEEPS[:3])
     if not kind.fast:  # gentle corners: what the arm's own acceleration does is not the question
-        setting = replace(setting, maneuver=replace(setting.maneuver, corner_s=_GENTLE_S))
+        setting = replace(setting, maneuver=replace(setting.sweep, corner_s=_GENTLE_S))
     mechanism = kind.draw(rng, setting)
     seen = see(mechanism, setting)
     if not kind.fast:

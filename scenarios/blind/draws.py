@@ -30,14 +30,22 @@ ABSORBED: Final = (
 BY_BEING_THERE: Final = ("motion_acceleration",)
 
 
-def draw_effect(name: str, rng: np.random.Generator, setting: Setting, where: str | None = None) -> Make:
+def draw_effect(
+    name: str, rng: np.random.Generator, setting: Setting, where: str | None = None, one_axis: bool = False
+) -> Make:
     """An effect of the catalogue by its strength, one at its typical size; place, shape and direction are drawn.
 
     Args:
         where: the place; drawn where none is given.
+        one_axis: whether only one number of each strength is not zero.
+
+    Raises:
+        RigError: the setting's arm has no place for it.
     """
     effect = EFFECTS[name]
-    place = where if where is not None else str(rng.choice(_places(effect)))
+    if where is None and not places_of(effect, setting):
+        raise RigError(f"no place for {name} on this arm")
+    place = where if where is not None else str(rng.choice(places_of(effect, setting)))
     fixed: dict[str, Any] = {"where": place, **_names(effect, place, rng)}
     if name in _SHAPES:
         fixed |= _SHAPES[name](rng, setting)
@@ -51,6 +59,8 @@ def draw_effect(name: str, rng: np.random.Generator, setting: Setting, where: st
     for each in effect.parameters():
         if each.strength and each.name not in fixed:
             drawn = rng.standard_normal(each.size) if each.size > 1 else rng.choice([-1.0, 1.0], 1)
+            if one_axis and each.size > 1:
+                drawn = np.where(np.arange(each.size) == rng.integers(each.size), 1.0, 0.0)
             towards[each.name] = each.typical * (np.abs(drawn) if each.lower >= 0.0 else drawn)
 
     def make(strength: float) -> Effect:
@@ -61,8 +71,10 @@ def draw_effect(name: str, rng: np.random.Generator, setting: Setting, where: st
     return make
 
 
-def _places(effect: type[Effect]) -> list[str]:
-    """The places where the effect shows on the sweep."""
+def places_of(effect: type[Effect], setting: Setting) -> list[str]:
+    """The places where the effect shows in a setting."""
+    if setting.laboratory.wanders:
+        return list(effect.places_on(setting.ideal))
     hidden = [where for name, where, _ in ABSORBED if name == effect.name] + (
         ["joint4"] if effect.name == "axis_misalignment" else []
     )
@@ -104,6 +116,7 @@ def _waveform(rng: np.random.Generator, setting: Setting) -> dict[str, Any]:
 
 
 _SHAPES: Final[dict[str, Drawer]] = {
+    "pose_noise": lambda rng, setting: {"tau_s": 0.0},
     "harmonic_drive_error": lambda rng, setting: {"order": float(rng.integers(198, 205))},
     "mounting_slip": _instant,
     "bias_step": _instant,
@@ -111,7 +124,7 @@ _SHAPES: Final[dict[str, Drawer]] = {
     "bias_warmup": _slowly,
     "noise_coloured": lambda rng, setting: {"tau_s": float(np.exp(rng.uniform(np.log(0.5), np.log(8.0))))},
     "vibration": lambda rng, setting: {"freq_Hz": float(rng.uniform(5.0, 40.0)), "direction": tuple(unit(rng))},
-    "mains_hum": lambda rng, setting: {"freq_Hz": float(rng.choice([50.0, 60.0]) + rng.uniform(-0.05, 0.05))},
+    "mains_hum": lambda rng, setting: {"freq_Hz": float(rng.choice([50.0, 60.0]) * (1.0 + rng.uniform(-0.015, 0.015)))},
     "outliers": lambda rng, setting: {"size_V": float(rng.uniform(0.08, 0.15))},  # several even where they are weak
     "supply_ratiometric": _waveform,
 }

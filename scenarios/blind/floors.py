@@ -37,10 +37,12 @@ class Floor:
     Attributes:
         sigma_V: (6,) standard deviation of each channel, all parts together [V].
         colours: for each sensor its remembering parts; the rest of the variance is white.
+        degrees: of freedom of the white part, which has Student's distribution; None: it is normal.
     """
 
     sigma_V: tuple[float, ...]
     colours: dict[str, tuple[Colour, ...]]
+    degrees: float | None = None
 
     @property
     def white_V(self) -> tuple[float, ...]:
@@ -57,8 +59,10 @@ class Floor:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """What adds the remembering parts to a simulated recording."""
-        found = []
+        """What adds the remembering parts, or those of long tails, to a simulated recording."""
+        found: list[Effect] = []
+        if self.degrees is not None:
+            found.append(LongTails("acquisition", self.white_V, self.degrees))
         for sensor, colours in self.colours.items():
             sigma = np.asarray(self.sigma_V)[COLUMNS_OF[sensor]]
             found += [Remembering(sensor, tuple(sigma * np.sqrt(each.share)), each.tau_s) for each in colours]
@@ -115,6 +119,23 @@ class Remembering(Effect):
         volts = signals.volts.copy()
         volts[:, self.columns] += noise * np.asarray(self.sigma)
         return replace(signals, volts=volts)
+
+
+@dataclass(frozen=True)
+class LongTails(Effect):
+    """White noise of Student's distribution on the readings, of a standard deviation a channel: of the floor."""
+
+    name = "floor_tails"
+    stage = Stage.ELECTRONIC
+    kind = Kind.NOISE
+    places = ("acquisition",)
+
+    sigma: tuple[float, ...]
+    degrees: float
+
+    def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
+        drawn = rng.standard_t(self.degrees, signals.volts.shape) * np.sqrt(1.0 - 2.0 / self.degrees)
+        return replace(signals, volts=signals.volts + drawn * np.asarray(self.sigma))
 
 
 def _innovations(values: Array, colours: tuple[Colour, ...], interval_s: float) -> Array:

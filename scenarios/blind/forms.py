@@ -33,18 +33,19 @@ def play(x: Array, half_width: float) -> Array:
 
 
 @dataclass(frozen=True)
-class PlayBacklash(Effect):
-    """Backlash as a play operator: the joint stays where it is until the lash is used up."""
+class SoftBacklash(Effect):
+    """Backlash that friction takes up little by little: q - (w/2) tanh(v/v0), v0 half of the usual speed."""
 
-    name = "play_backlash"
+    name = "soft_backlash"
     stage = Stage.TRANSMISSION
     places = SWEPT_JOINTS
 
     width: float
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        q = signals.q.copy()
-        q[:, self.joint] = play(q[:, self.joint], 0.5 * self.width)
+        q, speed = signals.q.copy(), signals.joint_velocity[:, self.joint]
+        usual = float(np.median(np.abs(speed))) + 1e-9
+        q[:, self.joint] -= 0.5 * self.width * np.tanh(2.0 * speed / usual)
         return replace(signals, q=q)
 
 
@@ -263,7 +264,7 @@ def _joint(rng: np.random.Generator) -> str:
 
 def _play(rng: np.random.Generator, setting: Setting) -> Make:
     where = _joint(rng)
-    return lambda strength: PlayBacklash(where, 3e-3 * strength)
+    return lambda strength: SoftBacklash(where, 3e-3 * strength)
 
 
 def _spring(rng: np.random.Generator, setting: Setting) -> Make:
@@ -317,7 +318,7 @@ Form = tuple[tuple[str, ...], Callable[[np.random.Generator, Setting], Make]]
 
 #: By name: the effects of the catalogue that are its family, at the same place, and everything drawn but the strength.
 FORMS: Final[dict[str, Form]] = {
-    "play_backlash": (("backlash",), _play),
+    "soft_backlash": (("backlash",), _play),
     "two_dipoles": (("base_dipole",), _dipoles),
     "stiffening_spring": (("joint_compliance",), _spring),
     "second_order_lag": (("sensor_lag",), _lag),

@@ -43,14 +43,15 @@ class Likeness:
     left: float
 
 
-def candidates(without: Sequence[str] = ()) -> Iterator[tuple[type[Effect], dict[str, str]]]:
-    """Every mean effect at every place, with its names."""
+def candidates(signals: Signals, without: Sequence[str] = ()) -> Iterator[tuple[type[Effect], dict[str, str]]]:
+    """Every mean effect at every place that a recording can show, with its names; none of the log."""
     for effect in EFFECTS.values():
-        if effect.kind is not Kind.MEAN or effect.of_log or effect.name in without:
+        if effect.kind is not Kind.MEAN or effect.of_log or effect.name in without or effect.lacking(signals):
             continue
         choices = effect.choices()
-        for where, *names in itertools.product(effect.places, *choices.values()):
-            if where not in names:
+        for where, *names in itertools.product(effect.places_on(signals), *choices.values()):
+            on_links = any(name.startswith("link") for name in names)
+            if where not in names and not (on_links and signals.q_encoder is None):
                 yield effect, {"where": where, **dict(zip(choices, names, strict=True))}
 
 
@@ -133,7 +134,7 @@ def likenesses(change: Array, setting: Setting, tone_Hz: float | None = None) ->
     target = thinned.projection(seen)
     scale = setting.projection.snr(change) / float(np.linalg.norm(target))  # coloured floors and thinning: all alike
     found: dict[Label, float] = {}
-    for effect, fixed in candidates():
+    for effect, fixed in candidates(setting.ideal):
         if effect.tone and (tone_Hz is None or not in_band(effect, tone_Hz)):
             continue
         shapes: list[dict[str, Any]] = [{"freq_Hz": tone_Hz}] if effect.tone else list(effect.searched(thinned.signals))

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from rig.errors import RigError
-from rig.files import atomic_path, own_folder
+from rig.files import atomic_path, own_folder, write_text
 from rig.threads import one_blas_thread
 from scenarios.blind.cases import make_case
+from scenarios.blind.laboratories import LABORATORIES
 from scenarios.blind.seal import (
     CHANGES,
     MANIFEST,
@@ -93,13 +94,22 @@ def _make_one(order: Order, number: int) -> tuple[dict[str, str], dict[str, obje
     with one_blas_thread():
         seed = np.random.SeedSequence([order.seed, 1, number])
         case = make_case(name, plan, load(order.scenario), order.samples, seed)
-    files = {"recording": f"{name}.parquet", "locked": f"{name}.locked.parquet"}
+    files = {"recording": f"{name}.parquet", "locked": "" if case.locked is None else f"{name}.locked.parquet"}
     case.recording.write(folder / files["recording"])
-    case.locked.write(folder / files["locked"])
+    if case.locked is not None:
+        case.locked.write(folder / files["locked"])
+    model = LABORATORIES[plan.laboratory].model
+    if model is not None:
+        files["arm"] = f"{name}.urdf"
+        write_text(folder / files["arm"], model.read_text(encoding="utf-8"))
     change = sealed / CHANGES / f"{name}.npz"
     with atomic_path(change) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, change=case.change.astype(np.float32))
     truth = json.loads(json.dumps(replace(case.truth, change_sha256=file_hash(change)).to_json()))
     salt = new_salt()
-    opened = {"name": name, **files, **{f"{key}_sha256": file_hash(folder / file) for key, file in files.items()}}
+    opened = {
+        "name": name,
+        **files,
+        **{f"{key}_sha256": file_hash(folder / file) for key, file in files.items() if file},
+    }
     return {**opened, "commitment": commitment(salt, truth)}, {"salt": salt, "truth": truth}

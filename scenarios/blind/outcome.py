@@ -10,6 +10,8 @@ from rig.channels import CHANNELS_OF
 from scenarios.blind.truth import Label, TrueCause, Truth
 
 CONFIDENT: Final = ("named", "ambiguous")
+#: A cause of this probability is established, whatever the verdict.
+SURE: Final = 0.95
 
 #: An effect that contains another: who names it has seen less than there is, but nothing that is not there. At the same
 #: sensor, or at a channel of it, or anywhere for effects of the whole board.
@@ -37,12 +39,14 @@ class Named:
 
     first: Label
     names: frozenset[Label]
+    probability: float = 1.0
 
     @classmethod
     def of(cls, cause: Mapping[str, Any]) -> Named:
         """From a diagnosis."""
         first = (cause["effect"], cause["where"])
-        return cls(first, frozenset([first, *((each["effect"], each["where"]) for each in cause["equivalent"])]))
+        names = frozenset([first, *((each["effect"], each["where"]) for each in cause["equivalent"])])
+        return cls(first, names, float(cause.get("probability", 1.0)))
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ class Outcome:
         place: its place is.
         in_set: every visible true cause is in the set of one of the answer's causes.
         credit: for the names: one over the size of the set that holds the truth, the mean over the true causes.
-        confidently_wrong: named or ambiguous, with a cause that holds nothing of the truth.
+        confidently_wrong: named or ambiguous, or a cause at ``SURE`` or more, that holds nothing of the truth.
         unknown: the verdict is unknown.
         members: mean size of the sets.
     """
@@ -86,7 +90,6 @@ def judge(truth: Truth, answer: Mapping[str, Any], withheld: str = "") -> Outcom
     first = causes[0].first if causes else None
     everything = set().union(*right) if right else set()
     tolerated = set().union(*(_tolerated(cause) for cause in truth.causes)) if truth.causes else set()
-    confident = answer["verdict"] in CONFIDENT
     stray = [named for named in causes if not any(_acceptable(label, everything | tolerated) for label in named.names)]
     return Outcome(
         verdict=answer["verdict"],
@@ -95,10 +98,15 @@ def judge(truth: Truth, answer: Mapping[str, Any], withheld: str = "") -> Outcom
         place=float(first is not None and first[1] in {where for _, where in everything}),
         in_set=float(bool(visible) and all(found)),
         credit=sum(credit) / len(credit) if credit else 0.0,
-        confidently_wrong=float(confident and bool(stray)),
+        confidently_wrong=float(any(_sure(named, answer["verdict"]) for named in stray)),
         unknown=float(answer["verdict"] == "unknown"),
         members=sum(len(named.names) for named in causes) / len(causes) if causes else 0.0,
     )
+
+
+def _sure(named: Named, verdict: str) -> bool:
+    """Whether a cause is said with confidence; of an ambiguous answer every one that is likelier than not."""
+    return named.probability >= (0.5 if verdict in CONFIDENT else SURE)
 
 
 def _right(cause: TrueCause, withheld: str) -> set[Label]:

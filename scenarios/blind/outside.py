@@ -15,11 +15,11 @@ from rig.channels import CHANNELS
 from rig.effects import Effect, Stage
 from rig.signals import Signals
 from scenarios.blind.draws import unit
+from scenarios.blind.outside_slow import SLOW, Vector, scaled, with_field
 from scenarios.blind.settings import Setting
 from scenarios.blind.strength import Make
 
 Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class MovingMagnet(Effect):
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         there = np.searchsorted(self.switched_s, signals.t) % 2
-        return _with_field(signals, there[:, None] * np.asarray(self.field))
+        return with_field(signals, there[:, None] * np.asarray(self.field))
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class DailyField(Effect):
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         wave = np.sin(2.0 * np.pi * signals.t / self.period_s + self.phase)
-        return _with_field(signals, wave[:, None] * np.asarray(self.field))
+        return with_field(signals, wave[:, None] * np.asarray(self.field))
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class PassingLift(Effect):
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         since = (signals.t[:, None] - np.asarray(self.at_s)) / self.width_s
-        return _with_field(signals, np.exp(-0.5 * since**2).sum(axis=1)[:, None] * np.asarray(self.field))
+        return with_field(signals, np.exp(-0.5 * since**2).sum(axis=1)[:, None] * np.asarray(self.field))
 
 
 @dataclass(frozen=True)
@@ -203,15 +203,6 @@ class ClockDrift(Effect):
         return replace(signals, inputs=CubicSpline(signals.t, signals.inputs, axis=0)(at))
 
 
-def _with_field(signals: Signals, change: Array) -> Signals:
-    return replace(signals, magnetic=signals.magnetic + signals.references[3] * change)
-
-
-def _scaled(vector: Array, strength: float) -> Vector:
-    x, y, z = (float(value) for value in strength * vector)
-    return (x, y, z)
-
-
 def _switches(rng: np.random.Generator, setting: Setting) -> tuple[float, ...]:
     count = 2 * int(rng.integers(2, 5))
     return tuple(sorted(float(at) for at in rng.uniform(0.05, 0.95, count) * setting.maneuver.duration_s))
@@ -223,25 +214,25 @@ def _cable(rng: np.random.Generator, setting: Setting) -> Make:
 
 
 def _bending(rng: np.random.Generator, setting: Setting) -> Make:
-    axis = _scaled(unit(rng), 1.0)
+    axis = scaled(unit(rng), 1.0)
     return lambda strength: ThermalBending("link3", 1e-3 * strength, axis)
 
 
 def _magnet(rng: np.random.Generator, setting: Setting) -> Make:
     direction, switched = unit(rng), _switches(rng, setting)
-    return lambda strength: MovingMagnet("base", _scaled(direction, 0.01 * strength), switched)
+    return lambda strength: MovingMagnet("base", scaled(direction, 0.01 * strength), switched)
 
 
 def _daily(rng: np.random.Generator, setting: Setting) -> Make:
     direction, phase = unit(rng), float(rng.uniform(0.0, 6.28))
     period = float(setting.maneuver.duration_s * rng.uniform(0.15, 0.5))
-    return lambda strength: DailyField("base", _scaled(direction, 0.01 * strength), period, phase)
+    return lambda strength: DailyField("base", scaled(direction, 0.01 * strength), period, phase)
 
 
 def _lift(rng: np.random.Generator, setting: Setting) -> Make:
     direction, width = unit(rng), float(rng.uniform(4.0, 12.0))
     at = tuple(float(each) for each in rng.uniform(0.05, 0.95, int(rng.integers(4, 9))) * setting.maneuver.duration_s)
-    return lambda strength: PassingLift("base", _scaled(direction, 0.02 * strength), at, width)
+    return lambda strength: PassingLift("base", scaled(direction, 0.02 * strength), at, width)
 
 
 def _ringing(rng: np.random.Generator, setting: Setting) -> Make:
@@ -282,4 +273,16 @@ OUTSIDE: Final[dict[str, Callable[[np.random.Generator, Setting], Make]]] = {
     "cross_axis_product": _product,
     "bearing_wobble": _wobble,
     "clock_drift": _clock,
+    **SLOW,
 }
+
+#: Of these, those that need the joints.
+JOINTED: Final = (
+    "cable_pull",
+    "thermal_bending",
+    "reversal_ringing",
+    "bearing_wobble",
+    "slip_ring",
+    "loaded_supply",
+    "cable_drag",
+)

@@ -6,9 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from matplotlib.axes import Axes
+
+from scenarios.blind.intervals import Rate
 from scenarios.blind.outcome import Outcome
+from scenarios.blind.probability import reliability
 from scenarios.blind.score import CaseScore, is_right
-from scenarios.blind.strata import MECHANICS, STRENGTHS, WITHHELD
+from scenarios.blind.strata import MECHANICS, STRATA, STRENGTHS, WITHHELD
 from scenarios.plots.style import new_figure, save, style
 
 #: In this order along a bar, with its colour: by how good an answer it is.
@@ -18,15 +22,15 @@ _KINDS: Final = {
     "missed": "#C9C9C9",
     "confidently wrong": "#D55E00",
 }
-_GROUPS: Final = (("none",), ("absorbed",), ("one",), ("two",), ("form",), (MECHANICS,), ("outside",), (WITHHELD,))
+_GROUPS: Final = (*((name,) for name in STRATA), (MECHANICS,), (WITHHELD,))
 
 
 def draw(scores: Sequence[CaseScore], path: Path) -> None:
     """Draw and save; one bar for every stratum and signal-to-noise that the set holds."""
     bars = _bars(scores)
     with style():
-        figure = new_figure(8.0, 0.9 + 0.24 * len(bars))
-        axes = figure.subplots()
+        figure = new_figure(8.0, 4.6 + 0.24 * len(bars))
+        axes, below = figure.subplots(2, 1, height_ratios=(0.9 + 0.24 * len(bars), 3.4))
         for row, (_, counts) in enumerate(bars):
             total, left = sum(counts.values()), 0.0
             for kind, colour in _KINDS.items():
@@ -40,7 +44,23 @@ def draw(scores: Sequence[CaseScore], path: Path) -> None:
         axes.set_xlabel("share of the cases [%]; their number at the right")
         axes.grid(axis="y", visible=False)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=len(_KINDS))
+        _draw_reliability(below, scores)
     save(figure, path)
+
+
+def _draw_reliability(axes: Axes, scores: Sequence[CaseScore]) -> None:
+    """How often what was said with a probability was so, with Wilson's intervals, beside the line of the ideal."""
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="#888888", linewidth=0.8)
+    rows = reliability(claim for score in scores for claim in score.claims)
+    for said, true, count in rows:
+        low, high = Rate(true * count, count).interval
+        axes.plot([said, said], [low, high], color="#0072B2", linewidth=1.2)
+        axes.plot(said, true, "o", color="#0072B2", markersize=4.0)
+        axes.annotate(str(count), (said, high), xytext=(0, 3), textcoords="offset points", ha="center", fontsize=7.0)
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.12)
+    axes.set_xlabel("probability that was stated (of nothing, of something else, of each cause)")
+    axes.set_ylabel("share that is so")
 
 
 def _bars(scores: Sequence[CaseScore]) -> list[tuple[str, dict[str, int]]]:

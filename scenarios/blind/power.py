@@ -1,8 +1,8 @@
 """Detection power beside the ideal test: what the diagnosis needs beyond who knows the effect's family.
 
 The ideal test is the likelihood ratio for one candidate of known shape: its statistic is chi-square, with the rank of
-the candidate's columns, noncentral by the squared projected signal-to-noise. It is given the false-alarm rate for a
-single candidate that the diagnosis's own threshold comes to. Both detection curves are compared where they cross one
+the candidate's columns, noncentral by the squared projected signal-to-noise. It is given a false-alarm rate of
+one in a hundred recordings over all candidates. Both detection curves are compared where they cross one
 half.
 """
 
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
-from estimators.gap.select import SIGNIFICANT
 from rig.effects import Effect
 from rig.errors import RigError
 from rig.threads import one_blas_thread
@@ -30,8 +29,9 @@ from scenarios.studies.executor import Workers
 
 Array = NDArray[np.float64]
 
-#: So many mean effects and places a sweep of three joints has, about.
-_CANDIDATES = 150.0
+#: So many mean effects and places a sweep of three joints has, about; and how often one of them may be found where
+#: nothing is.
+_CANDIDATES, _FALSE_ALARMS = 150.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class PowerStudy:
         effect, where: of the catalogue, of a shape that needs no search.
         strengths: projected, whitened signal-to-noise.
         draws: recordings for each.
-        false_alarm: of the ideal test: the diagnosis's own, over all candidates, divided by their number.
+        false_alarm: of the ideal test, for one candidate: one in a hundred recordings over all of them.
         samples: of each recording. seed: of everything random.
     """
 
@@ -50,7 +50,7 @@ class PowerStudy:
     where: str = "joint5"
     strengths: tuple[float, ...] = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
     draws: int = 4
-    false_alarm: float = float(np.exp(SIGNIFICANT)) / _CANDIDATES
+    false_alarm: float = _FALSE_ALARMS / _CANDIDATES
     samples: int = 6656
     seed: int = 0
     scenario: str = "ann-arbor"

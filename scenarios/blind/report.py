@@ -9,10 +9,20 @@ from typing import Any, Final
 from rig.files import write_text
 from scenarios.blind.picture import draw
 from scenarios.blind.power import Power
+from scenarios.blind.proper_tables import (
+    effect_table,
+    intervals_table,
+    laboratory_table,
+    missed_table,
+    proper_table,
+    quiet_floor_table,
+    reliability_table,
+    time_table,
+)
 from scenarios.blind.score import CaseScore, is_right
 from scenarios.blind.strata import MECHANICS
+from scenarios.blind.table import Table
 from scenarios.blind.tables import (
-    Table,
     baseline_table,
     closure_table,
     contents_table,
@@ -50,8 +60,18 @@ kept, so that corners and delays between samples are there. A name is right if i
 of the true change less than one standard deviation of the noise (a twin; nobody can tell it). It is confidently
 wrong where the verdict is named or ambiguous and a cause is listed whose whole set holds no true name, no twin, no
 effect that leaves less than 2.5 standard deviations, none that contains the truth (a random walk for a warm-up),
-and none for what a mechanism does on the side (outliers, for readings that fall into the knock of a lash).
-Intervals are Wilson's, 95 %. Signal-to-noise is ||M Z phi||/sigma: whitened by the floor, with what the
+and none for what a mechanism does on the side (outliers, for readings that fall into the knock of a lash),
+or where a cause is given .95 or more that holds none of these, whatever the verdict.
+
+Four scores count probabilities. On the truth: the posterior probability of the hypotheses that are the truth, up to
+declared equivalents and causes too weak to ask for (its mean is the fraction of the posterior on the truth, FIA);
+where something is in no catalogue, or its name was withheld, that of "other", with the known causes beside it listed;
+of another form of an effect its family and "other" are both right. Log score: minus the logarithm of that, which
+counts as .005 at least, the probability below which no hypothesis is listed. Brier: the square of what is missing to
+one. Calibration error: the mean distance between the probability of what was said (nothing, other, each cause) and
+how often it was so, over ten bins. Means stand with their standard errors.
+
+Intervals of proportions are Wilson's, 95 %. Signal-to-noise is ||M Z phi||/sigma: whitened by the floor, with what the
 calibration takes up projected out.
 """
 
@@ -90,6 +110,10 @@ def page(
     parts.append(_table(contents_table(scores)))
     parts.append(f"## Results\n\n![Right and wrong by stratum and signal-to-noise]({picture})\n")
     tables = [
+        proper_table(scores),
+        reliability_table(scores),
+        laboratory_table(scores),
+        quiet_floor_table(scores),
         quiet_table(scores),
         strata_table(scores),
         strength_table(scores, "one"),
@@ -98,7 +122,11 @@ def page(
         withheld_table(scores),
         mechanics_table(scores),
         closure_table(scores),
+        intervals_table(scores),
         baseline_table(scores),
+        effect_table(scores),
+        missed_table(scores),
+        time_table(scores),
     ]
     parts += [_table(table) for table in tables if table.rows]
     if power is not None:
@@ -123,8 +151,8 @@ def _power(power: Power) -> str:
     heading = f"Detection power: {study.effect} at {study.where}, white floor"
     table = _table(Table(heading, ("signal-to-noise", "diagnosis", "ideal test"), rows))
     return table + (
-        f"\nThe ideal test knows the effect's family (chi-square, {power.rank} degrees of freedom) and has the same "
-        f"false-alarm rate a candidate, {study.false_alarm:.1e}. To find half, the diagnosis needs "
+        f"\nThe ideal test knows the effect's family (chi-square, {power.rank} degrees of freedom) and has a "
+        f"false-alarm rate of {study.false_alarm:.1e} a candidate. To find half, the diagnosis needs "
         f"{power.loss_dB:+.1f} dB of signal-to-noise beside it.\n"
     )
 

@@ -16,6 +16,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
+from rig.arm import Arm
 from rig.channels import CHANNELS
 from rig.errors import RigError
 from rig.files import child, write_text
@@ -24,7 +25,10 @@ from rig.threads import one_blas_thread
 from scenarios.blind.answers import Answers
 from scenarios.blind.baselines import BASELINES, baseline_answers
 from scenarios.blind.closure import Closure, closure
+from scenarios.blind.estimates import Stated, stated
+from scenarios.blind.laboratories import TIP
 from scenarios.blind.outcome import CONFIDENT, Outcome, judge
+from scenarios.blind.probability import Claim, Proper, check_answer, claims, proper
 from scenarios.blind.seal import CHANGES, TRUTH, check_recording, file_hash, read_manifest, read_truth
 from scenarios.blind.solve import ANSWERS, solve_cases
 from scenarios.blind.strata import MECHANICS
@@ -46,6 +50,8 @@ class CaseScore:
     Attributes:
         withheld: the answer without the true effect's name, and how it was judged; None where that was not asked.
         baselines: how the simple judges' answers were judged.
+        scores: the answer's proper scores; of the one without the true effect's name, ``withheld_scores``.
+        claims: what it says with a probability. stated: its parameters beside the true ones.
     """
 
     truth: Truth
@@ -54,6 +60,10 @@ class CaseScore:
     closure: Closure
     withheld: tuple[dict[str, Any], Outcome] | None = None
     baselines: dict[str, Outcome] = field(default_factory=dict)
+    scores: Proper = field(default_factory=lambda: Proper(0.0, 0.0, 1.0))
+    withheld_scores: Proper | None = None
+    claims: tuple[Claim, ...] = ()
+    stated: tuple[Stated, ...] = ()
 
 
 def score_set(
@@ -79,7 +89,8 @@ def score_set(
         asked = [(case, (withheld_effect(truths[case["name"]]),)) for case in cases]
         asked = [(case, left_out) for case, left_out in asked if left_out[0]]
         solve_cases(folder, sealed / WITHHELD_FOLDER, asked, workers, lambda share: report(half * share))
-    _run_baselines(folder, sealed, cases, workers, lambda share: report(half + (1.0 - half) * share))
+    simple = [case for case in cases if truths[case["name"]].laboratory == "sweep"]
+    _run_baselines(folder, sealed, simple, workers, lambda share: report(half + (1.0 - half) * share))
     scores = []
     for case in cases:
         with fitting_together(Answers(folder / ANSWERS).path(case["name"])):
@@ -96,17 +107,38 @@ def withheld_effect(truth: Truth) -> str:
 def _score_one(folder: Path, sealed: Path, case: dict[str, str], truth: Truth) -> CaseScore:
     name, answers = case["name"], Answers(folder / ANSWERS)
     answer = answers.read(name)
+    check_answer(answer, str(answers.path(name)))
     recording = read_recording(folder / case["recording"])
-    compared = closure(truth, _change(sealed, truth, len(recording)), recording, answer, answers.path(name))
-    second = None
+    compared = closure(
+        truth, _change(sealed, truth, len(recording)), recording, answer, answers.path(name), _arm(folder, case)
+    )
+    second, scores = None, None
     left_out = withheld_effect(truth)
     withheld = Answers(sealed / WITHHELD_FOLDER)
     if left_out and withheld.path(name).exists():
         again = withheld.read(name)
-        second = (again, judge(truth, again, left_out))
-    simple = Answers(sealed / _BASELINE_FOLDER, ".json").read(name)
-    judged = {judge_name: judge(truth, simple[judge_name]) for judge_name in BASELINES}
-    return CaseScore(truth, answer, judge(truth, answer), compared, second, judged)
+        check_answer(again, str(withheld.path(name)))
+        second, scores = (again, judge(truth, again, left_out)), proper(truth, again, left_out)
+    judged = {}
+    if truth.laboratory == "sweep":
+        simple = Answers(sealed / _BASELINE_FOLDER, ".json").read(name)
+        judged = {judge_name: judge(truth, simple[judge_name]) for judge_name in BASELINES}
+    return CaseScore(
+        truth,
+        answer,
+        judge(truth, answer),
+        compared,
+        second,
+        judged,
+        proper(truth, answer),
+        scores,
+        tuple(claims(truth, answer)),
+        tuple(stated(truth, answer)),
+    )
+
+
+def _arm(folder: Path, case: dict[str, str]) -> Arm:
+    return Arm.from_file(folder / case["arm"], TIP) if case["arm"] else Arm.a465()
 
 
 def _change(sealed: Path, truth: Truth, samples: int) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -152,12 +184,14 @@ def _baseline_one(asked: _Asked, number: int) -> None:
 def is_right(score: CaseScore) -> bool:
     """Whether a case's answer is what its stratum asks for."""
     truth, outcome = score.truth, score.outcome
+    if outcome.verdict in ("refused", "failed"):
+        return False
+    if any(not each.effect for each in truth.visible):  # something that no catalogue has, with or without known causes
+        return outcome.verdict in ("unknown", "partly") and not outcome.confidently_wrong
     if not truth.visible:
         return outcome.verdict == "no-gap" or (bool(truth.causes) and bool(outcome.first))
-    if truth.stratum == "outside":
-        return outcome.verdict == "unknown"
     if truth.stratum in ("form", MECHANICS):
-        return not outcome.confidently_wrong and (bool(outcome.in_set) or outcome.verdict == "unknown")
+        return not outcome.confidently_wrong and (bool(outcome.in_set) or outcome.verdict in ("unknown", "partly"))
     return outcome.verdict in CONFIDENT and not outcome.confidently_wrong and bool(outcome.in_set)
 
 
@@ -168,6 +202,11 @@ def summary(scores: list[CaseScore]) -> list[dict[str, Any]]:
             "case": score.truth.case,
             "stratum": score.truth.stratum,
             "right": is_right(score),
+            "seconds": score.answer.get("seconds"),
+            "mass_on_truth": score.scores.mass,
+            "log_score": score.scores.log,
+            "brier": score.scores.brier,
+            "withheld_mass": None if score.withheld_scores is None else score.withheld_scores.mass,
             **asdict(score.outcome),
             "closure": asdict(score.closure),
             "withheld": None if score.withheld is None else asdict(score.withheld[1]),

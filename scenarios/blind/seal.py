@@ -26,8 +26,9 @@ TRUTH_FORMAT: Final = "rig-blind-truth/1"
 MANIFEST: Final = "manifest.json"
 TRUTH: Final = "truth.json"
 CHANGES: Final = "changes"
-_FILES: Final = ("name", "recording", "locked")
-_HASHES: Final = ("recording_sha256", "locked_sha256", "commitment")
+_FILES: Final = ("name", "recording")
+#: Not in every case: a recording at rest, and the model of another arm. Empty where there is none.
+_FURTHER: Final = ("locked", "arm")
 _HASH: Final = re.compile("[0-9a-f]{64}")
 _LARGEST: Final = 64 << 20  # of either half: some thousand cases [bytes]
 
@@ -66,7 +67,9 @@ def write_truth(folder: Path, document: Mapping[str, Any]) -> None:
 
 
 def read_manifest(folder: Path) -> list[dict[str, str]]:
-    """The cases: ``name``, ``recording``, ``locked``, the hashes of both files, ``commitment``.
+    """The cases: ``name``, ``recording``, ``locked``, ``arm``, the hashes of the files, ``commitment``.
+
+    ``locked`` and ``arm`` are empty where there is no recording at rest, and where the arm is the rig's own.
 
     Raises:
         RigError: no such set, a name that is no plain name of a file in the folder, or no hash.
@@ -75,10 +78,17 @@ def read_manifest(folder: Path) -> list[dict[str, str]]:
     content = Reader(_read(path, SET_FORMAT, "a folder that rig blind make has written"), str(path))
     cases = []
     for item in content.items("cases"):
-        case = {key: item.text(key) for key in (*_FILES, *_HASHES)}
-        for key in _FILES:
+        case = {key: item.text(key) for key in _FILES}
+        case |= {key: item.text(key) if item.content.get(key, "") != "" else "" for key in _FURTHER}
+        for key in _FURTHER:
+            if not case[key] and item.content.get(f"{key}_sha256", "") != "":
+                raise RigError(f"{item.where}.{key}: found no name beside a hash, expected that of a file")
+        files = [key for key in (*_FILES, *_FURTHER) if case[key] or key in _FILES]
+        for key in files:
             child(folder, case[key], f"{item.where}.{key}")
-        for key in _HASHES:
+        hashes = [*(f"{key}_sha256" for key in files if key != "name"), "commitment"]
+        case |= {key: item.text(key) for key in hashes}
+        for key in hashes:
             if not _HASH.fullmatch(case[key]):
                 raise RigError(f"{item.where}.{key}: found {shown(case[key])}, expected 64 hexadecimal digits")
         cases.append(case)
@@ -129,7 +139,7 @@ def check_recording(folder: Path, case: Mapping[str, str]) -> None:
     Raises:
         RigError: a file is missing or has changed.
     """
-    for key in ("recording", "locked"):
+    for key in ("recording", *(key for key in _FURTHER if case.get(key))):
         path = child(folder, case[key], str(folder / MANIFEST))
         if not path.is_file():
             raise RigError(f"{path}: no such file, expected a recording of the set")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rig.arm import Arm
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.effects import Effect, Stage
 from rig.environment import Environment
@@ -20,11 +21,12 @@ from rig.sensor import TriaxialSensor
 from rig.signals import Signals, sampled
 from rig.simulate import Rig
 from scenarios.blind.floors import Colour, Floor
+from scenarios.blind.laboratories import LABORATORIES, Laboratory, Wander
 from scenarios.blind.projection import Projection
 from scenarios.scenario import Scenario
 
 Array = NDArray[np.float64]
-FloorKind = Literal["white", "coloured", "flicker"]
+FloorKind = Literal["white", "coloured", "flicker", "slow flicker", "walk", "long tails"]
 
 #: Samples a second that a recording keeps, and that are simulated for each of them.
 RATE_HZ: Final = 4.0
@@ -34,6 +36,8 @@ FINER: Final = 5
 SWEEPS: Final = (((15, 7), 1), ((11, 6), 1), ((13, 8), 1), ((15, 7), 2))
 FAST: Final = (((15, 7), 4),)
 
+_PAPERS_S: Final = 1664.0  # the paper's sweep
+_DEGREES: Final = 4.0  # of Student's t
 _HOLD_S: Final = 100.0
 _LOCKED_HZ: Final = 20.0
 
@@ -48,13 +52,26 @@ class Setting:
         locked: the poses of the recording at rest.
         floor: the noise at rest.
         inertial: whether the sensor's own acceleration along the maneuver acts.
+        laboratory: where it is recorded.
     """
 
     rig: Rig
-    maneuver: TorusSweep
+    maneuver: TorusSweep | Wander
     locked: LockedPoses
     floor: Floor
     inertial: bool = False
+    laboratory: Laboratory = LABORATORIES["sweep"]
+
+    @property
+    def sweep(self) -> TorusSweep:
+        """The maneuver, where it is a sweep.
+
+        Raises:
+            RigError: it is none.
+        """
+        if not isinstance(self.maneuver, TorusSweep):
+            raise RigError(f"laboratory {self.laboratory.name}: found no torus sweep, expected one")
+        return self.maneuver
 
     @property
     def kept(self) -> slice:
@@ -71,8 +88,14 @@ class Setting:
         arm.check_limits(path.q, "the sweep")
         acceleration = arm.site_acceleration(path.q, path.qd, path.qdd) if self.inertial else np.zeros(3)
         temperature = self.rig.environment.temperature(path.t)
-        return Signals(
+        joints = Signals(
             t=path.t, arm=arm, q_encoder=path.q, velocity=path.qd, acceleration=acceleration, temperature=temperature
+        )
+        if self.laboratory.pose == "joints":
+            return joints
+        poses = arm.poses(path.q)
+        return replace(
+            joints, arm=None, q_encoder=None, velocity=None, R_base_tool=poses.R_base_tool, position=poses.position
         )
 
     @cached_property
@@ -92,17 +115,28 @@ class Setting:
         return sampled(pipeline.expected(self.start, np.random.default_rng(0)), self.kept)
 
     def change(self, effects: tuple[Effect, ...]) -> Array:
-        """(n, 6) [V] what mean effects change in the kept samples."""
-        return self.expected(effects).volts - self.ideal.volts
+        """(n, 6) [V] what mean effects change in the kept samples, as seen from the poses that are logged."""
+        world = tuple(effect for effect in effects if not effect.of_log)
+        changed = self.expected(world).volts if world else self.ideal.volts
+        logged = self.start
+        for effect in effects:
+            if effect.of_log:
+                logged = effect.log(logged, np.random.default_rng(0))
+        if logged is self.start:
+            return np.asarray(changed - self.ideal.volts)
+        read = replace(self.rig.pipeline, effects=()).expected(sampled(logged, self.kept), np.random.default_rng(0))
+        return np.asarray(changed - read.volts)
 
     def record(self, effects: tuple[Effect, ...], rng: np.random.Generator, name: str) -> Recording:
         """The recording with effects."""
         rig = replace(self.rig, effects=(*self.floor.effects, *effects))
         return replace(rig.record(self.start, rng, self.maneuver.rate_Hz, name), name=name)
 
-    def record_locked(self, rng: np.random.Generator, name: str) -> Recording:
-        """The recording at rest, without effects."""
-        acquisition = replace(self.rig.acquisition, decimation=1)
+    def record_locked(self, rng: np.random.Generator, name: str) -> Recording | None:
+        """The recording at rest, without effects; None where the laboratory makes none."""
+        if not self.laboratory.locked:
+            return None
+        acquisition = replace(self.rig.acquisition, decimation=1, pose="joints")
         rig = replace(self.rig, effects=self.floor.effects, acquisition=acquisition)
         recording = rig.simulate(self.locked, rng, name=name)
         return replace(recording, temperature=None)
@@ -126,14 +160,17 @@ def draw_setting(
     rng: np.random.Generator,
     floor: FloorKind = "white",
     sweeps: tuple[tuple[tuple[int, int], int], ...] = SWEEPS,
+    laboratory: Laboratory = LABORATORIES["sweep"],
 ) -> Setting:
     """A setting around a scenario: calibration, tilt, sweep and floor are drawn.
 
     Args:
         scenario: with an arm and both sensors.
         samples: of the recording; 6,656 is the paper's sweep at 4 Hz.
-        floor: white; half first-order coloured, over 0.4 to 3 s; or nearly 1/f.
+        floor: white; half first-order coloured, over 0.4 to 3 s; nearly 1/f, over the lags that a locked pose teaches
+            or to the length of the recording ("slow"); a walk too slow for the locked poses; white of long tails.
         sweeps: to choose from.
+        laboratory: where it is recorded; it may have a number of samples of its own.
 
     Raises:
         RigError: the scenario has no arm, or lacks a sensor.
@@ -141,37 +178,69 @@ def draw_setting(
     rig = scenario.rig
     if rig.arm is None or rig.accelerometer is None or rig.magnetometer is None:
         raise RigError(f"scenario {scenario.name}: found no arm or a sensor missing, expected an arm with both sensors")
-    (yaw, pitch), speed = sweeps[rng.integers(len(sweeps))]
-    maneuver = TorusSweep(
-        duration_s=samples / RATE_HZ,
-        rate_Hz=RATE_HZ * FINER,
-        yaw_passes=yaw * speed,
-        pitch_passes=pitch * speed,
-        roll_deg_per_s=13.9 * speed,
-        corner_s=float(rng.choice([0.5, 1.0])),
-    )
-    noise = _draw_floor(np.asarray(rig.acquisition.noise_V), floor, rng)
-    acquisition = replace(rig.acquisition, noise_V=noise.white_V, decimation=FINER)
+    duration_s = (laboratory.samples or samples) / RATE_HZ
+    arm = laboratory.arm_in(rig.arm)
+    if laboratory.wanders:
+        maneuver: TorusSweep | Wander = Wander.drawn(arm, duration_s, RATE_HZ * FINER, rng)
+        locked = _draw_rest(arm, rng)
+    else:
+        maneuver = _draw_sweep(sweeps, duration_s, rng)
+        locked = _draw_locked(rng)
+    noise = _draw_floor(np.asarray(rig.acquisition.noise_V), floor, duration_s, rng)
+    noise_V = (0.0,) * 6 if noise.degrees else noise.white_V
+    acquisition = replace(rig.acquisition, noise_V=noise_V, decimation=FINER, pose=laboratory.pose)
     mount = Rotation.from_rotvec(np.radians(3.0) * rng.standard_normal(3))
     mount = Rotation.from_rotvec(0.5 * np.pi * rng.integers(4) * np.eye(3)[2]) * mount
     drawn = Rig(
-        arm=rig.arm,
+        arm=arm,
         environment=_draw_environment(rig.environment, rng),
         accelerometer=_draw_sensor(rig.accelerometer, mount, rng),
         magnetometer=_draw_sensor(rig.magnetometer, mount, rng),
         acquisition=acquisition,
     )
-    return Setting(drawn, maneuver, _draw_locked(rng), noise)
+    return Setting(drawn, maneuver, locked, noise, laboratory=laboratory)
 
 
-def _draw_floor(sigma: Array, kind: FloorKind, rng: np.random.Generator) -> Floor:
+def _draw_sweep(
+    sweeps: tuple[tuple[tuple[int, int], int], ...], duration_s: float, rng: np.random.Generator
+) -> TorusSweep:
+    (yaw, pitch), speed = sweeps[rng.integers(len(sweeps))]
+    longer = max(1, round(duration_s / _PAPERS_S))  # a longer recording has more passes, not slower ones
+    return TorusSweep(
+        duration_s=duration_s,
+        rate_Hz=RATE_HZ * FINER,
+        yaw_passes=yaw * speed * longer,
+        pitch_passes=pitch * speed * longer,
+        roll_deg_per_s=13.9 * speed,
+        corner_s=float(rng.choice([0.5, 1.0])),
+    )
+
+
+def _draw_rest(arm: Arm, rng: np.random.Generator) -> LockedPoses:
+    """Three poses anywhere within an arm's limits."""
+    wander = Wander.drawn(arm, 1.0, 1.0, rng)
+    poses = [
+        tuple(float(each) for each in np.degrees(wander.trajectory(np.array([at])).q[0])) for at in (0.0, 70.0, 190.0)
+    ]
+    return LockedPoses(poses_deg=tuple(poses), hold_s=_HOLD_S, rate_Hz=_LOCKED_HZ)
+
+
+def _draw_floor(sigma: Array, kind: FloorKind, duration_s: float, rng: np.random.Generator) -> Floor:
     sigma = sigma * rng.uniform(0.7, 1.3, 6)
     colours: dict[str, tuple[Colour, ...]] = {}
+    if kind == "long tails":
+        return Floor(tuple(float(value) for value in sigma), colours, _DEGREES)
     if kind != "white":
         sensors = [(ACCELEROMETER, MAGNETOMETER), (ACCELEROMETER,), (MAGNETOMETER,)][rng.integers(3)]
         for sensor in sensors:
             if kind == "coloured":
                 colours[sensor] = (Colour(float(rng.uniform(0.3, 0.6)), float(np.exp(rng.uniform(-0.9, 1.1)))),)
+            elif kind == "walk":
+                colours[sensor] = (Colour(float(rng.uniform(0.1, 0.4)), 3.0 * duration_s),)
+            elif kind == "slow flicker":  # nearly 1/f to the length of the recording: more than a locked pose can teach
+                fastest = float(rng.uniform(0.15, 0.6))
+                parts = max(2, int(np.log(duration_s / fastest) / np.log(5.0)))
+                colours[sensor] = tuple(Colour(0.6 / parts, fastest * 5.0**step) for step in range(parts))
             else:  # nearly 1/f over the lags that a locked pose of 100 s can teach
                 fastest = float(rng.uniform(0.15, 0.6))
                 colours[sensor] = tuple(Colour(0.17, fastest * 5.0**step) for step in range(3))

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import time
+import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from rig.arm import Arm
 from rig.errors import RigError
 from rig.files import write_text
 from rig.threads import one_blas_thread
 from scenarios.blind.answers import Answers
+from scenarios.blind.laboratories import TIP
+from scenarios.blind.probability import FORMAT
 from scenarios.blind.seal import check_recording, read_manifest
 from scenarios.studies.executor import Workers
 
@@ -35,6 +40,8 @@ class Task:
 
 def solve_set(folder: Path, workers: Workers, progress: Callable[[float], None] | None = None) -> int:
     """Diagnose every recording of a set into ``answers`` beside them; those there as they were written are kept.
+
+    A case that is refused, or at which the diagnosis fails, is recorded with the reason, and the others go on.
 
     Returns:
         How many were diagnosed now.
@@ -73,11 +80,32 @@ def _solve_one(task: Task, number: int) -> None:
     folder = Path(task.folder)
     check_recording(folder, case)
     path = Answers(Path(task.output)).path(case["name"])
+    begun = time.perf_counter()
     try:
         with one_blas_thread():
-            found = diagnose(folder / case["recording"], folder / case["locked"], without=without)
+            locked = folder / case["locked"] if case["locked"] else None
+            arm = Arm.from_file(folder / case["arm"], TIP) if case["arm"] else None
+            found = diagnose(folder / case["recording"], locked, without=without, arm=arm)
+            found.write(path)
     except RigError as error:
-        refusal = {"format": "rig-diagnosis/1", "recording": case["name"], "verdict": "refused", "causes": []}
-        write_text(path, json.dumps({**refusal, "why": str(error)}, indent=1) + "\n")
-        return
-    found.write(path)
+        _give_up(path, case["name"], "refused", str(error), begun)
+    except Exception as error:  # a fault of the diagnosis is one case's result, not the end of the run
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        why = (
+            f"{type(error).__name__}: {' '.join(str(error).split())[:200]} ({Path(at.filename).name}, line {at.lineno})"
+        )
+        _give_up(path, case["name"], "failed", why, begun)
+
+
+def _give_up(path: Path, name: str, verdict: str, why: str, begun: float) -> None:
+    """What stands for an answer that did not come about."""
+    seconds = round(time.perf_counter() - begun, 3)
+    document = {
+        "format": FORMAT,
+        "recordings": [name],
+        "seconds": seconds,
+        "verdict": verdict,
+        "causes": [],
+        "why": why,
+    }
+    write_text(path, json.dumps(document, indent=1) + "\n")

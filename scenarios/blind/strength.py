@@ -51,11 +51,10 @@ def single_readings(effects: tuple[Effect, ...], setting: Setting, rng: np.rando
 
 def added_variance(effect: Effect, setting: Setting) -> Array:
     """(n, 6) [V^2] variance that a noise effect adds to each reading, on average over its realisations."""
+    if effect.adds_in_time:
+        return effect.added_variance(setting.ideal, replace(setting.rig.pipeline, effects=()))
     count = len(setting.ideal)
     variance = np.zeros((count, len(CHANNELS)))
-    if effect.adds_in_time:
-        slope = np.gradient(setting.ideal.volts, 1.0 / RATE_HZ, axis=0)
-        return np.asarray((_strengths(effect)[0] * slope) ** 2)
     spectrum = effect.added_spectrum(_frequencies(count), 1.0 / RATE_HZ)
     strengths = _strengths(effect)
     touched = range(*effect.columns.indices(len(CHANNELS)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -13,25 +12,20 @@ from scenarios.blind.intervals import Rate
 from scenarios.blind.outcome import Outcome
 from scenarios.blind.score import CaseScore
 from scenarios.blind.strata import FURTHER, MECHANICS, STRATA, STRENGTHS
+from scenarios.blind.table import Table
 
 Scores = Sequence[CaseScore]
 
 _LISTED: Final = 4  # equivalents that are written out
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table: its heading, the titles of its columns, and its rows of text."""
-
-    heading: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
 def floor_name(score: CaseScore) -> str:
-    """White, coloured or nearly 1/f."""
-    parts = [len(each) for each in score.truth.floor.colours.values()]
-    return "white" if not parts else "nearly 1/f" if max(parts) > 1 else "coloured"
+    """White, coloured, 1/f, a walk, or of long tails."""
+    return score.truth.floor_kind
+
+
+def _floors(scores: Scores) -> list[str]:
+    return sorted({score.truth.floor_kind for score in scores}, key=lambda kind: (kind != "white", kind))
 
 
 def quiet(score: CaseScore) -> bool:
@@ -52,7 +46,7 @@ def rate(scores: Iterable[CaseScore], value: Callable[[Outcome], float]) -> Rate
 def quiet_table(scores: Scores) -> Table:
     """False alarms where there is nothing to be seen, by floor."""
     rows = []
-    for floor in ("white", "coloured", "nearly 1/f"):
+    for floor in _floors(scores):
         for stratum in ("none", "absorbed"):
             found = [score for score in in_strata(scores, stratum) if floor_name(score) == floor]
             if found:
@@ -66,7 +60,7 @@ def quiet_table(scores: Scores) -> Table:
 def strata_table(scores: Scores) -> Table:
     """All strata that hold something, in one table."""
     rows = []
-    for stratum in ("one", "two", "form", MECHANICS, "outside"):
+    for stratum in (*(each for each in STRATA if each not in ("none", "absorbed")), MECHANICS):
         found = [score for score in in_strata(scores, stratum) if score.truth.visible]
         if found:
             rows.append((stratum, *_row(found)))
@@ -107,7 +101,7 @@ def strength_table(scores: Scores, *strata: str) -> Table:
 def floor_table(scores: Scores, *strata: str) -> Table:
     """The same by floor."""
     rows = []
-    for floor in ("white", "coloured", "nearly 1/f"):
+    for floor in _floors(scores):
         found = [score for score in in_strata(scores, *strata) if score.truth.visible and floor_name(score) == floor]
         if found:
             rows.append((floor, *_row(found)))
@@ -133,7 +127,7 @@ def withheld_table(scores: Scores) -> Table:
 def closure_table(scores: Scores) -> Table:
     """Errors of gap and closure against the truth."""
     rows = []
-    for stratum in ("one", "two", "form", MECHANICS, "outside"):
+    for stratum in (*(each for each in STRATA if each not in ("none", "absorbed")), MECHANICS):
         found = [score for score in in_strata(scores, stratum) if score.truth.visible]
         gaps = [abs(each.closure.gap_error) for each in found if each.closure.gap_error is not None]
         answered = [each.closure for each in found if each.outcome.verdict in ("named", "ambiguous")]
@@ -155,7 +149,8 @@ def baseline_table(scores: Scores) -> Table:
     """The diagnosis beside the simple judges."""
     rows = []
     for name in ("diagnosis", *BASELINES):
-        outcomes = [(each, each.outcome if name == "diagnosis" else each.baselines[name]) for each in scores]
+        asked = [each for each in scores if each.baselines]
+        outcomes = [(each, each.outcome if name == "diagnosis" else each.baselines[name]) for each in asked]
         silent = Rate.of(float(each.verdict == "no-gap") for score, each in outcomes if quiet(score))
         there = [(score, each) for score, each in outcomes if score.truth.visible]
         first = Rate.of(each.first for score, each in there if score.truth.stratum == "one")
@@ -164,7 +159,7 @@ def baseline_table(scores: Scores) -> Table:
         wrong = Rate.of(each.confidently_wrong for _, each in outcomes)
         rows.append((name, *(str(each) for each in (silent, first, both, unknown, wrong))))
     columns = ("judge", "no-gap where nothing is", "one: first", "two: both", "outside: unknown", "confidently wrong")
-    return Table("Beside simple judges", columns, tuple(rows))
+    return Table("Beside simple judges, on the sweep", columns, tuple(rows))
 
 
 def contents_table(scores: Scores) -> Table:

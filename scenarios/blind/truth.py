@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rig.effects import Effect
 from rig.environment import Environment
+from rig.maneuver import TorusSweep
 from rig.pipeline import Pipeline
 from rig.sensor import TriaxialSensor
 from scenarios.blind.floors import Colour, Floor
@@ -76,6 +77,7 @@ class Truth:
         causes: what is there.
         gap_V: (6,) RMS of what the calibration cannot take up, channel by channel [V].
         floor, environment, accelerometer, magnetometer: of the rig. sweep: of the maneuver, in words.
+        laboratory, floor_kind: by their names.
         change_sha256: of the file with the true change of the expected readings.
     """
 
@@ -89,6 +91,8 @@ class Truth:
     accelerometer: TriaxialSensor
     magnetometer: TriaxialSensor
     sweep: str = ""
+    laboratory: str = "sweep"
+    floor_kind: str = "white"
     change_sha256: str = ""
 
     @classmethod
@@ -100,11 +104,25 @@ class Truth:
         assert accelerometer is not None
         assert magnetometer is not None
         sweep = rig.maneuver
-        words = f"{sweep.yaw_passes} x {sweep.pitch_passes} passes in {sweep.duration_s:g} s"
-        words += f", {sweep.roll_deg_per_s:g} deg/s"
+        words = f"all joints, {sweep.duration_s:g} s"
+        if isinstance(sweep, TorusSweep):
+            words = f"{sweep.yaw_passes} x {sweep.pitch_passes} passes in {sweep.duration_s:g} s"
+            words += f", {sweep.roll_deg_per_s:g} deg/s"
         gap_V = tuple(float(value) for value in gap)
         environment = rig.rig.environment
-        return cls(case, stratum, wanted, causes, gap_V, rig.floor, environment, accelerometer, magnetometer, words)
+        return cls(
+            case,
+            stratum,
+            wanted,
+            causes,
+            gap_V,
+            rig.floor,
+            environment,
+            accelerometer,
+            magnetometer,
+            words,
+            rig.laboratory.name,
+        )
 
     @property
     def visible(self) -> tuple[TrueCause, ...]:
@@ -127,7 +145,7 @@ class Truth:
         colours = {
             sensor: tuple(Colour(**each) for each in parts) for sensor, parts in values["floor"]["colours"].items()
         }
-        values["floor"] = Floor(tuple(values["floor"]["sigma_V"]), colours)
+        values["floor"] = Floor(tuple(values["floor"]["sigma_V"]), colours, values["floor"]["degrees"])
         values["environment"] = Environment(**_tuples(values["environment"]))
         for sensor in ("accelerometer", "magnetometer"):
             values[sensor] = TriaxialSensor(**_tuples(values[sensor]))

@@ -31,7 +31,7 @@ def blind() -> None:
 
 @blind.command(short_help="Make sealed recordings.")
 @click.argument("folder", type=PATH)
-@click.option("--cases", type=click.IntRange(min=10), default=100, help="Beside those of mechanics.")
+@click.option("--cases", type=click.IntRange(min=16), default=100, help="Beside those of mechanics.")
 @click.option("--mechanics", type=click.IntRange(min=0), default=0, help="Cases stepped by MuJoCo; a minute each.")
 @click.option("--samples", type=click.IntRange(min=400), default=6656, help="Of each recording, at 4 Hz.")
 @click.option("--scenario", default="ann-arbor", help="What the rigs are drawn around: a name or a TOML file.")
@@ -118,7 +118,7 @@ def score(
 
 @blind.command(short_help="Make, solve and score in one go.")
 @click.argument("folder", type=PATH)
-@click.option("--cases", type=click.IntRange(min=10), default=100, help="Beside those of mechanics.")
+@click.option("--cases", type=click.IntRange(min=16), default=100, help="Beside those of mechanics.")
 @click.option("--mechanics", type=click.IntRange(min=0), default=0, help="Cases stepped by MuJoCo; a minute each.")
 @click.option("--samples", type=click.IntRange(min=400), default=6656, help="Of each recording, at 4 Hz.")
 @click.option("--scenario", default="ann-arbor", help="What the rigs are drawn around: a name or a TOML file.")

@@ -39,7 +39,7 @@ def see(mechanism: Mechanism, setting: Setting) -> Seen:
         RigError: as ``drive``.
     """
     environment, sensors = setting.rig.environment, setting.rig.pipeline.sensors
-    driven = drive(mechanism, setting.maneuver, environment.gravity)
+    driven = drive(mechanism, setting.sweep, environment.gravity)
     fields = {
         ACCELEROMETER: environment.gravity - driven.acceleration,
         MAGNETOMETER: environment.magnetic + environment.magnetic_field * driven.field,
