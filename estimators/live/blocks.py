@@ -13,6 +13,9 @@ from estimators.live.reference import Residuals
 
 Array = NDArray[np.float64]
 
+#: Samples of a block from which on its noise is seen about its own mean.
+LEAST: Final = 4
+
 #: An accelerometer without attitude is judged where it rests: where this block and so many on either side have at most
 #: so many times the variance of its quietest tenth (of those remembered).
 _BESIDE: Final = 5
@@ -26,7 +29,8 @@ class Blocks:
 
     Attributes:
         t: (m,) time of the last sample of each [s].
-        sums: (m, k) of standardised residuals. squares: (m,) of their squares.
+        sums: (m, k) of standardised residuals. squares: (m,) of their squares; about the block's own mean, if it has
+            ``LEAST`` samples, so that a mean that is off is not taken for noise.
         predicted: (m, k) variance of the model's own error.
         directions: (m, 3) of the field in the sensor's frame, in the middle of each.
     """
@@ -51,8 +55,8 @@ class Blocks:
         return cls(
             residuals.t[rows][length - 1 :: length],
             values.sum(axis=1),
-            np.square(values).sum(axis=(1, 2)),
-            np.tile(residuals.predicted, (count, 1)),
+            np.square(values - (values.mean(axis=1, keepdims=True) if length >= LEAST else 0.0)).sum(axis=(1, 2)),
+            residuals.predicted[rows][length // 2 :: length],
             residuals.directions[rows][length // 2 :: length],
         )
 

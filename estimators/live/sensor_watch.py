@@ -21,7 +21,7 @@ from scipy.special import chdtrc
 
 from estimators.coverage import SphereCells, direction_name
 from estimators.live.alarm import Alarm
-from estimators.live.blocks import Blocks, Rested
+from estimators.live.blocks import LEAST, Blocks, Rested
 from estimators.live.naming import Likeness, Span, likenesses
 from estimators.live.reference import Reference, Residuals
 from estimators.live.stuck import Stuck
@@ -47,6 +47,8 @@ _BY_DIRECTION_S: Final = 60.0
 _SHORT: Final = 4
 _STILL_THERE: Final = 1e-3
 _CALM_S: Final = 1.0
+#: The noise's variance is known to this factor: a tenth more of it is no change.
+_LEVEL_KNOWN: Final = 1.1
 #: What a window may add to the noise's own history, over what is known of it.
 _CAPPED: Final = 4.0
 #: The change is named once so many seconds after it are known; so much before it is kept.
@@ -56,7 +58,7 @@ _KEPT: Final = 4096
 #: A running estimate is held against its own past: a window's length is judged from so many of its windows on, and an
 #: estimate that predicts readings worse than this (in variances of a reading) judges nothing.
 _HISTORY: Final = 8
-_VAGUE: Final = 4.0
+_VAGUE: Final = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +143,19 @@ class SensorWatch:
         blocks = Blocks.of(residuals, self._block)
         whole = slice(len(blocks) * self._block, None)
         self._rest = (readings[whole], _part(residuals, whole))
-        if not len(blocks) or (not self._fixed and float(residuals.predicted.max()) > _VAGUE):
+        if not len(blocks):
             return found
         if self.sensor == ACCELEROMETER and self.reference.parameters is None and self._block >= 3:
             blocks = self._rested.through(blocks, readings, self._block)
+        if not self._fixed:
+            blocks = blocks.pick(blocks.predicted.max(axis=1) <= _VAGUE)
+        return [*found, *self.judge(blocks)]
+
+    def judge(self, blocks: Blocks) -> list[Alarm]:
+        """Take up the next blocks, which ``add`` makes of samples; what there is to say."""
+        found: list[Alarm] = []
+        if self._begun_s is None and len(blocks):
+            self._begun_s = float(blocks.t[0])
         if self._blocks.sums.shape[1] != blocks.sums.shape[1]:
             self._blocks = Blocks.empty(blocks.sums.shape[1])
         while len(blocks):
@@ -186,8 +197,8 @@ class SensorWatch:
 
     @property
     def _freedom(self) -> float:
-        """Degrees of freedom of a block."""
-        return float(self._block * self._blocks.sums.shape[1])
+        """Degrees of freedom of a block's squares."""
+        return float((self._block - (self._block >= LEAST)) * self._blocks.sums.shape[1])
 
     def _tests(self, blocks: Blocks) -> list[_Tests]:
         """Every window's tests that are due with these blocks."""
@@ -208,7 +219,9 @@ class SensorWatch:
             model = (predicted[end] - predicted[end - length]) / length
             mean = (sums[end] - sums[end - length]) / count
             shift = (np.square(mean) / (1.0 / count + model)).sum(axis=1)
-            noise = (squares[end] - squares[end - length]) / (1.0 + model.mean(axis=1))
+            noise = squares[end] - squares[end - length]
+            if self._block < LEAST:  # about the window's mean instead
+                noise = noise - count * np.square(mean).sum(axis=1)
             ready = self._learnt and (self._fixed or self._past[place, 1] >= _HISTORY * _PER_LENGTH)
             found.append(self._judged(place, due, shift, noise, k, ready))
         return found
@@ -219,9 +232,13 @@ class SensorWatch:
         if not ready:
             return _Tests(place, ratio, None, 1.0, "", 1.0)
         length = WINDOWS[place]
-        freedom = k * length * self._block
+        freedom = length * self._freedom - (k if self._block < LEAST else 0.0)
         p_shift = chdtrc(float(k), shift / self.inflation[place])
-        p_noise = chdtrc(freedom / self.level, noise / self.level**2)
+        p_noise = (
+            chdtrc(freedom / self.level, noise / (_LEVEL_KNOWN * self.level**2))
+            if freedom > 0.0
+            else np.ones(len(noise))
+        )
         both = np.minimum(p_shift, p_noise)
         limit = self._chance * max(1, length // _PER_LENGTH) * self._block_s
         over = np.flatnonzero(both < limit)
@@ -284,7 +301,7 @@ class SensorWatch:
         change = self.alarmed
         if change is None:
             return found
-        if not self._named and now - change.since_s >= _NAMED_S:
+        if not self._named and self._kept and now - change.since_s >= _NAMED_S:
             self._named = True
             names = tuple(self._names(change.since_s))
             change = self.alarmed = replace(change, names=names)
@@ -362,7 +379,7 @@ def _part(residuals: Residuals, rows: slice) -> Residuals:
     return Residuals(
         residuals.t[rows],
         residuals.values[rows],
-        residuals.predicted,
+        residuals.predicted[rows],
         residuals.directions[rows],
         residuals.terms[rows],
     )
@@ -372,7 +389,7 @@ def _joined(one: Residuals, other: Residuals) -> Residuals:
     return Residuals(
         np.concatenate([one.t, other.t]),
         np.concatenate([one.values, other.values]),
-        other.predicted,
+        np.concatenate([one.predicted, other.predicted]),
         np.concatenate([one.directions, other.directions]),
         np.concatenate([one.terms, other.terms]),
     )

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.stillness.detection import SAME_ANGLE, SAME_POSE, SPEED_LIMIT
+from estimators.stillness.detection import SAME_ANGLE, SAME_POSE, SPEED_LIMIT, TREND_LIMIT
 from estimators.stillness.threshold import choose_threshold
 
 Array = NDArray[np.float64]
@@ -117,7 +117,11 @@ class StillStream:
         if self._limit is None or max(one.turned, other.turned) > SPEED_LIMIT:
             return False
         floor, limit = self._limit
-        return bool((_variance(one, other) / floor).mean() < limit)
+        variance = _variance(one, other)
+        # As offline: a steady motion makes the squared difference of the halves' means three times the variance.
+        steps = np.square(one.sums / one.count - other.sums / other.count)
+        steady = float(steps.mean()) > TREND_LIMIT * 3.0 * float(variance.mean())
+        return bool((variance / floor).mean() < limit) and not steady
 
     def _remember(self, variance: Array) -> None:
         self._phase += 1

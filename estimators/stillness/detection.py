@@ -38,7 +38,8 @@ SAME_POSE: Final = 3.0
 SAME_ANGLE: Final = 2e-3
 
 _SHORTEST: Final = 11  # samples of a window
-_TREND_LIMIT: Final = 0.5
+#: What seems to be noise is a steady motion from this share of the variance on.
+TREND_LIMIT: Final = 0.5
 _TREND_WINDOWS: Final = 400
 _BLOCK: Final = 8192  # samples of the pose that stay in the second-level cache
 
@@ -210,7 +211,7 @@ def _check_trend(means: Array, quiet: Mask, variance: Array, window: int, where:
     steps = np.square(means[:, windows + 1] - means[:, windows])
     own = variance[:, windows].mean(axis=1)
     found = float(np.mean(steps.mean(axis=1)[own > 0.0] / (3.0 * own[own > 0.0]))) if own.any() else 0.0
-    if found > _TREND_LIMIT:
+    if found > TREND_LIMIT:
         raise RefusedFit(
             f"{where}: never stands still: in its quietest windows of {window} samples a steady motion makes"
             f" {100.0 * min(found, 1.0):.0f} % of the variance, expected noise"

@@ -20,8 +20,9 @@ from rig.recording import Recording, scan_recording
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-#: Of longer streams without attitude every so many samples are fitted at the end, so that memory does not grow.
-MOST_SAMPLES: Final = 1 << 19
+#: Of longer streams without attitude every so many samples are fitted at the end, and of any so many are judged, so
+#: that memory does not grow.
+MOST_SAMPLES: Final = 1 << 17
 
 
 def calibrated(path: Path, options: Options, arm: Arm | None, alarms: Sequence[Alarm]) -> Calibration:
@@ -47,7 +48,8 @@ def calibrated(path: Path, options: Options, arm: Arm | None, alarms: Sequence[A
         field_points=dict(options.field_points) if options.field_points else "down",
         attitude_free=ellipsoid,
     )
-    return _alarmed(estimators.judged(run, found, arm if posed else None), run, alarms)
+    judged = estimators.judged(run, found, arm if posed else None, at_most=MOST_SAMPLES)
+    return _alarmed(judged, run, alarms)
 
 
 def _run(path: Path, options: Options) -> Recording | Path:
