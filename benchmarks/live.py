@@ -229,11 +229,12 @@ def _delays_of_changes(trials: int) -> Table:
     drift = 0.5
     limit = _cusum_limit(drift)
     before, after = 200, int(10 * _LONGEST_S)
+    raw_limit = max(_raw_peak(trial) for trial in range(20))
     detectors: dict[str, Callable[[Array, Array, int], int | None]] = {
         "monitor, attitude known": lambda d, u, s: _monitored(np.tile(d, (len(u), 1)), s, before),
         "monitor, without attitude": lambda d, u, s: _monitored((u @ d)[:, None], s, before),
         "CUSUM, calibrated norm": lambda d, u, s: _norm_cusum(u @ d, s, before, drift, limit, None),
-        "CUSUM, raw norm": lambda d, u, s: _norm_cusum(u @ d, s, before, drift, limit, u),
+        "CUSUM, raw norm": lambda d, u, s: _norm_cusum(u @ d, s, before, drift, raw_limit, u),
     }
     rows = []
     for shift in _SHIFTS:
@@ -242,9 +243,7 @@ def _delays_of_changes(trials: int) -> Table:
             rng = np.random.default_rng(1000 + trial)
             d = rng.standard_normal(3)
             d *= shift * np.sqrt(3.0) / np.linalg.norm(d)
-            t = 0.1 * np.arange(before + after) + 100.0 * rng.random()
-            u = np.stack([np.cos((0.5 + 0.2 * k) * t + k) + np.sin(0.9 * t * (k + 1) / 3) for k in range(3)], axis=1)
-            u /= np.linalg.norm(u, axis=1)[:, None]
+            u = _turned(0.1 * np.arange(before + after) + 100.0 * rng.random())
             for name, detect in detectors.items():
                 place = detect(d, u, trial)
                 delays[name].append(_LONGEST_S if place is None else 0.1 * (place + 1))
@@ -262,8 +261,27 @@ def _delays_of_changes(trials: int) -> Table:
         ),
         tuple(rows),
         note="The raw norm is that of a sensor with offsets of a tenth of the field and noise of 0.3 % of it, held"
-        " against its own mean and spread while it turns.",
+        " against its own mean and spread while it turns, its limit such that an hour of turning raises no alarm.",
     )
+
+
+def _turned(t: Array) -> Array:
+    """(n, 3) unit vectors of the field in a sensor that is turned by hand."""
+    u = np.stack([np.cos((0.5 + 0.2 * k) * t + k) + np.sin(0.9 * t * (k + 1) / 3) for k in range(3)], axis=1)
+    return np.asarray(u / np.linalg.norm(u, axis=1)[:, None])
+
+
+def _raw_peak(seed: int) -> float:
+    """The largest sum of a CUSUM on the raw norm in three minutes of turning without any change."""
+    u = _turned(0.1 * np.arange(1800) + 100.0 * np.random.default_rng(seed).random())
+    low, high = 0.0, 1e6
+    while high - low > 0.01 * high:
+        middle = 0.5 * (low + high) if low else max(high / 4.0, 1.0)
+        if _norm_cusum(np.zeros(1800), seed, 200, 0.5, middle, u) is None:
+            high = middle
+        else:
+            low = middle
+    return high
 
 
 def _monitored(shift: Array, seed: int, before: int) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, Self
 
@@ -16,9 +17,9 @@ Array = NDArray[np.float64]
 #: Samples of a block from which on its noise is seen about its own mean.
 LEAST: Final = 4
 
-#: An accelerometer without attitude is judged where it rests: where this block and so many on either side have at most
-#: so many times the variance of its quietest tenth (of those remembered).
-_BESIDE: Final = 5
+#: An accelerometer without attitude is judged where it rests: where this block and those so long on either side [s]
+#: have at most so many times the variance of its quietest tenth (of those remembered).
+_BESIDE_S: Final = 0.5
 _QUIET: Final = 2.5
 _REMEMBERED: Final = 600
 
@@ -83,8 +84,9 @@ class Blocks:
 class Rested:
     """Lets blocks through in whose middle a sensor rested, half a second later."""
 
-    def __init__(self) -> None:
-        """Nothing has come yet."""
+    def __init__(self, block_s: float) -> None:
+        """Args: block_s: length of a block [s]."""
+        self._beside = math.ceil(_BESIDE_S / block_s - 1e-9)
         self._waiting: Blocks | None = None
         self._variances = np.empty(0)
         self._past = np.empty(0)
@@ -101,11 +103,11 @@ class Rested:
         if self._waiting is None or self._waiting.sums.shape[1] != blocks.sums.shape[1]:
             self._waiting, self._variances = Blocks.empty(blocks.sums.shape[1]), np.empty(0)
         waiting, variances = self._waiting.then(blocks), np.concatenate([self._variances, own])
-        width = 2 * _BESIDE + 1
+        width = 2 * self._beside + 1
         keep = slice(max(len(waiting) - width + 1, 0), None)
         self._waiting, self._variances = waiting.pick(keep), variances[keep]
         if len(waiting) < width:
             return Blocks.empty(blocks.sums.shape[1])
         floor = float(np.quantile(self._past, 0.1))
         still = sliding_window_view(variances, width).max(axis=1) <= _QUIET * floor
-        return waiting.pick(slice(_BESIDE, len(waiting) - _BESIDE)).pick(still)
+        return waiting.pick(slice(self._beside, len(waiting) - self._beside)).pick(still)

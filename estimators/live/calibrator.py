@@ -159,14 +159,16 @@ class Calibrator:
         with one_blas_thread():
             return stream.estimate()
 
-    def state(self, sensor: str) -> SensorState:
-        """Where a sensor stands, with the stop rule."""
+    def state(self, sensor: str, last: SensorState | None = None) -> SensorState:
+        """Where a sensor stands, with the stop rule: that of ``last``, if there is one, which takes longer to ask."""
         try:
             estimate = self.estimate(sensor)
         except RigError as error:
             return SensorState(sensor, None, str(error).split(": ", 1)[-1], None, False, self._begin(sensor))
         if not np.isfinite(estimate.matrix).all() or not len(estimate.readings):
             return SensorState(sensor, estimate, estimate.problem, None, False, self._begin(sensor))
+        if last is not None and last.rule is not None:
+            return SensorState(sensor, estimate, estimate.problem, last.rule, last.enough, last.turn)
         rule = estimate.enough(self.options.to)
         wide = not self.posed and rule.coverage.hole_deg > HOLE_DEG
         enough = rule.enough and not wide and estimate.told

@@ -25,7 +25,6 @@ from estimators.live.blocks import LEAST, Blocks, Rested
 from estimators.live.naming import Likeness, Span, likenesses
 from estimators.live.reference import Reference, Residuals
 from estimators.live.stuck import Stuck
-from rig.channels import ACCELEROMETER
 from rig.recording import Recording
 
 if TYPE_CHECKING:
@@ -35,6 +34,8 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 BLOCK_S: Final = 0.1
+#: Where a sensor has to rest, a block has so many samples at least: their variance tells it.
+_RESTS: Final = 3
 #: Lengths of the windows, in blocks; each is looked at four times while it slides by its length.
 WINDOWS: Final = (1, 4, 16, 64)
 _PER_LENGTH: Final = 4
@@ -84,12 +85,22 @@ class SensorWatch:
         cells: of ``by_direction``.
     """
 
-    def __init__(self, sensor: str, unit: str, rate_Hz: float, tests_a_day: float, learn_s: float, fixed: bool) -> None:
+    def __init__(
+        self,
+        sensor: str,
+        unit: str,
+        rate_Hz: float,
+        tests_a_day: float,
+        learn_s: float,
+        fixed: bool,
+        rests: bool = False,
+    ) -> None:
         """Args:
         rate_Hz: of the samples.
         tests_a_day: false alarms a day for each of the sensor's tests.
         learn_s: how long the noise's memory is learnt [s].
         fixed: whether the reference is a given calibration.
+        rests: whether it may be judged only where it rests, as an accelerometer that is turned by hand.
         """
         self.sensor, self._unit = sensor, unit
         self.alarmed: Alarm | None = None
@@ -97,7 +108,8 @@ class SensorWatch:
         self.level = 1.0
         self.cells = SphereCells.of(CELLS)
         self.reference: Reference | None = None
-        self._block = max(1, round(BLOCK_S * rate_Hz))
+        self._block = max(_RESTS if rests else 1, round(BLOCK_S * rate_Hz))
+        self._rests = rests
         self._block_s = self._block / rate_Hz
         self._rate_Hz = rate_Hz
         self._chance = tests_a_day / _DAY_S
@@ -105,7 +117,7 @@ class SensorWatch:
         self._begun_s: float | None = None
         self._learnt = learn_s <= 0.0
         self._blocks = Blocks.empty(3)
-        self._rested = Rested()
+        self._rested = Rested(self._block_s)
         self._number = 0
         self._past = np.zeros((len(WINDOWS), 2))  # sums of chi-square over degrees, and how many
         self._squares = np.zeros(2)
@@ -145,7 +157,7 @@ class SensorWatch:
         self._rest = (readings[whole], _part(residuals, whole))
         if not len(blocks):
             return found
-        if self.sensor == ACCELEROMETER and self.reference.parameters is None and self._block >= 3:
+        if self._rests:
             blocks = self._rested.through(blocks, readings, self._block)
         if not self._fixed:
             blocks = blocks.pick(blocks.predicted.max(axis=1) <= _VAGUE)

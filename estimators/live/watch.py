@@ -14,6 +14,7 @@ from estimators.live.estimate import SensorEstimate
 from estimators.live.reference import Reference
 from estimators.live.sensor_watch import WINDOWS, SensorWatch
 from estimators.pipeline import arm_of, has_pose
+from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.recording import Recording
 
@@ -72,7 +73,8 @@ class Watch:
         for sensor in names:
             unit = first.unit(sensor)
             fixed = calibration is not None
-            watches[sensor] = SensorWatch(sensor, unit, first.rate_Hz, alarms_a_day / tests, learn_s, fixed)
+            rests = sensor == ACCELEROMETER and not posed
+            watches[sensor] = SensorWatch(sensor, unit, first.rate_Hz, alarms_a_day / tests, learn_s, fixed, rests)
             if calibration is not None:
                 own = calibration[sensor]
                 if own.unit != unit:

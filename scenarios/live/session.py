@@ -34,6 +34,10 @@ TICK_S: Final = 0.02
 _ESTIMATE_S: Final = 0.05
 _SHARE: Final = 0.12
 _GROWTH: Final = 1.05
+_MANY: Final = 20_000
+_LATER_GROWTH: Final = 1.2
+#: The stop rule is asked this often [s].
+_RULE_S: Final = 0.25
 _FIRST: Final = 50
 #: The rule has to hold so long [s] of the stream before the session ends.
 _HOLD_S: Final = 0.5
@@ -156,6 +160,7 @@ class Session:
         self._next = float(_FIRST)
         self._at = 0.0
         self._took = 0.0
+        self._ruled_at = -np.inf
         self._since: float | None = None
         self._stale = False
 
@@ -254,8 +259,9 @@ class Session:
                 self.journal.write(part)
             self._add(part)
             if self.samples >= self._next:
-                self._next = max(self._next * _GROWTH, self._next + _FIRST)
                 self._estimate()
+                growth = _GROWTH if self.samples < _MANY else _LATER_GROWTH
+                self._next = max(self._next * growth, self._next + _FIRST)
                 if self.enough:
                     return
         self._stale = True
@@ -304,7 +310,7 @@ class Session:
     def _estimate(self, shown: bool = False) -> None:
         begun = time.monotonic()
         if self.calibrator is not None:
-            self.states = tuple(self.calibrator.state(sensor) for sensor in self.calibrator.sensors)
+            self._ask(ruled=begun - self._ruled_at >= _RULE_S or shown or self.samples >= self._next)
             if self.watch is not None:
                 self.watch.refer({state.sensor: state.estimate for state in self.states if state.estimate is not None})
             self._see()
@@ -314,6 +320,14 @@ class Session:
         for display in self._displays:
             display.show(self.snapshot)
         self._took = time.monotonic() - begun if not shown else self._took
+
+    def _ask(self, ruled: bool) -> None:
+        """Bring the states up to date; ``ruled``: with the stop rule."""
+        assert self.calibrator is not None
+        last = {} if ruled else {state.sensor: state for state in self.states}
+        self.states = tuple(self.calibrator.state(sensor, last.get(sensor)) for sensor in self.calibrator.sensors)
+        if ruled:
+            self._ruled_at = time.monotonic()
 
     def _decide(self) -> None:
         if not self.states or not all(state.enough for state in self.states):

@@ -65,6 +65,7 @@ class LiveView:
         self._waiting: list[Recording] = []
         self._last: Recording | None = None
         self._begun = False
+        self._shown: Snapshot | None = None
         self._at = self._sphere_at = -np.inf
         self._parameters: dict[str, tuple[str, ...]] = {}
 
@@ -78,6 +79,7 @@ class LiveView:
 
     def show(self, snapshot: Snapshot) -> None:
         """Draw what is new, if it is time."""
+        self._shown = snapshot
         if not self._begun or time.monotonic() - self._at < _PERIOD_S:
             return
         self._at = time.monotonic()
@@ -91,7 +93,10 @@ class LiveView:
         self._stream.log("events", rr.TextLog(event.words, level=level))
 
     def close(self) -> None:
-        """Write what is pending."""
+        """Draw the last state, and write what is pending."""
+        if self._shown is not None:
+            self._sphere_at = -np.inf
+            self._draw(self._shown)
         self._stream.disconnect()
 
     def _begin(self, batch: Recording) -> None:
