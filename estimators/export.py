@@ -15,12 +15,14 @@ from typing import Any, Final
 
 from estimators._json import dump
 from estimators.calibration import Calibration, SensorCalibration
+from estimators.export_ros import ros_yaml
+from estimators.number_text import number
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.errors import RigError, unknown_name
 
 #: The format of an export, version included.
 FORMAT: Final = "rig-export/1"
-TARGETS: Final = ("yaml", "json", "c")
+TARGETS: Final = ("yaml", "json", "c", "ros")
 FORMULA: Final = "field = matrix * (reading - bias)"
 
 
@@ -29,7 +31,7 @@ def export(calibration: Calibration, target: str, field_unit: str | None = None)
 
     Args:
         calibration: to be used elsewhere.
-        target: "yaml", "json" or "c".
+        target: "yaml", "json", "c" or "ros".
         field_unit: unit of the magnetic field, G or uT; None: that of its reference magnitude.
 
     Raises:
@@ -37,6 +39,8 @@ def export(calibration: Calibration, target: str, field_unit: str | None = None)
     """
     if target not in TARGETS:
         raise unknown_name("export", target, TARGETS)
+    if target == "ros":
+        return ros_yaml(calibration, field_unit)
     content = contents(calibration, field_unit)
     if target == "json":
         return dump(content)
@@ -114,13 +118,6 @@ def _flow(value: Any) -> str:
     if isinstance(value, float):
         return number(value)
     return json.dumps(value)  # JSON's texts, whole numbers, true, false and null are YAML's as well
-
-
-def number(value: float) -> str:
-    """A float with all its digits and always a point: YAML 1.1 takes ``1e-05`` for a text."""
-    text = repr(float(value))
-    mantissa, e, exponent = text.partition("e")
-    return (mantissa if "." in mantissa else f"{mantissa}.0") + e + exponent
 
 
 # --- C ---------------------------------------------------------------------------------------------------------------

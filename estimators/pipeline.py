@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +48,7 @@ def calibrate(
     sensors: Sequence[str] | None = None,
     progress: Callable[[int], None] | None = None,
     attitude_free: Options | None = None,
+    stated: Mapping[str, Any] | None = None,
 ) -> Calibration:
     """Calibrate the sensors of a recording.
 
@@ -67,6 +68,8 @@ def calibrate(
         sensors: which of the recorded ones; None: all.
         progress: called with the number of samples of every batch that is done.
         attitude_free: options of "ellipsoid".
+        stated: the recording's metadata that are known better than it says: ``gravity_m_s2``, ``magnetic_field``,
+            ``magnetic_field_unit``.
 
     Raises:
         RigError: the recording has no attitude, its arm is not known, a joint is beyond its limit, an option is
@@ -76,6 +79,8 @@ def calibrate(
     """
     from_file = not isinstance(run, Recording)
     source: Recording | RecordingScan = run if isinstance(run, Recording) else _scan(run, arm)
+    if stated:
+        source = replace(source, metadata=replace(source.metadata, **stated))
     chosen = _chosen(source.sensors, sensors)
     if method is None:
         method = "simultaneous" if has_pose(source) else "ellipsoid"

@@ -25,7 +25,20 @@ from scenarios.cli._app import cli
 from scenarios.scenario import Scenario
 
 COMMANDS = (
-    *("demo", "sweep", "import", "calibrate", "apply", "diagnose", "export", "bound", "study", "blind", "noise"),
+    *(
+        "demo",
+        "sweep",
+        "import",
+        "check",
+        "calibrate",
+        "apply",
+        "diagnose",
+        "export",
+        "bound",
+        "study",
+        "blind",
+        "noise",
+    ),
     *("live", "replay", "view", "scenarios", "effects"),
 )
 ROOT = Path(__file__).parents[1]

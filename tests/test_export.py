@@ -17,8 +17,9 @@ from cli_support import SMALL, Rig
 import scenarios
 from estimators import Calibration, calibrate
 from estimators.calibration_parts import Quality
-from estimators.export import FORMULA, contents, export, number
+from estimators.export import FORMULA, contents, export
 from estimators.fields import field_of
+from estimators.number_text import number
 from rig.errors import RigError
 
 #: A float as YAML 1.1 and 1.2 resolve it (yaml.org/type/float.html; YAML 1.2.2, section 10.3.2): with a point, and a
@@ -211,3 +212,17 @@ def test_rig_export_writes_and_prints(rig: Rig, calibration: Calibration, tmp_pa
     assert said == {"to": "yaml", "file": None, "text": export(read, "yaml", "G")}
     assert "expected .h" in rig.refused("export", tmp_path / "cal.json", "--to", "c", "-o", tmp_path / "x.c")
     assert "nearest: 'yaml'" in rig.refused("export", tmp_path / "cal.json", "--to", "yml")
+
+
+def test_ros_has_the_specific_force_and_tesla(calibration: Calibration) -> None:
+    found = yaml.safe_load(export(calibration, "ros", "G"))["accelerometer"]
+    readings = np.random.default_rng(2).uniform(1.0, 4.0, (5, 3))
+    matrix = np.reshape(found["matrix"], (3, 3))
+    felt = field_of(calibration["accelerometer"], readings)
+    np.testing.assert_allclose((readings - found["bias"]) @ matrix.T, -felt, rtol=1e-12)
+    covariance = np.reshape(found["linear_acceleration_covariance"], (3, 3))
+    noise = np.asarray(calibration["accelerometer"].noise)
+    drawn = np.random.default_rng(0).standard_normal((20_000, 3)) * noise @ matrix.T
+    # a sample covariance of n draws is off by about sqrt(2 / n): six of these
+    np.testing.assert_allclose(np.cov(drawn.T), covariance, atol=6 * np.sqrt(2 / 20_000) * covariance.max())
+    assert found["orientation_covariance"][0] == -1.0

@@ -291,3 +291,22 @@ def test_a_measured_log_needs_no_editing() -> None:
     np.testing.assert_allclose(calibration.values[0] * 9.8, 1.007, atol=0.01)  # g/g, as found by other means
     moving = import_logs([folder / "1-baseline_accel.csv", folder / "1-baseline_orientations.csv"], None, None)
     assert moving.recording.metadata.pose_rate_Hz == pytest.approx(99.2, abs=0.5)
+
+
+def test_what_a_recording_leaves_open_is_said_and_can_be_stated(
+    rig: Rig, tmp_path: Path, run: Recording, arm: Arm
+) -> None:
+    path = tmp_path / "bare.csv"
+    run.write(path)
+    lines = path.read_text().splitlines()
+    lines[1] += ",theta1"
+    path.write_text("\n".join([lines[1], *(f"{line},0.5" for line in lines[2:])]) + "\n")
+    result = rig("calibrate", path, "--arm", arm.file, "--json")
+    assert "columns not used: theta1 (Renk's angles? rig import --angles renk2005 takes them)" in result.err
+    first = json.loads(result.out)["sensors"]["accelerometer"]
+    assert any("gravity is not stated: 9.8 m/s^2 taken" in text for text in first["quality"]["warnings"])
+    second = json.loads(rig("calibrate", path, "--arm", arm.file, "--gravity", "9.9", "--json").out)
+    second = second["sensors"]["accelerometer"]
+    assert not any("is not stated" in text for text in second["quality"]["warnings"])
+    assert second["values"][0] == pytest.approx(first["values"][0] * 9.8 / 9.9, rel=1e-6)
+    assert rig("check", path, "--arm", arm.file).status == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Collection, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -67,6 +68,17 @@ class RecordingScan:
     def name(self) -> str:
         """The file's name without its ending."""
         return self.table.path.stem
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """The table's columns that are no part of the recording."""
+        known = set(Columns.parse(self.table.names, str(self.path)).names)
+        return tuple(name for name in self.table.names if name not in known)
+
+    @property
+    def stated(self) -> frozenset[str]:
+        """The keys of the metadata that the file states itself."""
+        return frozenset() if self.table.metadata is None else frozenset(json.loads(self.table.metadata))
 
     @property
     def rows(self) -> int | None:

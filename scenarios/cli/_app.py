@@ -25,6 +25,7 @@ _COMMANDS: Final = {
     "demo": "run",
     "sweep": "run",
     "import": "importing",
+    "check": "importing",
     "calibrate": "calibrate",
     "apply": "calibrate",
     "diagnose": "diagnose",

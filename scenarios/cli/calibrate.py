@@ -21,6 +21,7 @@ from scenarios.cli._options import (
     print_json,
     progress_bar,
 )
+from scenarios.cli._stated import stated_metadata, stated_options, with_assumptions
 
 if TYPE_CHECKING:
     from estimators import Calibration, NoiseFloor
@@ -67,6 +68,7 @@ _ROBUST: Final = 1000.0
 @click.option("--fminunc", is_flag=True, help="Minimise as Renk et al. too (quasi-Newton), and compare.")
 @click.option("--coverage", type=PATH, metavar="PLOT", help="Draw the directions seen and missing: .png, .svg, .pdf.")
 @memory_option
+@stated_options
 @json_option
 def calibrate(
     run: Path,
@@ -84,6 +86,8 @@ def calibrate(
     static_threshold: float | None,
     fminunc: bool,
     coverage: Path | None,
+    gravity: float | None,
+    field: str | None,
     as_json: bool,
 ) -> int:
     """Calibrate the sensors of RUN, a recording with joint angles, tool poses or, turned by hand, neither.
@@ -97,7 +101,7 @@ def calibrate(
       rig calibrate tumble.csv --method ellipsoid --parameters 6 --coverage tumble.png
       rig calibrate tumble.csv --method ellipsoid --start datasheet --static-threshold 0.0016
       rig calibrate run.csv --noise 13.4,13.6,14.6 --method separate
-      rig calibrate mine.parquet --arm mine.urdf --tip sensor_link -o cal.json
+      rig calibrate mine.parquet --arm mine.urdf --tip sensor_link --gravity 9.8029 --field 55.2uT -o cal.json
     """
     from rig.errors import RigError, one_line
 
@@ -116,6 +120,12 @@ def calibrate(
 
     arm = chosen_arm(arm_file, tip)
     scan = scan_recording(run, joints=None if arm is None else arm.dof)
+    from scenarios.checking import unused_words
+
+    if unused := unused_words(scan):
+        click.echo(f"rig: {unused}", err=True)
+    stated = stated_metadata(gravity, field)
+    scan = replace(scan, metadata=replace(scan.metadata, **stated))
     attitude_free = method == "ellipsoid" or (method is None and not has_pose(scan))
     if attitude_free and (arm is not None or equal_weights):
         option = "--equal-weights" if arm is None else "--arm"
@@ -154,8 +164,9 @@ def calibrate(
                     field_points=field_points,
                 ),
                 progress=_counted(progress, scan.rows),
+                stated=stated,
             )
-        calibration = estimators.judged(run, calibration, arm)
+        calibration = with_assumptions(estimators.judged(run, calibration, arm), scan, stated)
         if fminunc:
             from estimators.as_renk import as_renk
 

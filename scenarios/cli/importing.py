@@ -18,6 +18,7 @@ from scenarios.cli._options import (
     print_json,
     progress_bar,
 )
+from scenarios.cli._stated import stated_metadata
 
 if TYPE_CHECKING:
     from scenarios.importing import Imported, Mapping
@@ -127,31 +128,8 @@ def _mapping(
 
     there = path is not None and path.is_file()
     mapping = read_mapping(path) if path is not None and there else Mapping()
-    stated = mapping.metadata if gravity is None else replace(mapping.metadata, gravity_m_s2=gravity)
-    if field is not None:
-        magnitude, unit = _field(field)
-        stated = replace(stated, magnetic_field=magnitude, magnetic_field_unit=unit)
+    stated = replace(mapping.metadata, **stated_metadata(gravity, field))
     return replace(mapping, conventions=replace(mapping.conventions, **options), metadata=stated), there
-
-
-def _field(text: str) -> tuple[float, str | None]:
-    """A magnitude with its unit, such as 48.5uT.
-
-    Raises:
-        RigError: neither a number nor one with a unit of the magnetic field.
-    """
-    import re
-
-    from rig.errors import RigError
-
-    found = re.fullmatch(r"\s*([0-9.eE+-]+?)\s*(G|uT|nT)?\s*", text)
-    try:
-        value = float(found[1]) if found else 0.0
-    except ValueError:
-        value = 0.0
-    if found is None or not 0 < value < float("inf"):
-        raise RigError(f"--field: found {text!r}, expected a number above zero with G, uT or nT behind it, or none")
-    return value, found[2]
 
 
 def _document(found: Imported, output: Path | None, map_file: Path | None) -> dict[str, Any]:
@@ -182,3 +160,31 @@ def _tell(found: Imported, output: Path | None, written: Path | None) -> None:
         click.echo(f"{written}: written; confirm or change it, and give it with --map again")
     what = f"{len(recording):,} samples of {' and '.join(recording.sensors)}, pose: {recording.pose}"
     click.echo(f"{output}: {what}" if output is not None else f"{what}; not written: expected -o RUN.parquet")
+
+
+@click.command(short_help="What a file holds and what is wrong with it.")
+@click.argument("file", type=PATH)
+@arm_options
+@json_option
+def check(file: Path, arm_file: Path | None, tip: str | None, as_json: bool) -> int:
+    """Look into FILE: a recording, scenario, mapping, calibration or diagnosis. Exit status 1: something looks wrong.
+
+    \b
+    Example:
+      rig check run.parquet
+      rig check log.csv --json
+    """
+    from scenarios.checking import check_file
+
+    arm = chosen_arm(arm_file, tip)
+    found = check_file(file, None if arm is None else arm.dof)
+    if as_json:
+        print_json({"file": file, "kind": found.kind, "holds": found.holds, "findings": list(found.findings)})
+    else:
+        click.echo(f"{file}: a {found.kind}")
+        for key, value in found.holds.items():
+            shown = ", ".join(map(str, value)) if isinstance(value, list) else value
+            click.echo(f"  {key:<12} {'-' if shown in (None, '') else shown}")
+        for line in found.findings:
+            click.echo(f"! {line}")
+    return 1 if found.findings else 0

@@ -22,7 +22,7 @@ from scenarios.importing.conventions import axis_words, judged, suspicious
 from scenarios.importing.mapping import Conventions, Mapping, check_columns
 from scenarios.importing.quantities import guess
 from scenarios.importing.text_log import Log, read_text_log
-from scenarios.importing.tracks import Track, tracks_of
+from scenarios.importing.tracks import LOUD, Track, tracks_of
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,9 @@ def import_logs(
             tracks.setdefault(track.kind, track)
     recording, joined, findings = _joined(tracks, mapping, arm, said)
     recording, checked = _checked(recording, joined, mapping, arm, guessed)
-    return Imported(recording, mapping, tuple(said), (*findings, *checked))
+    loud = [line.removeprefix(LOUD) for line in said if line.startswith(LOUD)]
+    quiet = tuple(line for line in said if not line.startswith(LOUD))
+    return Imported(recording, mapping, quiet, (*loud, *findings, *checked))
 
 
 def _guessed(logs: Sequence[Log], arm: Arm | None, base: Mapping) -> Mapping:

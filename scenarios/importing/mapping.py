@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -41,6 +42,13 @@ class Conventions:
     accelerometer_reads: Reads = "detect"
     clock_offset_s: float | Literal["auto"] | None = None
     time_unit: Literal["s", "ms", "us", "ns", "guess"] = "guess"
+
+    def __post_init__(self) -> None:
+        if re.fullmatch(r"(?!(.)\1|.(.)\2)([XYZ]{3}|[xyz]{3})", self.euler) is None:
+            raise RigError(
+                f"euler: found {self.euler!r}, expected three axes, all capital (turned) or all small (fixed axes),"
+                " such as 'ZYX' or 'xyz'"
+            )
 
 
 @dataclass(frozen=True)

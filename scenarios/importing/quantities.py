@@ -112,11 +112,11 @@ def _name(*parts: str) -> re.Pattern[str]:
 _TIME: Final = _name(r"t|time.*|timestamp.*|stamp.*|sec|seconds?|epoch.*|clock.*|t[ _(\[].*|date_?time")
 _ACCEL: Final = _name(
     r"(.*(acc|accel|acceleration|acel|specific.?force|imu.?a)[^a-z]*.*?(?<![a-z])([xyz123])\b.*",
-    r"|(?:.*[^a-z])?(acc|accel|a)[_ .]?([xyz123])(?![a-z0-9]).*)",
+    r"|(?:.*[^a-z])?(acc|accel)[_ .]?([xyz123])(?![a-z0-9]).*|(?:.*[^a-z])?(a)[_ .]?([xyz])(?![a-z0-9]).*)",
 )
 _MAG: Final = _name(
     r"(.*(mag|magnetic|magneto|compass|bfield)[^a-z]*.*?(?<![a-z])([xyz123])\b.*",
-    r"|(?:.*[^a-z])?(mag|m|b|h)[_ .]?([xyz123])(?![a-z0-9]).*)",
+    r"|(?:.*[^a-z])?(mag)[_ .]?([xyz123])(?![a-z0-9]).*|(?:.*[^a-z])?(m|b|h)[_ .]?([xyz])(?![a-z0-9]).*)",
 )
 _GYRO: Final = _name(r".*(gyro|angular|omega|rate|vel|speed|torque|effort|force|current|target|cmd|command|desired)")
 _MATRIX: Final = _name(r"(?:.*[^a-z])?r(?:ot)?_?\(?([123])[_,]?([123])\)?")
@@ -178,7 +178,8 @@ def _guess_readings(columns: dict[str, Array], found: dict[str, str]) -> None:
         axes: dict[int, str] = {}
         for name in columns:
             match = pattern.fullmatch(name.strip())
-            if match and name not in found and not _GYRO.match(name):
+            angle = unit_word(name, ("deg", "rad"))
+            if match and name not in found and not angle and not _GYRO.match(name):
                 axes.setdefault(_axis(match), name)
         if len(axes) == 3:
             values = np.stack([columns[axes[axis]] for axis in (1, 2, 3)], axis=1)

@@ -26,6 +26,7 @@ from scenarios.importing.text_log import Log
 
 Array = NDArray[np.float64]
 
+LOUD: Final = "! "  #: begins what is to be said as a finding
 _EPOCH: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 _ORTHOGONAL: Final = 0.02  # entries of R' R - 1: matrices rounded to two decimals pass, another kind of table does not
 #: theta1, theta5, theta6 of Renk's Table 1 as joints 1, 5, 6 [rad], and where the others are locked.
@@ -92,7 +93,7 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
         if not np.array_equal(order, np.arange(len(t))):
             words += "; rows were not in the order of time: sorted"
         said.append(f"{log.name}: time is {words}")
-    found = []
+    found: list[Track] = []
     for kind, parts in groups.items():
         columns = _stacked(kind, parts, log, order)
         whole = np.isfinite(columns).all(axis=1)
@@ -102,8 +103,11 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
             later = np.ones(len(when), dtype=bool)
             kept = np.flatnonzero(whole)
             later[kept[1:]] = np.diff(when[kept]) > 0
-            if dropped := int((whole & ~later).sum()):
-                said.append(f"{log.name}: {dropped} rows of {kind} repeat the time before: dropped")
+            if (dropped := int((whole & ~later).sum())) and not found:  # once for a log
+                mark = LOUD if dropped > 0.01 * whole.sum() else ""  # a clock too coarse, or written with few digits
+                said.append(
+                    f"{mark}{log.name}: {dropped} of {whole.sum()} rows of {kind} repeat the time before: dropped"
+                )
             whole &= later
         if not whole.any():
             raise RigError(f"{log.name}: {kind}: found no row with all of {', '.join(p[0] for p in parts.values())}")
@@ -201,24 +205,7 @@ def _rotation(track: Track, unit: str, conventions: Conventions) -> Array:
             raise RigError(f"{track.log}: the quaternion in row {row} has the norm {norm[row]:.4g}, expected 1")
         turns = Rotation.from_quat(values, scalar_first=True)
     else:
-        turns = euler_rotation(conventions.euler, values * JOINT_UNITS[unit], track.log)
+        turns = Rotation.from_euler(conventions.euler, values * JOINT_UNITS[unit])
     if conventions.rotation == "tool<-base":
         turns = turns.inv()
     return np.asarray(turns.as_matrix().reshape(-1, 9))
-
-
-def euler_rotation(convention: str, angles: Array, where: str = "euler") -> Rotation:
-    """Rotations of three angles (n, 3) [rad] by a convention such as "ZYX".
-
-    Raises:
-        RigError: the convention is none.
-    """
-    try:
-        if len(convention) != 3:
-            raise ValueError
-        return Rotation.from_euler(convention, angles)
-    except ValueError:
-        raise RigError(
-            f"{where}: euler: found {convention!r}, expected three axes, all capital (turned axes) or all small (fixed"
-            " axes), such as 'ZYX' or 'xyz'"
-        ) from None

@@ -1,0 +1,151 @@
+"""What a file of this project holds, and what is wrong with it."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from rig.documents import read_json
+from rig.errors import RigError
+from rig.recording import Recording, RecordingScan, locked_beside, scan_recording
+
+_AT_AN_END: Final = 0.02  # of the samples at the least or greatest value are many
+_G: Final = {"g": 1.0, "m_s2": 9.8}
+#: Columns that other readings of a log would be, and what to do with them.
+_MEANT: Final = (
+    (re.compile(r"theta[156].*", re.IGNORECASE), "Renk's angles? rig import --angles renk2005 takes them"),
+    (
+        re.compile(r"(acc|mag|q|joint|r[123][123]).*", re.IGNORECASE),
+        "poses or readings? rig import takes logs as they come",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A file's kind, what it holds and what looks wrong, in lines."""
+
+    kind: str
+    holds: dict[str, Any]
+    findings: tuple[str, ...]
+
+
+def check_file(path: Path, joints: int | None = None) -> Checked:
+    """Look into a recording, scenario, mapping, calibration or diagnosis.
+
+    Args:
+        path: the file.
+        joints: of the arm that a recording belongs to, where it is known.
+
+    Raises:
+        RigError: it cannot be read, or is not what its ending says.
+    """
+    suffix = path.suffix.casefold()
+    if suffix in (".parquet", ".csv"):
+        return _recording(scan_recording(path, joints=joints))
+    if suffix == ".toml":
+        return _toml(path)
+    if suffix == ".json":
+        return _json(path)
+    raise RigError(f"{path}: found ending {suffix!r}, expected .parquet, .csv, .toml or .json")
+
+
+def _recording(scan: RecordingScan) -> Checked:
+    run = scan.read()
+    steps = np.diff(run.t)
+    meta = run.metadata
+    holds: dict[str, Any] = {
+        "samples": len(run),
+        "duration_s": run.duration_s,
+        "rate_Hz": None if len(run) < 2 else float(1.0 / np.median(steps)),
+        "pose": run.pose,
+        "joints": 0 if run.q is None else run.q.shape[1],
+        "units": dict(run.units),
+        "locked": locked_beside(scan.path),
+        "metadata": json.loads(meta.to_json()),
+    }
+    return Checked("recording", holds, tuple(_findings(scan, run)))
+
+
+def _findings(scan: RecordingScan, run: Recording) -> list[str]:
+    found = []
+    meta, steps = run.metadata, np.diff(run.t)
+    if unused := unused_words(scan):
+        found.append(unused)
+    if "accelerometer" in run.sensors and "gravity_m_s2" not in scan.stated:
+        found.append(
+            f"gravity_m_s2 is not stated: {meta.gravity_m_s2:g} is taken; 1 % in it is 1 % in every sensitivity"
+        )
+    if "magnetometer" in run.sensors and "magnetic_field" not in scan.stated:
+        found.append(f"magnetic_field is not stated: {meta.magnetic_field:g} is taken, so that all is relative to it")
+    if len(steps) and steps.max() > 10.0 * np.median(steps):
+        row = int(np.argmax(steps))
+        found.append(f"a gap of {steps[row]:.4g} s after row {row}; the median step is {np.median(steps):.4g} s")
+    if meta.rate_Hz and len(steps) and not 0.8 < meta.rate_Hz * float(np.median(steps)) < 1.25:
+        found.append(f"rate_Hz says {meta.rate_Hz:g}, the times say {1.0 / float(np.median(steps)):.4g}")
+    for sensor, unit in run.units.items():
+        values = run.readings(sensor)
+        if unit in _G and not 0.5 < (size := float(np.median(np.linalg.norm(values, axis=1))) / _G[unit]) < 2.0:
+            found.append(f"{sensor}: the median magnitude is {size:.3g} times that of gravity in {unit}: its unit?")
+        stuck = np.flatnonzero(values.std(axis=0) == 0.0)
+        found += [f"{sensor}: channel {channel + 1} never changes" for channel in stuck]
+        ends = ((values == values.min(axis=0)) | (values == values.max(axis=0))).mean(axis=0)
+        found += [
+            f"{sensor}: channel {channel + 1} is at an end of its range in {100 * share:.3g} % of the samples: clipped?"
+            for channel, share in enumerate(ends)
+            if share > max(_AT_AN_END, 20 / len(run)) and channel not in stuck
+        ]
+    if run.q is not None and np.abs(run.q).max() > 100.0 * np.pi and "deg" not in "".join(scan.table.names):
+        found.append("joint angles beyond 50 turns: degrees under the name of radians?")
+    return found
+
+
+def _toml(path: Path) -> Checked:
+    from rig.documents import parse_toml, read_toml
+    from scenarios.importing.mapping import FORMAT, read_mapping
+    from scenarios.loader import load
+
+    if parse_toml(read_toml(path, "a scenario or a mapping"), str(path)).get("format") == FORMAT:
+        mapping = read_mapping(path)
+        return Checked("mapping", {"columns": mapping.columns}, ())
+    scenario = load(path)
+    arm = scenario.rig.arm
+    holds = {
+        "arm": None if arm is None else arm.name,
+        "joints": [] if arm is None else list(arm.joint_names),
+        "maneuver": scenario.kind,
+        "duration_s": scenario.maneuver.duration_s,
+        "sensors": list(scenario.truth.sensors),
+        "effects": [f"{effect.name} at {effect.where}" for effect in scenario.rig.effects],
+    }
+    return Checked("scenario", holds, ())
+
+
+def _json(path: Path) -> Checked:
+    document = read_json(path, "a calibration or a diagnosis")
+    kind = document.get("format", "") if isinstance(document, dict) else ""
+    if str(kind).startswith("rig-calibration/"):
+        from estimators import Calibration
+
+        found = Calibration.read(path)
+        warnings = [f"{name}: {text}" for name, sensor in found.sensors.items() for text in sensor.quality.warnings]
+        holds = {"recording": found.recording, "sensors": list(found.sensors), "arm": found.arm}
+        return Checked("calibration", holds, tuple(warnings))
+    if str(kind).startswith("rig-diagnosis/"):
+        holds = {key: document.get(key) for key in ("format", "verdict", "samples")}
+        return Checked("diagnosis", holds, ())
+    raise RigError(f"{path}: found format {kind!r}, expected rig-calibration/1 or a diagnosis")
+
+
+def unused_words(scan: RecordingScan) -> str:
+    """The columns that are passed over, and what they may have been meant as; empty where there are none."""
+    if not scan.unused:
+        return ""
+    listed = ", ".join(scan.unused[:8]) + (" .." if len(scan.unused) > 8 else "")
+    meant = next((words for pattern, words in _MEANT for name in scan.unused if pattern.fullmatch(name)), "")
+    return f"{scan.path}: columns not used: {listed}" + (f" ({meant})" if meant else "")
