@@ -104,6 +104,15 @@ def compiled_mjcf(file: Path, tip: str | None) -> tuple[str, mujoco.MjModel, str
     return spec.modelname or file.stem, model, chosen
 
 
+def mjcf_spec(file: Path) -> mujoco.MjSpec:
+    """The specification of an MJCF file that ``compiled_mjcf`` has read, without meshes whose files are missing."""
+    spec = mujoco.MjSpec.from_file(str(file))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # said when the arm was read
+        _compiled(spec, file)
+    return spec
+
+
 def _compiled(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
     """The model; without its meshes and textures, and with a warning, where their files are missing."""
     try:

@@ -31,6 +31,7 @@ _COMMANDS: Final = {
     "diagnose": "diagnose",
     "export": "export",
     "bound": "bound",
+    "plan": "plan",
     "study": "study",
     "blind": "blind",
     "noise": "noise",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,7 +16,11 @@ from scenarios.cli._options import (
     maneuver_option,
     on_arm,
     print_json,
+    progress_bar,
 )
+
+if TYPE_CHECKING:
+    from scenarios.scenario import Scenario
 
 
 @click.command(short_help="What a scenario's maneuver can tell, before it is run.")
@@ -28,6 +32,7 @@ from scenarios.cli._options import (
     default="simultaneous",
     help="One field for all axes, or one each.",
 )
+@click.option("--effects", is_flag=True, help="Which effects it can show and tell apart, instead of the parameters.")
 @arm_options
 @maneuver_option
 @json_option
@@ -35,6 +40,7 @@ def bound(
     scenario: str,
     output: Path | None,
     method: Any,
+    effects: bool,
     arm_file: Path | None,
     tip: str | None,
     kind: str | None,
@@ -45,10 +51,14 @@ def bound(
     No calibration of its recording can be more certain than this, and rig calibrate is as certain: every parameter's
     standard deviation, what stays open and why, and what each minute of the maneuver pays. Nothing is simulated.
 
+    With --effects: which unmodelled effects of typical size it can show beside a calibration, which of them it can tell
+    apart, in standard deviations, and what changes if the joints that it locks move too.
+
     \b
     Example:
       rig bound ann-arbor
       rig bound mine.toml -o bound.png
+      rig bound ann-arbor --effects -o effects.png
       rig bound ann-arbor --arm ur5e.urdf --maneuver static-poses
     """
     if output is not None:
@@ -56,7 +66,11 @@ def bound(
     from scenarios.bound import bound_of
     from scenarios.loader import load
 
-    found = bound_of(on_arm(load(scenario), arm_file, tip, kind), method)
+    chosen = on_arm(load(scenario), arm_file, tip, kind)
+    if effects:
+        _effects(chosen, output, as_json)
+        return
+    found = bound_of(chosen, method)
     if output is not None:
         from scenarios.plots import save
         from scenarios.plots.bound import bound_figure
@@ -69,5 +83,27 @@ def bound(
     from scenarios.report import show
 
     show(bound_report(found))
+    if output is not None:
+        click.echo(f"\n{output}: written")
+
+
+def _effects(scenario: Scenario, output: Path | None, as_json: bool) -> None:
+    """What the maneuver can show of the catalogue's effects."""
+    from scenarios.isolability import isolability_of
+
+    with progress_bar(f"effects on {scenario.name}") as progress:
+        found = isolability_of(scenario, progress=progress)
+    if output is not None:
+        from scenarios.plots import save
+        from scenarios.plots.isolability import isolability_figure
+
+        save(isolability_figure(found), output)
+    if as_json:
+        print_json(found.to_json())
+        return
+    from scenarios.isolability_report import isolability_report
+    from scenarios.report import show
+
+    show(isolability_report(found))
     if output is not None:
         click.echo(f"\n{output}: written")

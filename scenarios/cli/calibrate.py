@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from estimators import Calibration, NoiseFloor
     from estimators.kinematic import Weighting
     from rig.arm import Arm
-    from rig.recording import RecordingScan
+    from rig.recording import Recording, RecordingScan
 
 #: Samples whose directions are drawn.
 _DRAWN: Final = 100_000
@@ -51,6 +51,7 @@ _ROBUST: Final = 1000.0
 @click.option("--noise", metavar="mV,mV,mV", help="Noise floor of each channel in mV: three numbers a sensor.")
 @click.option("--field-points", type=Choice(("up", "down")), help="Which of two equal solutions; down by default.")
 @click.option("--equal-weights", is_flag=True, help="All channels alike, as in the paper, not by their noise.")
+@click.option("--still", is_flag=True, help="Only samples at which the arm is at rest, by its pose.")
 @click.option("--robust", is_flag=True, help="Leave out outliers, as fits without the attitude always do.")
 @click.option(
     "--start",
@@ -81,6 +82,7 @@ def calibrate(
     noise: str | None,
     field_points: Any,
     equal_weights: bool,
+    still: bool,
     robust: bool,
     starts: tuple[str, ...],
     static_threshold: float | None,
@@ -115,7 +117,7 @@ def calibrate(
     from estimators.ellipsoid import Options
     from estimators.goodness import whole_or_thinned
     from estimators.pipeline import has_pose
-    from rig.recording import locked_beside, scan_recording
+    from rig.recording import Recording, locked_beside, scan_recording
     from scenarios.cli._start import parsed_start
 
     arm = chosen_arm(arm_file, tip)
@@ -134,16 +136,23 @@ def calibrate(
     for option, value in of_ellipsoid.items():
         if value is not None and not attitude_free:
             raise RigError(f"{option}: {run} is calibrated by the attitude, expected with --method ellipsoid")
+    if still and attitude_free:
+        raise RigError(f"--still: {run} is calibrated without the attitude, which looks for rest by itself")
     if fminunc and attitude_free:
         raise RigError(f"--fminunc: {run} is calibrated without the attitude, expected simultaneous or separate")
-    if noise is None and locked is None and robust:
+    if noise is None and locked is None and (robust or still):
         locked = locked_beside(run)
     floor = _floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None
     points = field_points or "down"
     weighting: Weighting = "equal" if equal_weights else "likelihood"
     with progress_bar(f"calibrating {run}") as progress:
+        source: Path | Recording = run
+        if still:
+            from estimators.stillness.at_rest import at_rest_samples
+
+            source = at_rest_samples(scan.read())
         if robust and not attitude_free:
-            recording, thinned = whole_or_thinned(scan, _ROBUST)
+            recording, thinned = (source, "") if isinstance(source, Recording) else whole_or_thinned(scan, _ROBUST)
             if thinned:
                 click.echo(one_line(thinned), err=True)
             calibration, _ = estimators.robust_calibrate(
@@ -151,7 +160,7 @@ def calibrate(
             )
         else:
             calibration = estimators.calibrate(
-                run,
+                source,
                 method=method,
                 noise=floor,
                 arm=arm,
@@ -166,15 +175,15 @@ def calibrate(
                 progress=_counted(progress, scan.rows),
                 stated=stated,
             )
-        calibration = with_assumptions(estimators.judged(run, calibration, arm), scan, stated)
+        calibration = with_assumptions(estimators.judged(source, calibration, arm), scan, stated)
         if fminunc:
             from estimators.as_renk import as_renk
 
-            ends = as_renk(scan, calibration, arm)
+            ends = as_renk(source if isinstance(source, Recording) else scan, calibration, arm)
             extra = {**calibration.extra, "fminunc": {name: end.to_json() for name, end in ends.items()}}
             calibration = replace(calibration, extra=extra)
     if coverage is not None:
-        _draw_coverage(run, calibration, arm, coverage)
+        _draw_coverage(source, calibration, arm, coverage)
     if output is not None:
         calibration.write(output)
     if as_json:
@@ -201,7 +210,7 @@ def _status(calibration: Calibration) -> int:
     return DONE if good else BAD
 
 
-def _draw_coverage(run: Path, calibration: Calibration, arm: Arm | None, path: Path) -> None:
+def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | None, path: Path) -> None:
     """The directions that the recording has shown each calibrated sensor, by stretches if it is long; those at rest of
     an accelerometer alone that was calibrated by them."""
     from estimators.goodness import thinned

@@ -1,0 +1,45 @@
+"""The samples at which an arm is at rest, by its recorded pose alone."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.stillness.detection import SPEED_LIMIT
+from rig.errors import RefusedFit, RigError
+from rig.recording import Recording
+
+#: Readings so soon after a move and before the next are left out as well [s].
+SETTLE_S: Final = 0.1
+
+
+def at_rest_samples(recording: Recording, settle_s: float = SETTLE_S) -> Recording:
+    """The samples of a recording at which its joints, or its tool, neither turn nor have just turned.
+
+    Args:
+        recording: with joint angles or tool poses.
+        settle_s: time beside each motion that is left out [s].
+
+    Raises:
+        RigError: no pose was recorded.
+        RefusedFit: the arm is never at rest.
+    """
+    where = recording.origin or recording.name
+    step = np.diff(recording.t)
+    if recording.q is not None:
+        speed = np.abs(np.diff(recording.q, axis=0)).max(axis=1) / step
+    elif recording.tool_quaternion is not None:
+        turned = np.abs((recording.tool_quaternion[1:] * recording.tool_quaternion[:-1]).sum(axis=1))
+        speed = 2.0 * np.arccos(np.minimum(turned, 1.0)) / step
+    else:
+        raise RigError(f"{where}: has no pose, expected joint angles or tool poses to see when the arm is at rest")
+    moving: NDArray[np.bool_] = np.append(speed > SPEED_LIMIT, False) | np.append(False, speed > SPEED_LIMIT)
+    when = recording.t[moving]
+    after = np.searchsorted(when, recording.t - settle_s, side="left")
+    before = np.searchsorted(when, recording.t + settle_s, side="right")
+    still = before == after
+    if not still.any():
+        raise RefusedFit(f"{where}: the arm is never at rest for {2.0 * settle_s:g} s, expected poses that are held")
+    return recording.select(still)

@@ -1,0 +1,143 @@
+"""``rig plan``: the best maneuver of an arm in a given time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+
+from scenarios.cli._options import (
+    PATH,
+    arm_options,
+    check_output,
+    json_option,
+    on_arm,
+    print_json,
+    progress_bar,
+)
+
+
+@click.command(short_help="The best maneuver of an arm in a given time.")
+@click.argument("scenario", default="ann-arbor")
+@click.option("--seconds", type=float, required=True, metavar="T", help="For all of it, moves included.")
+@click.option("-o", "--output", type=PATH, required=True, metavar="SCENARIO", help="Write it as a scenario: .toml.")
+@click.option("--csv", "csv", type=PATH, metavar="F.csv", help="The joint trajectory, for a controller.")
+@click.option("--plot", type=PATH, metavar="PLOT", help="A picture of it: .png, .svg or .pdf.")
+@arm_options
+@click.option(
+    "--weight", "weights", multiple=True, metavar="NAME=W", help="sensitivity, offset, axis or field (axis2, ..): W."
+)
+@click.option("--table", "table_m", type=float, metavar="Z", help="Height of a table in the base frame [m].")
+@click.option("--box", "boxes", multiple=True, metavar="x,y,z,X,Y,Z", help="What stands around: two corners [m].")
+@click.option("--margin", "margin_m", type=click.FloatRange(min=0.0), default=0.01, show_default=True, help="[m]")
+@click.option("--speed", type=float, metavar="DEG/S", help="At most so much in every joint.")
+@click.option("--acceleration", type=float, metavar="DEG/S²", help="At most so much in every joint.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the search.")
+@json_option
+def plan(
+    scenario: str,
+    seconds: float,
+    output: Path,
+    csv: Path | None,
+    plot: Path | None,
+    arm_file: Path | None,
+    tip: str | None,
+    weights: tuple[str, ...],
+    table_m: float | None,
+    boxes: tuple[str, ...],
+    margin_m: float,
+    speed: float | None,
+    acceleration: float | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Plan the poses from which a calibration is most certain, with the sensors and surroundings of SCENARIO.
+
+    The arm stays within its limits, speeds and accelerations, and touches neither itself nor what its file, --table and
+    --box put around it. Readings at rest count: calibrate the recording with rig calibrate --still.
+
+    \b
+    Example:
+      rig plan --seconds 90 -o plan.toml --csv plan.csv --plot plan.png
+      rig plan ann-arbor --arm ur5e.urdf --tip tool0 --seconds 60 --table 0 -o plan.toml
+      rig sweep plan.toml -o run.parquet --engine dynamic && rig calibrate run.parquet --still
+    """
+    check_output(output, (".toml",), arm_file)
+    if csv is not None:
+        check_output(csv, (".csv",), arm_file)
+    if plot is not None:
+        check_output(plot, (".png", ".svg", ".pdf"), arm_file)
+    from rig.files import write_text
+    from scenarios.loader import load
+    from scenarios.plan.plan import make_plan, trajectory_csv
+
+    base = on_arm(load(scenario), arm_file, tip, None)
+    with progress_bar("planning") as progress:
+        found = make_plan(
+            base,
+            seconds,
+            weights=_weights(weights),
+            table_m=table_m,
+            boxes=[_box(text) for text in boxes],
+            margin_m=margin_m,
+            speed=None if speed is None else float(np.radians(speed)),
+            acceleration=None if acceleration is None else float(np.radians(acceleration)),
+            seed=seed,
+            name=output.stem,
+            progress=progress,
+        )
+    write_text(output, found.scenario.to_toml())
+    if csv is not None:
+        write_text(csv, trajectory_csv(found))
+    if plot is not None:
+        from scenarios.plan.report import plan_figure
+        from scenarios.plots import save
+
+        save(plan_figure(found), plot)
+    if as_json:
+        print_json({**found.to_json(), "file": output})
+        return
+    from scenarios.plan.report import plan_report
+    from scenarios.report import show
+
+    show(plan_report(found))
+    for written in (output, csv, plot):
+        if written is not None:
+            click.echo(f"{written}: written")
+
+
+_STEMS = ("sensitivity", "offset", "axis", "field")
+
+
+def _weights(given: tuple[str, ...]) -> dict[str, float]:
+    """Name -> weight.
+
+    Raises:
+        RigError: no such name, or no number.
+    """
+    from rig.errors import RigError, unknown_name
+
+    found = {}
+    known = [*_STEMS, *(f"{stem}{k}" for stem in _STEMS[:3] for k in (1, 2, 3))]
+    for text in given:
+        name, _, number = text.partition("=")
+        if name not in known:
+            raise unknown_name("--weight", name, known)
+        try:
+            found[name] = float(number)
+        except ValueError:
+            found[name] = -1.0
+        if not 0.0 <= found[name] < float("inf"):
+            raise RigError(f"--weight: found {text!r}, expected {name}=W with a number that is not negative")
+    return found
+
+
+def _box(text: str) -> tuple[float, float, float, float, float, float]:
+    from rig.errors import RigError
+
+    try:
+        x, y, z, far_x, far_y, far_z = map(float, text.split(","))
+    except ValueError:
+        raise RigError(f"--box: found {text!r}, expected six numbers x,y,z,X,Y,Z [m]") from None
+    return x, y, z, far_x, far_y, far_z

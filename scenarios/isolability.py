@@ -1,0 +1,165 @@
+"""Which effects a scenario's maneuver can show and tell apart, and what changes if every joint moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from estimators.isolability import SEEN, Isolability, Key, isolability
+from rig.clearance import Clearance, finite_limits
+from rig.errors import RigError
+from rig.maneuver import Maneuver, StaticPoses
+from rig.maneuver.fitting import slide_numbers
+from rig.signals import Signals
+from rig.trajectory import PoseTrajectory
+from scenarios.bound import noise_of
+from scenarios.scenario import Scenario
+
+#: Samples of a maneuver that are looked at.
+_SAMPLES: Final = 1200
+#: The other maneuver stops so often, and is at rest for this share of its time.
+_STOPS: Final = 40
+_HELD: Final = 0.3
+_STILL_RAD: Final = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class EffectsBound:
+    """What a maneuver can show, and another of the same time in which every joint moves.
+
+    Attributes:
+        scenario: its name. here: of its maneuver. moving: of the other; None where every joint moves already.
+        locked: numbers of the joints that its maneuver does not move.
+    """
+
+    scenario: str
+    here: Isolability
+    moving: Isolability | None
+    locked: tuple[int, ...]
+
+    @property
+    def gained(self) -> list[Key]:
+        """Effects that are seen only if every joint moves."""
+        if self.moving is None:
+            return []
+        seen = {key for key, visible in zip(self.here.effects, self.here.visible, strict=True) if visible}
+        other = zip(self.moving.effects, self.moving.visible, strict=True)
+        return [key for key, visible in other if visible and key not in seen]
+
+    @property
+    def parted(self) -> list[tuple[Key, Key, float]]:
+        """Pairs that are not told apart here, and by how many standard deviations they are if every joint moves."""
+        if self.moving is None:
+            return []
+        place = {key: index for index, key in enumerate(self.moving.effects)}
+        pairs = self.moving.pairs
+        found = [
+            (one, other, float(pairs[place[one], place[other]]))
+            for one, other, _ in self.here.alike
+            if one in place and other in place
+        ]
+        return [pair for pair in found if pair[2] >= SEEN]
+
+    def to_json(self) -> dict[str, Any]:
+        """A JSON object."""
+        return {
+            "format": "rig-isolability/1",
+            "scenario": self.scenario,
+            "locked_joints": list(self.locked),
+            **self.here.to_json(),
+            "if_every_joint_moves": None
+            if self.moving is None
+            else {
+                **self.moving.to_json(),
+                "newly_seen": [list(key) for key in self.gained],
+                "newly_told_apart": [
+                    {"pair": [list(one), list(other)], "sigmas": sigmas} for one, other, sigmas in self.parted
+                ],
+            },
+        }
+
+
+def isolability_of(
+    scenario: Scenario, only: Sequence[Key] | None = None, progress: Callable[[float], None] | None = None
+) -> EffectsBound:
+    """What the maneuver of a scenario can show of the catalogue's effects.
+
+    Args:
+        only: effect and place of those that are wanted; None: all. progress: called with the share done.
+
+    Raises:
+        RigError: the scenario has no arm or no noise.
+    """
+    if scenario.rig.arm is None:
+        raise RigError(f"scenario {scenario.name}: has no arm, expected joint angles: effects act on joints and links")
+    _, locked = _moved(scenario)
+
+    def share(first: float, last: float) -> Callable[[float], None] | None:
+        return None if progress is None else lambda done: progress(first + (last - first) * done)
+
+    here = _of(scenario, scenario.maneuver, only, share(0.0, 0.5 if locked else 1.0))
+    moving = _of(scenario, moving_all(scenario), only, share(0.5, 1.0)) if locked else None
+    return EffectsBound(scenario.name, here, moving, locked)
+
+
+def _moved(scenario: Scenario) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Numbers of the joints that the maneuver moves, and of the others."""
+    trajectory = scenario.maneuver.trajectory()
+    assert not isinstance(trajectory, PoseTrajectory)
+    moves = np.ptp(trajectory.q, axis=0) > _STILL_RAD
+    numbers = range(1, len(moves) + 1)
+    return tuple(n for n in numbers if moves[n - 1]), tuple(n for n in numbers if not moves[n - 1])
+
+
+def moving_all(scenario: Scenario, seed: int = 0) -> StaticPoses:
+    """Stops at random poses of all joints, free of contacts, in the time of the scenario's maneuver.
+
+    Raises:
+        RigError: hardly any pose is free.
+    """
+    arm = scenario.rig.arm
+    assert arm is not None
+    clearance = Clearance.of(arm, None if arm.is_a465 else 0.0)
+    low, high = finite_limits(arm)
+    rng = np.random.default_rng(seed)
+    poses: list[np.ndarray[Any, Any]] = []
+    for _ in range(20):
+        drawn = rng.uniform(0.97 * low, 0.97 * high, (2 * _STOPS, arm.dof))
+        poses.extend(drawn[~clearance.touching(drawn)])
+        if len(poses) >= _STOPS:
+            break
+    else:
+        raise RigError(f"arm {arm.name}: hardly any random pose is free of contacts")
+    cycle = scenario.maneuver.duration_s / _STOPS
+    shown = np.where(arm.slides, poses[:_STOPS], np.degrees(poses[:_STOPS]))
+    return StaticPoses(
+        poses_deg=tuple(tuple(map(float, row)) for row in shown),
+        hold_s=_HELD * cycle,
+        move_s=(1.0 - _HELD) * cycle,
+        rate_Hz=scenario.maneuver.rate_Hz,
+        limits_deg=None,
+        slides=slide_numbers(arm),
+    )
+
+
+def _of(
+    scenario: Scenario, maneuver: Maneuver, only: Sequence[Key] | None, progress: Callable[[float], None] | None
+) -> Isolability:
+    acquisition = scenario.rig.acquisition
+    total = maneuver.duration_s * maneuver.rate_Hz / acquisition.decimation
+    count = int(min(_SAMPLES, total))
+    motion = maneuver.trajectory(np.arange(count, dtype=np.float64) * (maneuver.duration_s / count))
+    assert not isinstance(motion, PoseTrajectory)
+    environment = scenario.rig.environment
+    signals = Signals(
+        motion.t,
+        arm=scenario.rig.arm,
+        q_encoder=motion.q,
+        velocity=motion.qd,
+        temperature=environment.temperature(motion.t) if environment.temperature_rise_degC else None,
+    )
+    pipeline = replace(scenario.rig.pipeline, effects=())
+    return isolability(signals, pipeline, noise_of(scenario), total / count, only, progress)

@@ -1,0 +1,258 @@
+"""The best maneuver of an arm in a given time, as a scenario, with what it promises."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.model import SensorParameters
+from estimators.pose_design import OPEN, Criterion
+from estimators.statistics import Statistics
+from estimators.stillness.at_rest import SETTLE_S
+from rig.arm import Arm
+from rig.channels import ACCELEROMETER, COLUMNS_OF
+from rig.clearance import Clearance
+from rig.errors import RigError
+from rig.maneuver import StaticPoses, TorusSweep
+from rig.maneuver.fitting import slide_numbers
+from rig.moves import Dynamics
+from scenarios.bound import noise_of
+from scenarios.plan.poses import PosePlan, PoseSearch, path
+from scenarios.scenario import Scenario
+
+Array = NDArray[np.float64]
+
+#: What a plan is compared with: the paper's sweep on its arm, every so many samples of it.
+REFERENCE: Final = "the sweep of Renk et al. (27.7 min, 6,656 samples)"
+_EVERY: Final = 25
+_RATE_HZ: Final = 100.0
+#: Shares of the time for which the curve tells what shortening loses.
+_SHORTER: Final = (0.25, 0.35, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5)
+_FEWEST_POSES: Final = 5
+_DIGITS: Final = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """What a plan promises for one sensor.
+
+    Attributes:
+        sensor: which. names: (14,) as of ``Criterion``.
+        std, reference: (14,) in a sensitivity's share, an offset over the full reading, and rad; ``OPEN`` where nothing
+            is told.
+        share: (k, 14) of what is learned of each parameter, what each pose has paid for.
+    """
+
+    sensor: str
+    names: tuple[str, ...]
+    std: Array
+    reference: Array
+    share: Array
+
+    @property
+    def ratio(self) -> Array:
+        """(14,) standard deviation over the reference's; NaN where the reference tells nothing."""
+        return np.where(self.reference < OPEN, self.std / self.reference, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A planned maneuver.
+
+    Attributes:
+        scenario: that makes it. poses: of it. seconds: that it may take.
+        parameters: by sensor, the standard deviations that it promises.
+        curve: (m, 2) shorter and longer times [s] and the worst ratio in them.
+        assumed: what the arm's file does not state. slender: whether links were taken for capsules.
+    """
+
+    scenario: Scenario
+    poses: PosePlan
+    seconds: float
+    parameters: tuple[Parameters, ...]
+    curve: Array
+    assumed: str
+    slender: bool
+
+    @property
+    def maneuver(self) -> StaticPoses:
+        """Of the scenario."""
+        maneuver = self.scenario.maneuver
+        assert isinstance(maneuver, StaticPoses)
+        return maneuver
+
+    def to_json(self) -> dict[str, Any]:
+        """A JSON object; what cannot be told is null."""
+        return {
+            "format": "rig-plan/1",
+            "scenario": self.scenario.name,
+            "seconds": self.maneuver.duration_s,
+            "poses": len(self.poses.q),
+            "hold_s": self.poses.hold_s,
+            "move_s": self.poses.move_s,
+            "samples": round(self.poses.samples_s * self.maneuver.rate_Hz),
+            "settle_s": SETTLE_S,
+            "worst": self.poses.worst,
+            "reference": REFERENCE,
+            "parameters": {
+                each.sensor: {
+                    name: {
+                        "std": _told(each.std[place]),
+                        "reference": _told(each.reference[place]),
+                        "share_of_poses": [round(float(share), 4) for share in each.share[:, place]],
+                    }
+                    for place, name in enumerate(each.names)
+                }
+                for each in self.parameters
+            },
+            "curve": [{"seconds": float(t), "worst": _told(value)} for t, value in self.curve],
+            "assumed": self.assumed,
+            "links_as_capsules": self.slender,
+        }
+
+
+def _told(value: float) -> float | None:
+    return float(value) if value < 0.5 * OPEN else None
+
+
+def criteria_of(scenario: Scenario, weights: Mapping[str, float] | None = None) -> list[Criterion]:
+    """Of a scenario's sensors, relative to the paper's sweep on its own arm.
+
+    Raises:
+        RigError: a channel without noise.
+    """
+    noise = noise_of(scenario)
+    rotations = Arm.a465().rotation_map.rotations(TorusSweep().trajectory().q[::_EVERY])
+    gram = Statistics.from_rotations(rotations).gram
+    found = []
+    for name, sensor in scenario.truth.sensors.items():
+        environment = scenario.rig.environment
+        field = environment.gravity if name == ACCELEROMETER else environment.magnetic
+        found.append(Criterion.of(name, SensorParameters.of(sensor, field), noise[COLUMNS_OF[name]], gram, weights))
+    return found
+
+
+def make_plan(
+    base: Scenario,
+    seconds: float,
+    *,
+    weights: Mapping[str, float] | None = None,
+    table_m: float | None = None,
+    boxes: Sequence[tuple[float, float, float, float, float, float]] = (),
+    margin_m: float = 0.01,
+    speed: float | None = None,
+    acceleration: float | None = None,
+    seed: int = 0,
+    name: str = "plan",
+    progress: Callable[[float], None] | None = None,
+) -> Plan:
+    """The poses with holds from which a calibration is most certain in this time, moves included.
+
+    Args:
+        base: arm, sensors and surroundings. seconds: for all of it.
+        weights: as of ``Criterion.of``. table_m, boxes, margin_m: as of ``Clearance.of``; without a table and without
+            surroundings in the arm's file, the arm stands on a table at the height of its base.
+        speed, acceleration: as of ``Dynamics.of``. seed: of the search. name: of the scenario.
+        progress: called with the share done.
+
+    Raises:
+        RigError: no arm, no noise, too little time or room.
+    """
+    arm = base.rig.arm
+    if arm is None:
+        raise RigError(f"scenario {base.name}: has no arm, expected one that a maneuver can be planned for, or --arm")
+    if not 0.0 < seconds < np.inf:
+        raise RigError(f"--seconds: found {seconds:g}, expected a positive time")
+    criteria = criteria_of(base, weights)
+    height = table_m if table_m is not None or arm.is_a465 else 0.0
+    clearance = Clearance.of(arm, height, boxes, margin_m)
+    dynamics = Dynamics.of(arm, speed, acceleration)
+    search = PoseSearch(arm, clearance, dynamics, criteria, _RATE_HZ, seed)
+    found = search.best(seconds, progress)
+    return planned(base, search, found, seconds, name)
+
+
+def planned(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float, name: str) -> Plan:
+    """The plan of poses that were found: rounded as a person reads them, and judged as they then are."""
+    arm = search.arm
+    slides = np.array(arm.slides)
+    shown = np.where(slides, found.q, np.degrees(found.q))
+    shown = np.where(slides, np.round(shown, 4), np.round(shown, _DIGITS)) + 0.0
+    q = np.where(slides, shown, np.radians(shown))
+    poses = search.timed(q, seconds)
+    if contact := search.clearance.first_contact(path(q)):
+        raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")
+    maneuver = StaticPoses(
+        poses_deg=tuple(tuple(map(float, row)) for row in shown),
+        hold_s=poses.hold_s,
+        move_s=poses.move_s,
+        rate_Hz=_RATE_HZ,
+        limits_deg=StaticPoses.limits_deg if arm.is_a465 else None,
+        slides=slide_numbers(arm),
+    )
+    made = base.with_arm(arm)
+    made = replace(
+        made,
+        name=name,
+        maneuver=maneuver,
+        rig=replace(made.rig, acquisition=replace(made.rig.acquisition, decimation=1)),
+        title=f"{len(q)} poses of the {arm.name} in {maneuver.duration_s:.1f} s",
+        description=(
+            f"Planned to calibrate: the worst standard deviation is {poses.worst:.3f} of that of {REFERENCE}. Readings"
+            f" at rest count (rig calibrate --still)."
+        ),
+        source=f"rig plan --seconds {seconds:g}; sensors and surroundings of {base.name}",
+    )
+    return Plan(
+        made,
+        poses,
+        seconds,
+        tuple(_parameters(search, criterion, poses) for criterion in search.criteria),
+        _curve(search, poses, seconds),
+        search.dynamics.assumed,
+        search.clearance.slender,
+    )
+
+
+def _parameters(search: PoseSearch, criterion: Criterion, poses: PosePlan) -> Parameters:
+    samples = (poses.hold_s - 2.0 * SETTLE_S) * search.rate_Hz
+    each = criterion.information(samples * search.grams(poses.q))
+    total = each.sum(axis=0)
+    std = criterion.std(total[None])[0]
+    covariance = np.linalg.pinv(total, hermitian=True)
+    share = np.einsum("ij,kji->ki", covariance, each)
+    return Parameters(criterion.sensor, criterion.names, std, criterion.reference, share)
+
+
+def _curve(search: PoseSearch, poses: PosePlan, seconds: float) -> Array:
+    """(m, 2) times and the worst ratio in them, with as many of the poses as are best then."""
+    nested, q = [poses.q], poses.q
+    while len(q) > _FEWEST_POSES:
+        fewer = [np.delete(q, place, axis=0) for place in range(len(q))]
+        q = min(fewer, key=lambda rest: search.timed(rest, 2.0 * seconds).worst)
+        nested.append(q)
+    times = np.array(_SHORTER) * seconds
+    worst = [min(search.timed(each, time).worst for each in nested) for time in times]
+    kept = [(time, value) for time, value in zip(times, worst, strict=True) if value < 100.0]
+    return np.array(kept)
+
+
+def trajectory_csv(plan: Plan) -> str:
+    """Joint trajectory for a controller: time, positions, velocities, at the plan's rate; deg, or m of joints that
+    slide."""
+    arm = plan.scenario.rig.arm
+    assert arm is not None
+    motion = plan.maneuver.trajectory()
+    slides = np.array(arm.slides)
+    scale = np.where(slides, 1.0, 180.0 / np.pi)
+    units = ["m" if slide else "deg" for slide in arm.slides]
+    header = ["t_s", *(f"{name}_{unit}" for name, unit in zip(arm.joint_names, units, strict=True))]
+    header += [f"{name}_{unit}_per_s" for name, unit in zip(arm.joint_names, units, strict=True)]
+    rows = np.column_stack([motion.t, motion.q * scale, motion.qd * scale])
+    # All columns to 1e-6, which encoders do not resolve.
+    lines = [",".join(f"{value:.6f}" for value in row) for row in rows + 0.0]
+    return "\n".join([",".join(header), *lines]) + "\n"

@@ -1,0 +1,102 @@
+"""A plan as a table for the terminal and as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from estimators.pose_design import OPEN
+from estimators.stillness.at_rest import SETTLE_S
+from scenarios.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY_BLUE, VERMILLION
+from scenarios.plan.plan import REFERENCE, Plan
+from scenarios.plots.style import new_figure, style
+from scenarios.report import table
+
+_COLOURS: Final = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY_BLUE, BLACK)
+
+
+def plan_report(plan: Plan) -> Group:
+    """What a plan is and what it promises."""
+    return Group(*_parts(plan))
+
+
+def _parts(plan: Plan) -> Iterable[RenderableType]:
+    poses, maneuver = plan.poses, plan.maneuver
+    yield Text(
+        f"{len(poses.q)} poses of {poses.hold_s:.2f} s, {poses.move_s:.2f} s apart: {maneuver.duration_s:.1f} s;"
+        f" {poses.samples_s * maneuver.rate_Hz:,.0f} readings at rest ({SETTLE_S:g} s beside each move left out)\n"
+    )
+    columns = ("std", "over the reference's", "most of it from pose")
+    rows = table("sensor", "parameter", *columns, numbers=columns)
+    for each in plan.parameters:
+        for place, name in enumerate(each.names):
+            told, ratio = each.std[place] < OPEN, each.ratio[place]
+            rows.add_row(
+                each.sensor,
+                name.replace("_", " "),
+                _size(name, float(each.std[place])) if told else "cannot be told",
+                f"{ratio:.3f}" if np.isfinite(ratio) and told else "–",
+                f"{int(each.share[:, place].argmax()) + 1} ({each.share[:, place].max():.0%})" if told else "–",
+            )
+    yield rows
+    yield Text(f"\nThe reference is {REFERENCE}; the worst is {poses.worst:.3f} of it.")
+    curve = ", ".join(f"{time:.0f} s: {value:.2f}" for time, value in plan.curve)
+    yield Text(f"In other times the worst would be: {curve}.")
+    if plan.assumed:
+        yield Text(f"Assumed, as the arm's file does not state them: {plan.assumed}.", style="yellow")
+    if plan.slender:
+        yield Text(
+            "The arm's file has no geometry: contacts were looked for between capsules along the links.", style="yellow"
+        )
+
+
+def _size(name: str, std: float) -> str:
+    if name.startswith("sensitivity"):
+        return f"{100.0 * std:.4f} %"
+    if name.startswith("offset"):
+        return f"{100.0 * std:.4f} % of the full reading"
+    return f"{np.degrees(std):.4f} deg"
+
+
+def plan_figure(plan: Plan) -> Figure:
+    """The joints against time, each parameter over the reference, and what a shorter time loses."""
+    arm = plan.scenario.rig.arm
+    assert arm is not None
+    motion = plan.maneuver.trajectory()
+    with style():
+        figure = new_figure(12.6, 4.6)
+        left, middle, right = figure.subplots(1, 3, width_ratios=[1.3, 1.1, 0.9])
+        slides = np.array(arm.slides)
+        shown = motion.q * np.where(slides, 1.0, 180.0 / np.pi)
+        for joint, name in enumerate(arm.joint_names):
+            colour, line = _COLOURS[joint % len(_COLOURS)], "-" if joint < len(_COLOURS) else "--"
+            left.plot(motion.t, shown[:, joint], line, linewidth=1.1, label=name, color=colour)
+        left.set_xlabel("time [s]")
+        left.set_ylabel("joint [deg]" if not slides.any() else "joint [deg, m]")
+        left.set_title("The maneuver")
+        left.legend(fontsize=6.5, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.14))
+        labels = []
+        for number, each in enumerate(plan.parameters):
+            places = np.arange(len(each.names)) + 0.36 * (number - 0.5 * (len(plan.parameters) - 1))
+            colour = (BLUE, VERMILLION)[number % 2]
+            middle.plot(each.ratio, -places, "os"[number % 2], color=colour, markersize=4.5, label=each.sensor)
+            labels = [name.replace("_", " ") for name in each.names]
+        middle.axvline(1.0, color=BLACK, linewidth=0.8)
+        middle.set_yticks(-np.arange(len(labels)), labels)
+        middle.set_xlim(0.0, 1.05 * max(1.0, *(float(np.nanmax(each.ratio)) for each in plan.parameters)))
+        middle.set_xlabel("standard deviation over the paper's sweep")
+        middle.set_title("What it promises")
+        middle.legend(fontsize=7, loc="lower left")
+        right.plot(plan.curve[:, 0], plan.curve[:, 1], "o-", color=BLUE, markersize=4)
+        right.axhline(1.0, color=GREY, linewidth=0.8)
+        right.axvline(plan.maneuver.duration_s, color=GREY, linewidth=0.8, linestyle=":")
+        right.set_ylim(bottom=0.0)
+        right.set_xlabel("time of the whole maneuver [s]")
+        right.set_ylabel("worst, over the paper's sweep")
+        right.set_title("What shortening loses")
+    return figure

@@ -1,0 +1,220 @@
+"""Planned maneuvers: free of contacts, within what the arm may do, and as certain as they promise."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm_files import written
+from cli_support import Rig
+
+import estimators
+import scenarios
+from estimators.pose_design import Criterion, exchange
+from estimators.stillness.at_rest import SETTLE_S, at_rest_samples
+from rig.arm import Arm
+from rig.channels import COLUMNS_OF
+from rig.clearance import Clearance, finite_limits
+from rig.errors import RefusedFit, RigError
+from rig.maneuver import TorusSweep
+from rig.maneuver.profile import quintic
+from rig.moves import PEAK_ACCELERATION, PEAK_SPEED, Dynamics
+from scenarios.plan import poses
+from scenarios.plan.plan import Plan, criteria_of, make_plan, trajectory_csv
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    """A short search: what it finds is worse than with patience, and as true."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(poses, "_CLIMBS", 300)
+        patch.setattr(poses, "_COUNTS", (8,))
+        patch.setattr(poses, "_CANDIDATES", 200)
+        return make_plan(scenarios.load("ann-arbor"), 60.0, seed=1, name="short")
+
+
+@pytest.fixture
+def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
+    return Rig(capfd)
+
+
+def test_it_stays_within_what_the_arm_may_do(plan: Plan) -> None:
+    arm = Arm.a465()
+    motion = plan.maneuver.trajectory()
+    assert plan.maneuver.duration_s <= 60.0
+    arm.check_limits(motion.q, "the plan")
+    arm.check_speeds(motion.qd, "the plan")
+    assert (np.abs(motion.qdd) <= Dynamics.of(arm).acceleration).all()
+    assert not Clearance.of(arm).touching(motion.q[::10]).any()
+
+
+def test_a_recording_of_it_is_as_certain_as_promised(plan: Plan) -> None:
+    """RMSE over the promised standard deviation, pooled over 28 parameters and 40 draws: its own standard deviation is
+    1/sqrt(2 * 28 * 40) were all independent, and a fifth of them are enough for the 12 % that are asked for."""
+    scenario = plan.scenario
+    squares = []
+    for seed in range(40):
+        still = at_rest_samples(scenario.simulate(seed))
+        calibration = estimators.calibrate(still)
+        for each in plan.parameters:
+            truth = scenario.truth.sensors[each.sensor]
+            found = calibration.sensors[each.sensor]
+            relative = [axis.sensitivity / own - 1.0 for axis, own in zip(found.axes, truth.sensitivity, strict=True)]
+            squares.append(np.square(relative) / np.square(each.std[[0, 4, 8]]))
+    assert np.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=0.17)  # 240 numbers: 3.7 standard deviations
+    assert len(still) == pytest.approx(plan.poses.samples_s * 100.0, abs=4 * len(plan.poses.q))
+
+
+def test_the_bound_of_the_reference_is_one() -> None:
+    scenario = scenarios.load("ann-arbor")
+    x = np.hstack(
+        [Arm.a465().rotation_map.rotations(TorusSweep().trajectory().q[::25]).reshape(-1, 9), np.ones((6656, 1))]
+    )
+    for criterion in criteria_of(scenario):
+        assert criterion.worst(criterion.information(x.T @ x)[None])[0] == pytest.approx(1.0)
+        assert criterion.worst(criterion.information(4.0 * x.T @ x)[None])[0] == pytest.approx(0.5)
+
+
+def test_its_standard_deviations_are_those_of_the_bound() -> None:
+    """Sensitivities and offsets are the same coordinates; an axis counts along elevation, which is beta."""
+    scenario = scenarios.load("ann-arbor")
+    bound = scenarios.bound.bound_of(scenario)
+    for criterion in criteria_of(scenario):
+        found = bound.sensors[criterion.sensor].prediction
+        known = dict(zip(found.names, found.std, strict=True))
+        truth = scenario.truth.sensors[criterion.sensor]
+        for k in range(3):
+            own = criterion.reference[4 * k : 4 * k + 4]
+            assert own[0] * truth.sensitivity[k] == pytest.approx(known[f"sensitivity{k + 1}"], rel=1e-6)
+            assert np.degrees(own[2]) == pytest.approx(known[f"beta{k + 1}_deg"], rel=1e-6)
+        assert np.degrees(criterion.reference[12]) == pytest.approx(known["phi_deg"], rel=1e-6)
+
+
+def test_an_exchange_only_helps() -> None:
+    scenario = scenarios.load("ann-arbor")
+    criteria = criteria_of(scenario)
+    rng = np.random.default_rng(0)
+    rotations = np.linalg.qr(rng.standard_normal((150, 3, 3)))[0]
+    x = np.hstack([rotations.reshape(-1, 9), np.ones((150, 1))])
+    grams = x[:, :, None] * x[:, None, :]
+    start = np.arange(10)
+    before = max(float(one.worst(one.information(500.0 * grams[start].sum(axis=0))[None])[0]) for one in criteria)
+    chosen, value = exchange(criteria, grams, 10, 500.0, start, np.ones(150, dtype=bool))
+    assert len(set(chosen.tolist())) == 10
+    assert value < 0.8 * before
+    again = max(float(one.worst(one.information(500.0 * grams[chosen].sum(axis=0))[None])[0]) for one in criteria)
+    assert value == pytest.approx(again)
+
+
+def test_weights_leave_out_and_count_more() -> None:
+    scenario = scenarios.load("ann-arbor")
+    truth = next(iter(criteria_of(scenario)))
+    noise = np.asarray(scenario.rig.acquisition.noise_V)[COLUMNS_OF["accelerometer"]]
+    assert truth.noise == pytest.approx(noise, rel=0.01)
+    weighted = criteria_of(scenario, {"field": 0.0, "offset2": 3.0})[0]
+    assert weighted.weight[-2:].tolist() == [0.0, 0.0]
+    assert weighted.weight[5] == 3.0
+    assert isinstance(weighted, Criterion)
+
+
+def test_moves_take_as_long_as_speed_and_acceleration_ask() -> None:
+    arm = Arm.a465()
+    dynamics = Dynamics.of(arm)
+    t = np.linspace(0.0, 1.0, 100_001)
+    _, speed, change = quintic(t)
+    assert speed.max() == pytest.approx(PEAK_SPEED)
+    assert np.abs(change).max() == pytest.approx(PEAK_ACCELERATION, rel=1e-6)
+    rng = np.random.default_rng(1)
+    low, high = finite_limits(arm)
+    one, other = rng.uniform(low, high, (2, 50, 6))
+    seconds = dynamics.seconds(one, other)[:, None]
+    assert (PEAK_SPEED * np.abs(other - one) / seconds <= dynamics.speed).all()
+    assert (PEAK_ACCELERATION * np.abs(other - one) / seconds**2 <= dynamics.acceleration).all()
+    assert "speeds" not in dynamics.assumed
+    with pytest.raises(RigError, match="speed: found -1"):
+        Dynamics.of(arm, speed=-1.0)
+
+
+def test_contacts_with_the_table_with_boxes_and_with_the_arm_itself(tmp_path: Path) -> None:
+    arm = Arm.a465()
+    clear = Clearance.of(arm)
+    upright = np.radians([[0.0, 90.0, -90.0, 0.0, 0.0, 0.0]])
+    assert not clear.touching(upright)[0]
+    tool = arm.poses(upright).position[0]
+    box = (*(tool - 0.05), *(tool + 0.05))
+    assert Clearance.of(arm, boxes=[box]).touching(upright)[0]  # type: ignore[list-item]
+    assert Clearance.of(arm, table_m=float(tool[2])).touching(upright)[0]
+    folded = np.radians([[0.0, 90.0, 110.0, 0.0, 105.0, 0.0]])
+    found = clear.first_contact(np.vstack([upright, folded, np.radians([[0.0, 0.0, -109.0, 0.0, 0.0, 0.0]])]))
+    assert found is not None
+    with pytest.raises(RigError, match="two opposite corners"):
+        Clearance.of(arm, boxes=[(0.0, 0.0, 0.0, 0.0, 1.0, 1.0)])
+    other = Arm.from_file(written(tmp_path, "ur5e"))
+    slender = Clearance.of(other, table_m=0.0)
+    assert slender.slender
+    # Down through the table; straight up.
+    assert slender.touching([[0.0, 1.2, 0.0, 0.0, 0.0, 0.0]])[0]
+    assert not slender.touching([[0.0, -1.57, 0.0, -1.57, 0.0, 0.0]])[0]
+
+
+def test_samples_at_rest_are_those_of_the_holds(plan: Plan) -> None:
+    run = plan.scenario.simulate(seed=0)
+    still = at_rest_samples(run)
+    assert plan.maneuver.holding(still.t).all()
+    holding = plan.maneuver.holding(run.t)
+    inner = [holding[np.searchsorted(run.t, t - 0.9 * SETTLE_S)] for t in still.t if t > SETTLE_S]
+    assert all(inner)
+    with pytest.raises(RefusedFit, match="never at rest"):
+        at_rest_samples(scenarios.load("ann-arbor").simulate(seed=0))
+
+
+def test_the_trajectory_for_a_controller(plan: Plan) -> None:
+    lines = trajectory_csv(plan).splitlines()
+    header = lines[0].split(",")
+    assert header[:2] == ["t_s", "joint1_deg"]
+    table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    assert table.shape == (round(100.0 * plan.maneuver.duration_s), 13)
+    np.testing.assert_allclose(np.gradient(table[:, 1], 0.01)[2:-2], table[2:-2, 7], atol=2.0)
+
+
+def test_the_command_plans_what_sweep_runs(rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(poses, "_CLIMBS", 60)
+    monkeypatch.setattr(poses, "_COUNTS", (8,))
+    monkeypatch.setattr(poses, "_CANDIDATES", 100)
+    made, picture, table = tmp_path / "p.toml", tmp_path / "p.png", tmp_path / "p.csv"
+    text = rig.done("plan", "--seconds", "40", "-o", made, "--csv", table, "--plot", picture)
+    assert "readings at rest" in text
+    assert picture.stat().st_size > 10_000
+    assert table.read_text().startswith("t_s,")
+    run = tmp_path / "run.parquet"
+    rig.done("sweep", made, "-o", run)
+    document = json.loads(rig.done("calibrate", run, "--still", "--json"))
+    assert set(document["sensors"]) == {"accelerometer", "magnetometer"}
+    ur5e = written(tmp_path, "ur5e")
+    other = tmp_path / "u.toml"
+    found = json.loads(rig.done("plan", "--arm", ur5e, "--seconds", "40", "-o", other, "--json"))
+    assert found["links_as_capsules"] is True
+    assert found["poses"] == 8
+    assert len(scenarios.load(str(other)).simulate(seed=0)) == round(100.0 * found["seconds"])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--seconds", "-1"), "--seconds: found -1"),
+        (("--seconds", "3"), "do not fit into it"),
+        (("--seconds", "60", "--weight", "speed=1"), "unknown --weight 'speed'"),
+        (("--seconds", "60", "--weight", "field=x"), "expected field=W"),
+        (("--seconds", "60", "--box", "1,2"), "expected six numbers"),
+    ],
+)
+def test_wrong_calls_are_refused(
+    rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], message: str
+) -> None:
+    monkeypatch.setattr(poses, "_CLIMBS", 10)
+    monkeypatch.setattr(poses, "_COUNTS", (8,))
+    monkeypatch.setattr(poses, "_CANDIDATES", 60)
+    assert message in rig.refused("plan", *options, "-o", tmp_path / "p.toml")
+    assert not (tmp_path / "p.toml").exists()
