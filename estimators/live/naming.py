@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 #: Names within this of the best, in twice the log likelihood, are named beside it.
 _BESIDE: Final = 6.0
+#: A name must explain this share of what a change adds to the squares of the residuals.
+_EXPLAINED: Final = 0.5
 _TAU_S: Final = 30.0
 #: The instant is looked for so far on either side [s], in so many steps.
 _NEAR_S: Final = 0.25
@@ -80,8 +82,11 @@ def likenesses(span: Span, sensor: str, reference: Reference, unit: str) -> list
     level = span.residuals[~after].mean(axis=0)
     found = [*_distribution((span.residuals - level)[after], span, sensor, k)]
     cost = float(np.log(n * k))
+    excess = float(np.square((span.residuals - level)[after]).sum()) - n * k
     for name, where, columns, words in _templates(span, sensor, reference, unit):
         gain, sizes = _gain(span, columns)
+        if gain < _EXPLAINED * excess:
+            continue
         said = words.format(*(f"{value:+.3g}" for value in sizes))
         found.append(Likeness(name, where, gain - cost * len(columns), said))
     good = sorted((each for each in found if each.score > 0.0), key=lambda each: -each.score)

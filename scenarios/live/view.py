@@ -191,7 +191,7 @@ class LiveView:
         assert state.rule is not None
         path = f"{SPHERES}/{state.sensor}"
         seen, missing = state.estimate.directions, state.rule.coverage.missing
-        self._stream.log(f"{path}/seen", rr.Points3D(seen, colors=[_SEEN], radii=0.022))
+        self._stream.log(f"{path}/seen", rr.Points3D(seen, colors=[_SEEN], radii=0.022 if len(seen) > 100 else 0.05))
         self._stream.log(f"{path}/missing", rr.Points3D(missing, colors=[_MISSING], radii=0.05))
         if self._last is not None:
             field = (self._last.readings(state.sensor)[-1] - state.estimate.bias) @ state.estimate.matrix.T
