@@ -100,8 +100,8 @@ def isolability_of(
     def share(first: float, last: float) -> Callable[[float], None] | None:
         return None if progress is None else lambda done: progress(first + (last - first) * done)
 
-    here = _of(scenario, scenario.maneuver, only, share(0.0, 0.5 if locked else 1.0))
-    moving = _of(scenario, moving_all(scenario), only, share(0.5, 1.0)) if locked else None
+    here = shown_by(scenario, scenario.maneuver, only, progress=share(0.0, 0.5 if locked else 1.0))
+    moving = shown_by(scenario, moving_all(scenario), only, progress=share(0.5, 1.0)) if locked else None
     return EffectsBound(scenario.name, here, moving, locked)
 
 
@@ -145,12 +145,21 @@ def moving_all(scenario: Scenario, seed: int = 0) -> StaticPoses:
     )
 
 
-def _of(
-    scenario: Scenario, maneuver: Maneuver, only: Sequence[Key] | None, progress: Callable[[float], None] | None
+def shown_by(
+    scenario: Scenario,
+    maneuver: Maneuver,
+    only: Sequence[Key] | None = None,
+    samples: int = _SAMPLES,
+    progress: Callable[[float], None] | None = None,
 ) -> Isolability:
+    """What a maneuver can show with the arm, the sensors and the surroundings of a scenario.
+
+    Args:
+        only, progress: as of ``isolability_of``. samples: so many of the maneuver's are looked at.
+    """
     acquisition = scenario.rig.acquisition
     total = maneuver.duration_s * maneuver.rate_Hz / acquisition.decimation
-    count = int(min(_SAMPLES, total))
+    count = int(min(samples, total))
     motion = maneuver.trajectory(np.arange(count, dtype=np.float64) * (maneuver.duration_s / count))
     assert not isinstance(motion, PoseTrajectory)
     environment = scenario.rig.environment

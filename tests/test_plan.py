@@ -21,7 +21,8 @@ from rig.errors import RefusedFit, RigError
 from rig.maneuver import TorusSweep
 from rig.maneuver.profile import quintic
 from rig.moves import PEAK_ACCELERATION, PEAK_SPEED, Dynamics
-from scenarios.plan import poses
+from scenarios.isolability import isolability_of
+from scenarios.plan import poses, telling
 from scenarios.plan.plan import Plan, criteria_of, make_plan, trajectory_csv
 
 
@@ -200,6 +201,23 @@ def test_the_command_plans_what_sweep_runs(rig: Rig, tmp_path: Path, monkeypatch
     assert len(scenarios.load(str(other)).simulate(seed=0)) == round(100.0 * found["seconds"])
 
 
+def test_causes_are_told_apart_better_than_by_the_first_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(poses, "_CANDIDATES", 60)
+    monkeypatch.setattr(telling, "_COUNTS", (10,))
+    monkeypatch.setattr(telling, "_DRAWS", 1)
+    base = scenarios.load("ann-arbor")
+    keys = [("joint_offset", "joint5"), ("joint_offset", "joint2")]
+    least = []
+    for climbs in (0, 25):
+        monkeypatch.setattr(telling, "_CLIMBS", (climbs, 0))
+        made = make_plan(base, 60.0, tell=keys, seed=3)
+        assert made.told is not None
+        least.append(float(made.told.pairs[0, 1]))
+    assert least[1] > least[0]
+    # The sweep cannot tell them apart at all.
+    assert least[0] > 5.0 > isolability_of(base, keys).here.pairs[0, 1]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -208,6 +226,10 @@ def test_the_command_plans_what_sweep_runs(rig: Rig, tmp_path: Path, monkeypatch
         (("--seconds", "60", "--weight", "speed=1"), "unknown --weight 'speed'"),
         (("--seconds", "60", "--weight", "field=x"), "expected field=W"),
         (("--seconds", "60", "--box", "1,2"), "expected six numbers"),
+        (("--seconds", "60", "--tell", "all", "--table", "9"), "expected more room"),
+        (("--seconds", "60", "--tell", "joint_offset@joint5"), "found one cause"),
+        (("--seconds", "60", "--tell", "joint_offset"), "expected EFFECT@PLACE"),
+        (("--seconds", "60", "--tell", "gremlin@base"), "unknown effect of --tell 'gremlin'"),
     ],
 )
 def test_wrong_calls_are_refused(

@@ -28,6 +28,13 @@ from scenarios.cli._options import (
 @click.option(
     "--weight", "weights", multiple=True, metavar="NAME=W", help="sensitivity, offset, axis or field (axis2, ..): W."
 )
+@click.option(
+    "--tell",
+    "tell",
+    multiple=True,
+    metavar="EFFECT@PLACE|all",
+    help="Plan to tell these causes apart, or as many as can be, instead of to calibrate.",
+)
 @click.option("--table", "table_m", type=float, metavar="Z", help="Height of a table in the base frame [m].")
 @click.option("--box", "boxes", multiple=True, metavar="x,y,z,X,Y,Z", help="What stands around: two corners [m].")
 @click.option("--margin", "margin_m", type=click.FloatRange(min=0.0), default=0.01, show_default=True, help="[m]")
@@ -44,6 +51,7 @@ def plan(
     arm_file: Path | None,
     tip: str | None,
     weights: tuple[str, ...],
+    tell: tuple[str, ...],
     table_m: float | None,
     boxes: tuple[str, ...],
     margin_m: float,
@@ -60,6 +68,7 @@ def plan(
     \b
     Example:
       rig plan --seconds 90 -o plan.toml --csv plan.csv --plot plan.png
+      rig plan --seconds 120 --tell joint_offset@joint5 --tell base_rocking@base -o tell.toml
       rig plan ann-arbor --arm ur5e.urdf --tip tool0 --seconds 60 --table 0 -o plan.toml
       rig sweep plan.toml -o run.parquet --engine dynamic && rig calibrate run.parquet --still
     """
@@ -83,6 +92,7 @@ def plan(
             margin_m=margin_m,
             speed=None if speed is None else float(np.radians(speed)),
             acceleration=None if acceleration is None else float(np.radians(acceleration)),
+            tell=_causes(tell),
             seed=seed,
             name=output.stem,
             progress=progress,
@@ -130,6 +140,30 @@ def _weights(given: tuple[str, ...]) -> dict[str, float]:
             found[name] = -1.0
         if not 0.0 <= found[name] < float("inf"):
             raise RigError(f"--weight: found {text!r}, expected {name}=W with a number that is not negative")
+    return found
+
+
+def _causes(given: tuple[str, ...]) -> list[tuple[str, str]] | None:
+    """Effects and places; none for all; None where nothing is asked for.
+
+    Raises:
+        RigError: no such effect, or no place.
+    """
+    from rig.effects import EFFECTS
+    from rig.errors import RigError, unknown_name
+
+    if not given:
+        return None
+    if "all" in given:
+        return []
+    found = []
+    for text in given:
+        effect, at, where = text.partition("@")
+        if effect not in EFFECTS:
+            raise unknown_name("effect of --tell", effect, EFFECTS)
+        if not at or not where:
+            raise RigError(f"--tell: found {text!r}, expected EFFECT@PLACE such as joint_offset@joint5, or all")
+        found.append((effect, where))
     return found
 
 

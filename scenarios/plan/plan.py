@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.isolability import Isolability, Key
 from estimators.model import SensorParameters
 from estimators.pose_design import OPEN, Criterion
 from estimators.statistics import Statistics
@@ -21,7 +22,10 @@ from rig.maneuver import StaticPoses, TorusSweep
 from rig.maneuver.fitting import slide_numbers
 from rig.moves import Dynamics
 from scenarios.bound import noise_of
+from scenarios.isolability import shown_by
+from scenarios.isolability_report import names
 from scenarios.plan.poses import PosePlan, PoseSearch, path
+from scenarios.plan.telling import telling
 from scenarios.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -68,6 +72,7 @@ class Plan:
         parameters: by sensor, the standard deviations that it promises.
         curve: (m, 2) shorter and longer times [s] and the worst ratio in them.
         assumed: what the arm's file does not state. slender: whether links were taken for capsules.
+        told: what it shows of the effects that it is to tell apart; None where it is to calibrate.
     """
 
     scenario: Scenario
@@ -77,6 +82,7 @@ class Plan:
     curve: Array
     assumed: str
     slender: bool
+    told: Isolability | None = None
 
     @property
     def maneuver(self) -> StaticPoses:
@@ -110,6 +116,7 @@ class Plan:
                 for each in self.parameters
             },
             "curve": [{"seconds": float(t), "worst": _told(value)} for t, value in self.curve],
+            "effects": None if self.told is None else self.told.to_json(),
             "assumed": self.assumed,
             "links_as_capsules": self.slender,
         }
@@ -146,17 +153,21 @@ def make_plan(
     margin_m: float = 0.01,
     speed: float | None = None,
     acceleration: float | None = None,
+    tell: Sequence[Key] | None = None,
     seed: int = 0,
     name: str = "plan",
     progress: Callable[[float], None] | None = None,
 ) -> Plan:
     """The poses with holds from which a calibration is most certain in this time, moves included.
 
+    To tell causes apart, the poses that separate the least separated pair of them most.
+
     Args:
         base: arm, sensors and surroundings. seconds: for all of it.
         weights: as of ``Criterion.of``. table_m, boxes, margin_m: as of ``Clearance.of``; without a table and without
             surroundings in the arm's file, the arm stands on a table at the height of its base.
-        speed, acceleration: as of ``Dynamics.of``. seed: of the search. name: of the scenario.
+        speed, acceleration: as of ``Dynamics.of``. tell: effects and places to tell apart, none for all that it can
+            show; None: to calibrate. seed: of the search. name: of the scenario.
         progress: called with the share done.
 
     Raises:
@@ -172,8 +183,14 @@ def make_plan(
     clearance = Clearance.of(arm, height, boxes, margin_m)
     dynamics = Dynamics.of(arm, speed, acceleration)
     search = PoseSearch(arm, clearance, dynamics, criteria, _RATE_HZ, seed)
-    found = search.best(seconds, progress)
-    return planned(base, search, found, seconds, name)
+    if tell is None:
+        return planned(base, search, search.best(seconds, progress), seconds, name)
+    found = telling(base, search, seconds, tell, progress)
+    made = planned(base, search, found, seconds, name)
+    told = shown_by(made.scenario, made.maneuver, tell or None)
+    causes = "all effects that it can show" if not tell else names(tell)
+    scenario = replace(made.scenario, description=f"Planned to tell apart: {causes}.")
+    return replace(made, scenario=scenario, told=told)
 
 
 def planned(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float, name: str) -> Plan:

@@ -33,7 +33,8 @@ _STEPS: Final = (0.6, 0.3, 0.12, 0.04)
 _WITHIN: Final = 0.98
 #: A path is checked for contacts at so many instants of a move.
 _CHECKED: Final = 30
-_FAR: Final = 1e3
+#: The criterion of poses that do not fit into the time.
+FAR: Final = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ class PoseSearch:
     ) -> None:
         self.arm, self.clearance, self.dynamics = arm, clearance, dynamics
         self.criteria, self.rate_Hz = list(criteria), rate_Hz
-        self._rng = np.random.default_rng(seed)
+        self.rng = np.random.default_rng(seed)
         low, high = finite_limits(arm)
         middle, half = 0.5 * (low + high), 0.5 * _WITHIN * (high - low)
         self.low, self.high = middle - half, middle + half
@@ -91,8 +92,8 @@ class PoseSearch:
         for _ in range(20):
             middle, half = 0.5 * (self.low + self.high), 0.5 * spread * (self.high - self.low)
             if spread < 1.0:  # about a place that changes, as the middle of all ranges may be no good one
-                middle = self._rng.uniform(self.low + half, self.high - half)
-            drawn = self._rng.uniform(middle - half, middle + half, (count, self.arm.dof))
+                middle = self.rng.uniform(self.low + half, self.high - half)
+            drawn = self.rng.uniform(middle - half, middle + half, (count, self.arm.dof))
             found.extend(drawn[~self.clearance.touching(drawn)])
             if len(found) >= count:
                 return np.array(found[:count])
@@ -115,11 +116,11 @@ class PoseSearch:
             pool = self.candidates(spread)
             grams = self.grams(pool)
             allowed = np.ones(len(pool), dtype=bool)
-            start = self._rng.choice(len(pool), count, replace=False)
+            start = self.rng.choice(len(pool), count, replace=False)
             samples = max(seconds / count - 1.5, _LEAST_HOLD_S) * self.rate_Hz
             chosen, _ = exchange(self.criteria, grams, count, samples, start, allowed)
             plan = self._climbed(pool[chosen], seconds)
-            if plan is not None and plan.worst < _FAR:
+            if plan is not None and plan.worst < FAR:
                 plans.append(plan)
             if progress is not None:
                 progress((done + 1) / len(ways))
@@ -143,7 +144,7 @@ class PoseSearch:
         # Whole samples, so that every pose begins at one.
         hold = np.floor(hold * 100.0 + 1e-9) / 100.0
         if hold < _LEAST_HOLD_S:
-            return PosePlan(q, float(hold), move, _FAR * (1.0 + _LEAST_HOLD_S - hold))
+            return PosePlan(q, float(hold), move, FAR * (1.0 + _LEAST_HOLD_S - hold))
         samples = (hold - 2.0 * SETTLE_S) * self.rate_Hz
         gram = samples * (self.grams(q) if grams is None else grams).sum(axis=0)
         worst = max(float(one.worst(one.information(gram)[None])[0]) for one in self.criteria)
@@ -166,6 +167,10 @@ class PoseSearch:
         assert best is not None
         return q[best[1]]
 
+    def shown(self, q: Array) -> Array:
+        """Joint values (k, N) [rad, m] as people read them: deg, or m of joints that slide."""
+        return np.asarray(np.where(np.array(self.arm.slides), q, np.degrees(q)))
+
     def free(self, q: Array) -> bool:
         """Whether all moves between these poses touch nothing."""
         return not self.clearance.touching(path(q)).any()
@@ -180,27 +185,27 @@ class PoseSearch:
                 again = self.timed(self.ordered(plan.q), seconds)
                 plan = again if again.worst < plan.worst else plan
             moved = plan.q.copy()
-            place = self._rng.integers(len(moved))
-            joints = self._rng.random(self.arm.dof) < 0.5
+            place = self.rng.integers(len(moved))
+            joints = self.rng.random(self.arm.dof) < 0.5
             moved[place] = np.clip(
-                moved[place] + joints * step * span * self._rng.standard_normal(self.arm.dof), self.low, self.high
+                moved[place] + joints * step * span * self.rng.standard_normal(self.arm.dof), self.low, self.high
             )
             other = self.timed(moved, seconds)
             if other.worst < plan.worst and not self.clearance.touching(moved[place])[0]:
                 plan = other
-        return self._freed(plan, seconds)
+        return self.freed(plan, seconds)
 
-    def _freed(self, plan: PosePlan, seconds: float) -> PosePlan | None:
+    def freed(self, plan: PosePlan, seconds: float) -> PosePlan | None:
         """The plan with moves that touch nothing: in another order, or with the poses in the way elsewhere."""
         for _ in range(200):
             legs = [not self.free(plan.q[k : k + 2]) for k in range(len(plan.q) - 1)]
             if not any(legs):
                 return plan
-            place = int(np.argmax(legs)) + int(self._rng.integers(2))
+            place = int(np.argmax(legs)) + int(self.rng.integers(2))
             moved = plan.q.copy()
             span = self.high - self.low
             moved[place] = np.clip(
-                moved[place] + 0.15 * span * self._rng.standard_normal(self.arm.dof), self.low, self.high
+                moved[place] + 0.15 * span * self.rng.standard_normal(self.arm.dof), self.low, self.high
             )
             if self.clearance.touching(moved[place])[0]:
                 continue

@@ -10,13 +10,17 @@ from matplotlib.figure import Figure
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from estimators.isolability import Isolability
 from estimators.pose_design import OPEN
 from estimators.stillness.at_rest import SETTLE_S
 from scenarios.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY_BLUE, VERMILLION
+from scenarios.isolability_report import names
 from scenarios.plan.plan import REFERENCE, Plan
 from scenarios.plots.style import new_figure, style
 from scenarios.report import table
 
+#: More causes than these are summed up.
+_FEW: Final = 6
 _COLOURS: Final = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY_BLUE, BLACK)
 
 
@@ -31,6 +35,8 @@ def _parts(plan: Plan) -> Iterable[RenderableType]:
         f"{len(poses.q)} poses of {poses.hold_s:.2f} s, {poses.move_s:.2f} s apart: {maneuver.duration_s:.1f} s;"
         f" {poses.samples_s * maneuver.rate_Hz:,.0f} readings at rest ({SETTLE_S:g} s beside each move left out)\n"
     )
+    if plan.told is not None:
+        yield from _told(plan.told)
     columns = ("std", "over the reference's", "most of it from pose")
     rows = table("sensor", "parameter", *columns, numbers=columns)
     for each in plan.parameters:
@@ -53,6 +59,22 @@ def _parts(plan: Plan) -> Iterable[RenderableType]:
         yield Text(
             "The arm's file has no geometry: contacts were looked for between capsules along the links.", style="yellow"
         )
+
+
+def _told(found: Isolability) -> Iterable[RenderableType]:
+    """How far apart the causes are."""
+    if len(found.effects) > _FEW:
+        yield Text(
+            f"{found.visible.sum()} of {len(found.effects)} effects are seen, {len(found.alike)} pairs of them not told"
+            " apart.\n"
+        )
+        return
+    rows = table("cause", "seen [σ]", *(names([key]) for key in found.effects), numbers=("seen [σ]",))
+    for key, seen, row in zip(found.effects, found.seen, found.apart, strict=True):
+        left = ["–" if key == other else f"{value:.3g}" for other, value in zip(found.effects, row, strict=True)]
+        rows.add_row(names([key]), f"{seen:.3g}", *left)
+    yield rows
+    yield Text("What is left of each beside another [σ].\n")
 
 
 def _size(name: str, std: float) -> str:
