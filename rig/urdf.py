@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections import Counter
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -222,7 +223,8 @@ class _Load:
 def _parse(path: Path) -> Any:
     content = etree.tostring(urdf_root(path))
     try:
-        with np.errstate(invalid="ignore"):  # an infinite origin: refused below
+        # An infinite origin is refused below; what yourdfpy prints of an odd file is for nobody.
+        with np.errstate(invalid="ignore"), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             urdf = yourdfpy.URDF.load(
                 io.BytesIO(content), build_scene_graph=False, load_meshes=False, load_collision_meshes=False
             )

@@ -56,9 +56,10 @@ def test_the_arrays_are_read_only_and_the_callers_stay_writable() -> None:
     assert readings.flags.writeable
 
 
-def test_numbers_near_the_largest_are_not_taken_for_infinities() -> None:
-    largest = np.full((4, 3), np.finfo(float).max)  # their sum overflows
-    assert len(Recording(t=np.arange(4.0), accelerometer=largest)) == 4
+def test_numbers_whose_powers_are_none_are_refused() -> None:
+    assert len(Recording(t=np.arange(4.0), accelerometer=np.full((4, 3), 9e59))) == 4
+    with pytest.raises(RigError, match=r"accel1_V in row 0 .* is 1.79.*e\+308, expected a number below 1e\+60"):
+        Recording(t=np.arange(4.0), accelerometer=np.full((4, 3), np.finfo(float).max))
 
 
 def test_selections() -> None:

@@ -101,7 +101,7 @@ def test_time_must_increase_from_batch_to_batch(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("read", [read_recording, scan_all])
-@pytest.mark.parametrize("norm", [0.0, 0.99, 1.002, 2.0, 1e200])
+@pytest.mark.parametrize("norm", [0.0, 0.99, 1.002, 2.0, 1e50])
 def test_a_quaternion_must_be_a_rotation(tmp_path: Path, norm: float, read: Callable[[Path], object]) -> None:
     columns = columns_of(tumble())
     for name in ("tool_qw", "tool_qx", "tool_qy", "tool_qz"):

@@ -47,7 +47,7 @@ def whole_or_means(
     return (scan.read() if block == 1 else block_means(scan, block)), block
 
 
-def whole_or_beginning(path: str | os.PathLike[str], bytes_a_sample: float = 300.0) -> tuple[Recording, str]:
+def whole_or_beginning(path: str | os.PathLike[str], bytes_a_sample: float = 450.0) -> tuple[Recording, str]:
     """A recording whole, or so much of its beginning as may be taken of memory: noise has to be successive samples.
 
     Args:

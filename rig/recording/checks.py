@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 #: How far a quaternion's norm may be from one. Rounding every component to three decimals moves it by up to
 #: 0.0005 * sum |q_i| <= 0.001; a norm further away is another mistake.
 NORM_TOLERANCE: Final = 1e-3
+#: No quantity of a recording is as large, and its fourth power is still a number.
+_LARGEST: Final = 1e60
 
 #: Units of Unix time, and how many of each are a second.
 _UNIX_UNITS: Final = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
@@ -49,18 +51,21 @@ def check_shape(array: Array, shape: tuple[int, ...], what: str, where: str) -> 
 
 
 def check_finite(array: Array, names: Sequence[str], where: str, first_row: int = 0) -> None:
-    """Raise a RigError that names the first NaN or infinity of (n, k), or (n,), with k column names."""
+    """Raise a RigError that names the first value of (n, k), or (n,), with k column names, that is no number, or so
+    large that its powers are none."""
     with np.errstate(over="ignore", invalid="ignore"):
-        total = array.sum()  # one pass; finite only if all are
-    if np.isfinite(total):
+        flat = array.ravel(order="K")
+        total = float(flat @ flat)  # one pass
+    if total < _LARGEST**2:
         return
     columns = array.reshape(len(array), -1)
-    rows, bad = np.nonzero(~np.isfinite(columns))  # none where the sum itself has overflowed
+    rows, bad = np.nonzero(~(np.abs(columns) < _LARGEST))  # none where the sum alone is as large
     if rows.size:
         value = columns[rows[0], bad[0]]
         found = "NaN (or missing)" if np.isnan(value) else str(value)
         row = first_row + int(rows[0])
-        raise RigError(f"{where}: {names[bad[0]]} in row {row} (first row 0) is {found}, expected a number")
+        expected = "a number" if not np.isfinite(value) else f"a number below {_LARGEST:g}"
+        raise RigError(f"{where}: {names[bad[0]]} in row {row} (first row 0) is {found}, expected {expected}")
 
 
 def check_increasing(t: Array, where: str, first_row: int = 0) -> None:

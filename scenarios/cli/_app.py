@@ -14,6 +14,7 @@ from typing import Any, Final, NoReturn
 import click
 
 from rig.errors import LONGEST_MESSAGE, RigError, nearest, one_line, shown
+from rig.memory import VARIABLE
 from rig.patience import is_stuck
 from scenarios.cli import _signals
 
@@ -139,6 +140,7 @@ def run(arguments: Sequence[str]) -> int:
     Returns:
         The exit status.
     """
+    memory = os.environ.get(VARIABLE)
     try:
         status = cli.main(list(arguments), prog_name="rig", standalone_mode=False)
         with _ending():
@@ -167,6 +169,10 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(f"{error.filename or 'standard output'}: {error.strerror}", USAGE)
     except Exception as error:
         return _bug(error)
+    finally:  # --memory is of this command alone
+        os.environ.pop(VARIABLE, None)
+        if memory is not None:
+            os.environ[VARIABLE] = memory
 
 
 def main() -> NoReturn:

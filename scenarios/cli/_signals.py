@@ -94,6 +94,6 @@ def _importing(frame: FrameType | None) -> bool:
 
 
 def _unraisable(found: Any) -> None:
-    """An end that fell into a destructor is raised again; of anything else Python tells as it does."""
-    if not isinstance(found.exc_value, Ending):
+    """An end that fell into a destructor is raised again; anything else there is for programmers."""
+    if not isinstance(found.exc_value, Ending) and os.environ.get("RIG_DEBUG", "") not in ("", "0"):
         sys.__unraisablehook__(found)
