@@ -179,11 +179,11 @@ class Calibrator:
     def up(self, sensor: str, directions: Array) -> Array:
         """Which way up is in the sensor's frame, for directions (n, 3) of the field g - a, or of readings.
 
-        Readings in volts are taken to follow g - a, as in the paper; a chip in g, m/s^2 or counts reads a - g.
+        Without a pose, readings in volts follow what the metadata say, and those of a chip, in g, m/s^2 or counts,
+        are taken to be a - g, up at rest.
         """
-        reads = getattr(self._metadata, "accelerometer_reads", None)
         volts = self._units[sensor] in ("V", "mV")
-        follows_g = self.posed or reads == "g-a" or (reads is None and volts)
+        follows_g = self.posed or (volts and self._metadata.accelerometer_reads == "g-a")
         return -directions if follows_g else directions
 
     def turn(self, sensor: str, direction: Array) -> str:

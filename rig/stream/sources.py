@@ -18,6 +18,11 @@ from typing import Any, Final, Protocol
 
 from rig.errors import RigError, nearest
 
+try:
+    import fcntl
+except ImportError:  # not on this system
+    fcntl = None  # type: ignore[assignment]
+
 #: Read at once [bytes].
 CHUNK: Final = 1 << 20
 #: Ports are opened on this machine only.
@@ -66,6 +71,9 @@ class PipeSource(_Spoken):
         super().__init__()
         self.name = name
         self._descriptor = descriptor
+        if fcntl is not None and hasattr(fcntl, "F_SETPIPE_SZ"):
+            with suppress(OSError):  # not a pipe; else as much waits in it as is read at once
+                fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, CHUNK)
 
     def read(self, timeout_s: float) -> bytes | None:
         ready, _, _ = select.select([self._descriptor], [], [], timeout_s)

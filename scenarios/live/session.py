@@ -32,7 +32,7 @@ TICK_S: Final = 0.02
 #: Estimates are brought up to date this often at most, take this share of the time at most, and in a flood of samples
 #: come at every such growth of their number.
 _ESTIMATE_S: Final = 0.05
-_SHARE: Final = 0.12
+_SHARE: Final = 0.2
 _GROWTH: Final = 1.05
 _MANY: Final = 20_000
 _LATER_GROWTH: Final = 1.2
@@ -42,6 +42,9 @@ _FIRST: Final = 50
 #: The rule has to hold so long [s] of the stream before the session ends.
 _HOLD_S: Final = 0.5
 _EVENTS: Final = 1000
+#: After so few samples the next ones are left to gather for so long [s]: each batch costs as much as hundreds of them.
+_FEW: Final = 500
+_GATHERED_S: Final = 0.015
 
 
 @dataclass(frozen=True)
@@ -195,6 +198,8 @@ class Session:
             if batch is not None:
                 self._take(batch)
                 quiet_since = time.monotonic()
+                if len(batch) < _FEW:
+                    time.sleep(_GATHERED_S)
             else:
                 self._idle()
             if self.enough or self.feed.ended or self._over():

@@ -19,6 +19,7 @@ from rig.recording import Recording
 from scenarios.calibration_report import symbol
 from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rgb
 from scenarios.decimation import extremes
+from scenarios.live.finish import joined
 from scenarios.live.layout import GUIDE, INTERVALS, NOW, READINGS, RESIDUALS, SPHERES, live_blueprint
 from scenarios.live.session import Event, Snapshot
 from scenarios.motion import arm_of
@@ -120,12 +121,10 @@ class LiveView:
 
     def _draw(self, snapshot: Snapshot) -> None:
         parts, self._waiting = self._waiting, []
-        total = sum(map(len, parts))
-        for part in parts:
-            self._last = part
-            points = max(2, _POINTS * len(part) // total)
-            for sensor in part.sensors:
-                self._series(sensor, part, snapshot, points)
+        if parts:
+            self._last = joined(parts)
+            for sensor in self._last.sensors:
+                self._series(sensor, self._last, snapshot, _POINTS)
         if self._last is None:
             return
         self._stream.set_time(TIMELINE, duration=snapshot.t_s)
