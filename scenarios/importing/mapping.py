@@ -53,7 +53,11 @@ class Conventions:
 
 @dataclass(frozen=True)
 class Stated:
-    """``[metadata]``: what the recording says about itself; see the recording format."""
+    """``[metadata]``: what the recording says about itself.
+
+    Attributes:
+        gravity_m_s2, magnetic_field, magnetic_field_unit, notes: as in a recording's metadata.
+    """
 
     gravity_m_s2: float | None = None
     magnetic_field: float | None = None
