@@ -170,6 +170,8 @@ def _simultaneous(data: Compressed, n: int, given: Array | None, weighting: Weig
         sigma = np.sqrt(data.variance)
     weights = np.ones(3) if weighting == "equal" else sigma**-2.0
     minima = local_minima(data, explained(data), weights)
+    if not minima:
+        raise RefusedFit("no best fit is found: the readings, or their noise, differ by too many orders of magnitude")
     best = minima[0]
     if given is None and weighting == "likelihood":
         freedom = n - PARAMETERS_OF["simultaneous"] / 3.0  # their exact split moves the weights by less than 1/n

@@ -264,3 +264,9 @@ def test_effects_are_drawn(rig: Rig, here: Path) -> None:
     assert "-o" in rig.refused("effects", "backlash", "--where", "joint1")
     assert ".png" in rig.refused("effects", "backlash", "-o", "x.jpeg")
     assert not Path("x.png").exists()
+
+
+def test_an_arm_that_nobody_knows_is_not_taken_for_the_a465(rig: Rig, here: Path) -> None:
+    run = scenarios.load("renk2005-table2").simulate(0)
+    replace(run, metadata=replace(run.metadata, arm="ur5e")).write("foreign.parquet")
+    assert "arm 'ur5e' is not built in, expected its model (--arm FILE)" in rig.refused("diagnose", "foreign.parquet")

@@ -56,8 +56,8 @@ class SupplyRatiometric(Effect):
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         elapsed = (signals.t - signals.t[0]) / max(float(signals.t[-1] - signals.t[0]), np.finfo(float).tiny)
         change = chebval(np.cos(np.pi * elapsed), (0.0, *self.waveform))  # cos k x is the k-th Chebyshev polynomial
-        if signals.supply is not None:
-            change = change + self.supply_V * (signals.supply / np.mean(signals.supply) - 1.0)
+        if signals.supply is not None and abs(mean := float(np.mean(signals.supply))) > np.finfo(float).tiny:
+            change = change + self.supply_V * (signals.supply / mean - 1.0)  # one of zero volts was not measured
         return replace(signals, volts=signals.volts * (1.0 + change)[:, None])
 
 

@@ -40,11 +40,16 @@ def whole_or_means(
     """
     scan = scan_recording(path, joints=joints)
     if block is None:
-        rows = scan.rows
-        if rows is None:
-            rows = scan.path.stat().st_size // max(2 * len(scan.table.names), _SHORTEST_LINE)
-        block = max(1, int(np.ceil(rows * bytes_a_sample / limit_bytes())))
+        block = block_length(scan, bytes_a_sample)
     return (scan.read() if block == 1 else block_means(scan, block)), block
+
+
+def block_length(scan: RecordingScan, bytes_a_sample: float) -> int:
+    """How many samples have to be averaged for a recording to fit into the memory that may be taken; 1: none."""
+    rows = scan.rows
+    if rows is None:
+        rows = scan.path.stat().st_size // max(2 * len(scan.table.names), _SHORTEST_LINE)
+    return max(1, int(np.ceil(rows * bytes_a_sample / limit_bytes())))
 
 
 def whole_or_beginning(path: str | os.PathLike[str], bytes_a_sample: float = 450.0) -> tuple[Recording, str]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, one_line, unknown_name
 from scenarios.cli._options import (
     PATH,
     arm_options,
@@ -76,7 +77,11 @@ def diagnose(
     for path in (locked, maneuver2):  # a file for all recordings is not to be refused once for each
         if path is not None:
             scan_recording(path, joints=None if arm is None else arm.dof)
-    tasks = [Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes) for run in chosen]
+    together = min(jobs or _processors(), len(chosen))
+    tasks = [
+        Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes, together) for run in chosen
+    ]
+    _tell_averaged(tasks)
     found: dict[int, Outcome | Exception] = {}
     words = str(chosen[0]) if len(chosen) == 1 else f"{len(chosen)} recordings"
     with progress_bar(f"diagnosing {words}") as progress:
@@ -95,6 +100,19 @@ def diagnose(
     else:
         _tell([result for result in results if isinstance(result, Outcome)], out, saved)
     return _failures(tasks, results)
+
+
+def _tell_averaged(tasks: Sequence[Task]) -> None:
+    """One line for each recording that is too long for the memory."""
+    from rig.recording import block_length, scan_recording
+    from scenarios.gap_report.batch import BYTES_A_SAMPLE
+
+    for task in tasks:
+        with suppress(RigError, OSError):  # which its own turn will tell
+            block = block_length(scan_recording(task.run), BYTES_A_SAMPLE * task.together)
+            if block > 1:
+                words = f"{task.run}: means over blocks of {block} samples are diagnosed: memory allows no more"
+                click.echo(one_line(words), err=True)
 
 
 def _to_diagnose(runs: Sequence[Path]) -> list[Path]:
@@ -135,7 +153,7 @@ def _write(outcome: Outcome, out: Path, saved: Path | None) -> None:
     out.mkdir(parents=True, exist_ok=True)
     name = outcome.diagnosis.recording
     with atomic_path(out / f"{name}.html") as page, atomic_path(out / f"{name}.diagnosis.json") as document:
-        page.write_text(outcome.page, encoding="utf-8")
+        page.write_text(outcome.page, encoding="utf-8", errors="backslashreplace")
         outcome.diagnosis.write(document)
         if saved is not None and outcome.scenario is not None:
             with atomic_path(saved) as scenario:

@@ -8,12 +8,15 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from multiprocessing import active_children
 from pathlib import Path
+from typing import Final
 
 from estimators.gap import Diagnosis
 from estimators.gap.diagnose import examined
+from estimators.pipeline import arm_of
 from rig.arm import Arm
 from rig.errors import RigError
-from rig.recording import locked_beside, read_recording
+from rig.recording import locked_beside, whole_or_means
+from rig.recording.columns import JOINTS_OF_ARM
 from rig.threads import one_blas_thread
 from scenarios.gap_report.improved_rig import check_units, improved_rig
 from scenarios.gap_report.next_maneuver import next_step
@@ -22,6 +25,9 @@ from scenarios.gap_report.residuals import gap_residuals
 from scenarios.processes import WorkerPool
 
 Progress = Callable[[float], None]
+
+#: Memory that a diagnosis takes [bytes a sample].
+BYTES_A_SAMPLE: Final = 2600.0
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,7 @@ class Task:
         arm_file, tip: the arm; None: the A465.
         improved: whether the improved rig is wanted.
         minutes: how long the next maneuver may take; None: as long as the recording.
+        together: how many tasks share the memory that may be taken.
     """
 
     run: Path
@@ -46,6 +53,7 @@ class Task:
     tip: str | None = None
     improved: bool = False
     minutes: float | None = None
+    together: int = 1
 
 
 @dataclass(frozen=True)
@@ -74,12 +82,15 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     """
     arm = None if task.arm_file is None else Arm.from_file(task.arm_file, task.tip)
     joints = None if arm is None else arm.dof
-    recording = read_recording(task.run, joints)
+    recording, block = whole_or_means(task.run, joints, BYTES_A_SAMPLE * task.together)
+    named = arm is not None or recording.metadata.arm in JOINTS_OF_ARM
+    if not named and arm_of(recording, None, str(task.run)) is None:
+        recording = replace(recording, q=None)  # the tool's poses serve: nobody knows the arm
     if task.improved:
         check_units(recording)
     beside = task.locked or locked_beside(task.run)
-    locked = None if beside is None else read_recording(beside, joints)
-    second = None if task.maneuver2 is None else read_recording(task.maneuver2, joints)
+    locked = None if beside is None else whole_or_means(beside, joints, block=block)[0]
+    second = None if task.maneuver2 is None else whole_or_means(task.maneuver2, joints, block=block)[0]
     with one_blas_thread():
         diagnosis, bench = examined(recording, locked, second, task.without, arm, progress)
         residuals = gap_residuals(recording, diagnosis, locked, arm, bench)
