@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 FEWEST: Final = 100
 #: Steps of time that differ by more than this share are not even.
 _UNEVEN: Final = 0.01
+#: A reading at rest stays within so many times the median step from sample to sample; drifts do, motions do not.
+_MOVING: Final = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +126,21 @@ class NoiseStudy:
         return {**content, "rate_Hz": self.rate_Hz, "channels": channels, "warnings": list(self.warnings)}
 
 
+def _refuse_motion(readings: Array, where: str) -> None:
+    """Refuse a recording without a pose whose readings (n, c) wander far beyond what they do from sample to sample.
+
+    Raises:
+        RigError: it moves.
+    """
+    fast = np.median(np.abs(np.diff(readings, axis=0)), axis=0)
+    moving = readings.std(axis=0) > _MOVING * np.where(fast > 0.0, fast, np.inf)
+    if moving.any():
+        raise RigError(
+            f"{where}: channel {int(np.argmax(moving)) + 1} varies by {readings[:, np.argmax(moving)].std():.3g}, over"
+            f" {_MOVING:g} times what it does from sample to sample: it moves, expected a recording held still"
+        )
+
+
 def study_noise(locked: Recording, poses: ArrayLike | None = None, full_scale_V: float = FULL_SCALE_V) -> NoiseStudy:
     """Study a locked-arm recording.
 
@@ -151,6 +168,8 @@ def study_noise(locked: Recording, poses: ArrayLike | None = None, full_scale_V:
             f"{100.0 * uneven:.2g} % of the samples are not evenly spaced: spectra take them to be {interval:g} s apart"
         )
     readings = np.hstack([locked.readings(sensor) for sensor in locked.sensors])
+    if poses is None and locked.pose == "none":
+        _refuse_motion(readings, where)
     channels: dict[str, ChannelNoise] = {}
     for column, (name, unit) in enumerate(zip(floor.channels, floor.units, strict=True)):
         records = [readings[held, column] for held in rows]

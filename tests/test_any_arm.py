@@ -22,6 +22,7 @@ from scenarios.bound import bound_of
 from scenarios.comparison import compare
 from scenarios.loader import from_toml
 from tests.arm_files import IIWA, PANDA, UR5E, UR5E_NAMES, dh_pose, written
+from tests.cli_support import Rig
 
 ROUNDING = 1e-12  # of a chain of seven matrices
 ARMS = {"ur5e": UR5E, "panda": PANDA, "iiwa": IIWA}
@@ -187,3 +188,21 @@ def test_a_folder_with_a_model_and_its_scene(tmp_path: Path) -> None:
     (folder / "bench.xml").rename(folder / "third.xml")
     with pytest.raises(RigError, match=r"found 2 models, expected the path of one of another\.xml, third\.xml"):
         Arm.from_file(folder)
+
+
+def test_a_clipped_motion_and_a_moving_noise_recording_are_told(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Two and a half times the sensitivity leaves the board's 5 V; a tumble is no noise."""
+    rig = Rig(capfd)
+    text = scenarios.load("renk2005-accelerometer").to_toml()
+    loud = scenarios.load("renk2005-accelerometer").rig.accelerometer
+    assert loud is not None
+    text = text.replace(f"{loud.sensitivity[0]!r}", f"{2.5 * loud.sensitivity[0]!r}", 1)
+    (tmp_path / "loud.toml").write_text(text)
+    assert "! accel1: the motion leaves the board's range in" in rig.done(
+        "sweep", tmp_path / "loud.toml", "-o", tmp_path / "run.parquet"
+    )
+    run = read_recording(tmp_path / "run.parquet")
+    replace(run, q=None).write(tmp_path / "moving.parquet")
+    assert "it moves, expected a recording held still" in rig.refused("noise", tmp_path / "moving.parquet")

@@ -124,6 +124,10 @@ def sweep(
     else:
         sensors = " and ".join(recording.sensors)
         click.echo(f"{output}: {len(recording):,} samples of {sensors} in {recording.duration_s:,.0f} s")
+        for channel, share in summary["clipped"].items():
+            click.echo(
+                f"! {channel}: the motion leaves the board's range in {100 * share:.3g} % of the samples: clipped"
+            )
         if locked_path is not None:
             click.echo(f"{locked_path}: the arm locked, for the noise floor")
         elif (older := summary["locked"]) is not None:
@@ -158,4 +162,22 @@ def _summary(scenario: Scenario, recording: Recording, path: Path, seed: int | N
         "samples": len(recording),
         "duration_s": recording.duration_s,
         "sensors": list(recording.sensors),
+        "clipped": _clipped(scenario, recording),
     }
+
+
+def _clipped(scenario: Scenario, recording: Recording) -> dict[str, float]:
+    """Channel -> the share of its readings that lie at an end of the board's range; only where there are any."""
+    import numpy as np
+
+    from rig.channels import CHANNELS_OF
+
+    ends = scenario.rig.acquisition.range_V
+    step = scenario.rig.acquisition.step_V
+    shares: dict[str, float] = {}
+    for sensor in recording.sensors if ends is not None else ():
+        low, high = np.asarray(ends)
+        values = recording.readings(sensor)
+        share = ((values <= low + step / 2) | (values >= high - step / 2)).mean(axis=0)
+        shares |= dict(zip(CHANNELS_OF[sensor], map(float, share), strict=True))
+    return {channel: share for channel, share in shares.items() if share > 0.0}
