@@ -203,6 +203,31 @@ def test_wrong_calls_are_a_line_and_leave_nothing(
     assert sorted(path.name for path in here.iterdir()) == before
 
 
+@pytest.mark.parametrize("form", ["csv", "json"])
+def test_a_mapping_says_what_the_columns_are(here: Path, rig: Rig, form: str) -> None:
+    run = by_hand(20.0)
+    assert run.magnetometer is not None
+    table = np.column_stack([1e3 * run.t, 10.0 * run.magnetometer])
+    rows = table.tolist()
+    names = ("stamp", "mx", "my", "mz")
+    if form == "csv":
+        text = "\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows)])
+    else:
+        text = "\n".join(json.dumps(dict(zip(names, row, strict=True))) for row in rows)
+    (here / "log.txt").write_text(text + "\n")
+    (here / "map.toml").write_text(
+        '[columns]\nstamp = "t"\nmx = "mag1_mG"\nmy = "-mag2_mG"\nmz = "mag3_mG"\n'
+        '[conventions]\ntime_unit = "ms"\n[metadata]\nmagnetic_field = 0.48\nmagnetic_field_unit = "G"\n'
+    )
+    rig("live", "log.txt", "--map", "map.toml", "-o", "live.csv", "--idle", "0.2", "--keep-going")
+    found = read_recording("live.csv")
+    assert found.magnetometer is not None
+    np.testing.assert_allclose(found.t, run.t, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.magnetometer, 0.01 * run.magnetometer * [1.0, -1.0, 1.0], rtol=1e-12)
+    (here / "map.toml").write_text('[columns]\nstamps = "t"\n[conventions]\ntime_unit = "ms"\n')
+    assert "stamp" in rig.refused("live", "log.txt", "--map", "map.toml", "-o", "again.csv")
+
+
 def test_procedures_are_listed(rig: Rig) -> None:
     rows = json.loads(rig.done("live", "--guide", "list", "--json"))
     assert {row["name"] for row in rows} >= {"three-turns", "four-turns", "faces"}

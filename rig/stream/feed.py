@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -41,6 +41,7 @@ class Feed:
         rate_Hz: float | None = None,
         joints: int | None = None,
         last_s: float | None = None,
+        renamed: Mapping[str, tuple[str, float]] | None = None,
     ) -> None:
         """Args:
         source: of bytes.
@@ -48,8 +49,9 @@ class Feed:
         rate_Hz: of lines without a time.
         joints: of the arm, where that is known.
         last_s: time of the last sample of the session that is resumed [s].
+        renamed: as of ``LineReader``.
         """
-        self.reader = LineReader(source.name, names, metadata, joints)
+        self.reader = LineReader(source.name, names, metadata, joints, renamed)
         self.ended = self.idle = False
         self.clock = Clock(rate_Hz, last_s)
         self._source = source

@@ -10,7 +10,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,7 +20,7 @@ import pyarrow.csv
 import pyarrow.json
 from numpy.typing import NDArray
 
-from rig.errors import RigError, one_line, shown
+from rig.errors import RigError, nearest, one_line, shown
 from rig.recording.columns import TIME, Columns
 from rig.recording.metadata import Metadata
 from rig.recording.table import as_float64
@@ -87,6 +87,7 @@ class LineReader:
         names: Sequence[str] | None = None,
         metadata: Metadata | None = None,
         joints: int | None = None,
+        renamed: Mapping[str, tuple[str, float]] | None = None,
     ) -> None:
         """Nothing is read yet.
 
@@ -95,6 +96,8 @@ class LineReader:
             names: of the cells, of lines without a header.
             metadata: for a stream that says nothing about itself.
             joints: how many the arm has, where that is known.
+            renamed: name in the lines -> the recording's name and the factor that makes its unit; others are passed
+                over. None: the lines have the recording's names.
         """
         self.layout: Layout | None = None
         self.broken = 0
@@ -103,6 +106,8 @@ class LineReader:
         self._given = None if names is None else tuple(names)
         self._metadata = metadata
         self._joints = joints
+        self._renamed = renamed
+        self._keys: dict[str, str] = {}
         self._rest = b""
         self._json = False
         self._delimiter = b","
@@ -140,7 +145,11 @@ class LineReader:
         if not parts:
             return {}
         names = self.layout.wanted
-        return {name: np.concatenate([part[name] for part in parts]) for name in names}
+        factors = {} if self._renamed is None else dict(self._renamed.values())
+        found = {name: np.concatenate([part[name] for part in parts]) for name in names}
+        return {
+            name: values * factors[name] if factors.get(name, 1.0) != 1.0 else values for name, values in found.items()
+        }
 
     def _begin(self, line: bytes, rest: bytes) -> bytes:
         """One of the first lines; what is left to be read as samples."""
@@ -191,6 +200,12 @@ class LineReader:
         return line + b"\n" + rest
 
     def _start(self, names: Sequence[str]) -> None:
+        if self._renamed is not None:
+            for name in self._renamed:
+                if name not in names:
+                    raise RigError(f"{self._where}: has no column {shown(name)}{nearest(name, names)}")
+            self._keys = {target: name for name, (target, _) in self._renamed.items()}
+            names = [self._renamed.get(name, (IGNORED, 1.0))[0] for name in names]
         metadata = Metadata() if self._metadata is None else self._metadata
         self.layout = Layout.of(names, metadata, self._where, self._joints)
 
@@ -253,11 +268,12 @@ class LineReader:
 
     def _json_columns(self, whole: bytes) -> dict[str, Array]:
         assert self.layout is not None
-        schema = pa.schema([(name, pa.float64()) for name in self.layout.wanted])
+        keys = {name: self._keys.get(name, name) for name in self.layout.wanted}
+        schema = pa.schema([(key, pa.float64()) for key in keys.values()])
         options = pa.json.ParseOptions(explicit_schema=schema, unexpected_field_behavior="ignore")
         read = pa.json.ReadOptions(use_threads=False, block_size=max(len(whole) + 1, 64))
         table = pa.json.read_json(pa.BufferReader(whole), read_options=read, parse_options=options)
-        return {name: as_float64(table.column(name)) for name in self.layout.wanted}
+        return {name: as_float64(table.column(key)) for name, key in keys.items()}
 
     def _row(self, line: bytes) -> list[float] | None:
         """One line's numbers; None, and counted, where it is broken."""
@@ -265,7 +281,7 @@ class LineReader:
         try:
             if self._json:
                 content = json.loads(line)
-                return [float(content[name]) for name in self.layout.wanted]
+                return [float(content[self._keys.get(name, name)]) for name in self.layout.wanted]
             cells = line.split(b",")
             if len(cells) == len(self.layout.names):
                 values = dict(zip(self.layout.names, cells, strict=True))

@@ -110,6 +110,9 @@ def _connected(text: str) -> socket.socket:
 @click.option("--cal", type=PATH, metavar="CAL", help="The calibration: .json; RUN.calibration.json by default.")
 @click.option("--resume", is_flag=True, help="Go on with what an interrupted session has left of -o RUN.")
 @click.option("--columns", metavar="NAMES", help="Of lines without a header, with commas; - for those to pass over.")
+@click.option(
+    "--map", "mapping", type=PATH, metavar="MAP", help="What the columns are: a mapping of rig import."
+)
 @click.option("--rate", type=float, metavar="HZ", help="Of lines without a time.")
 @click.option("--gravity", type=float, metavar="M_S2", help="Gravity's magnitude, where the stream does not say it.")
 @click.option("--field", type=float, metavar="F", help="The magnetic field's, in the unit wanted; relative otherwise.")
@@ -255,7 +258,13 @@ def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tupl
 
     names = None if given["columns"] is None else [name.strip() for name in given["columns"].split(",")]
     joints = None if plan.arm is None else plan.arm.dof
-    feed = Feed(open_source(source), names, _metadata(given), given["rate"], joints)
+    columns, metadata = None, _metadata(given)
+    if given["mapping"] is not None:
+        from scenarios.live.mapped import renamed
+
+        columns, stated = renamed(given["mapping"])
+        metadata = stated if metadata is None else metadata
+    feed = Feed(open_source(source), names, metadata, given["rate"], joints, renamed=columns)
     displays: list[Display] = []
     if given["view"] or given["view_file"] is not None:
         from scenarios.live.view import LiveView

@@ -1,0 +1,77 @@
+"""A mapping file of ``rig import`` for lines that come one by one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from rig.errors import RigError
+from rig.recording import Metadata
+from scenarios.importing.mapping import Mapping, read_mapping
+from scenarios.importing.quantities import (
+    ACCELEROMETER_UNITS,
+    JOINT_UNITS,
+    LENGTHS,
+    MAGNETOMETER_UNITS,
+    TIME_UNITS,
+    Target,
+    parse_target,
+)
+
+_AS_THEY_ARE: Final = {"temperature": "temperature_degC", "supply": "supply_V"}
+
+
+def renamed(path: Path) -> tuple[dict[str, tuple[str, float]], Metadata]:
+    """Name in the lines -> the recording's name and the factor that makes its unit; and what the mapping states.
+
+    Raises:
+        RigError: the mapping cannot be read, or asks for what takes a whole log: ``rig import`` does that.
+    """
+    mapping = read_mapping(path)
+    if mapping.conventions.rotation != "base<-tool" or mapping.conventions.angles != "joints":
+        raise _whole(path, "another convention of the pose")
+    found = {name: _column(path, mapping, text) for name, text in mapping.columns.items()}
+    own, reads = mapping.metadata, mapping.conventions.accelerometer_reads
+    stated = {
+        "gravity_m_s2": own.gravity_m_s2,
+        "magnetic_field": own.magnetic_field,
+        "magnetic_field_unit": own.magnetic_field_unit,
+        "accelerometer_reads": None if reads == "detect" else reads,
+    }
+    return found, Metadata(**{name: value for name, value in stated.items() if value is not None})  # type: ignore[arg-type]
+
+
+def _column(path: Path, mapping: Mapping, text: str) -> tuple[str, float]:
+    target = parse_target(text)
+    assert target is not None  # read_mapping has refused it
+    name, factor = _named(path, mapping, text, target)
+    return name, target.sign * factor
+
+
+def _named(path: Path, mapping: Mapping, text: str, target: Target) -> tuple[str, float]:
+    if target.kind in ("accel", "mag"):
+        units = ACCELEROMETER_UNITS if target.kind == "accel" else MAGNETOMETER_UNITS
+        unit, factor = units[target.unit]
+        return f"{target.kind}{target.part}_{unit}", factor
+    if target.kind == "joint":
+        return f"q{target.part}_{'m' if target.unit == 'm' else 'rad'}", JOINT_UNITS[target.unit]
+    if target.kind == "position":
+        return f"tool_{target.part}_m", LENGTHS[target.unit]
+    if target.kind == "quaternion":
+        return f"tool_q{target.part}", 1.0
+    if target.kind == "current":
+        return f"current{target.part}_A", 1.0
+    if target.kind == "time":
+        unit = mapping.conventions.time_unit
+        if unit == "guess":
+            raise RigError(f"{path}: time_unit: found 'guess', expected s, ms, us or ns of a stream")
+        return "t_s", TIME_UNITS[unit]
+    if target.kind in _AS_THEY_ARE:
+        return _AS_THEY_ARE[target.kind], 1.0
+    raise _whole(path, text)
+
+
+def _whole(path: Path, what: str) -> RigError:
+    return RigError(
+        f"{path}: found {what}, expected readings, joint angles and quaternions of a stream: rig import takes the rest"
+    )
