@@ -47,6 +47,17 @@ class Residuals:
     directions: Array
     terms: Array
 
+    def pick(self, rows: slice) -> Self:
+        """Of some of the samples."""
+        return type(self)(*(getattr(self, name)[rows] for name in _PER_SAMPLE))
+
+    def then(self, other: Residuals) -> Self:
+        """Of these samples and the ones after them."""
+        return type(self)(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_SAMPLE))
+
+
+_PER_SAMPLE = ("t", "values", "predicted", "directions", "terms")
+
 
 @dataclass(frozen=True, eq=False)
 class Reference:

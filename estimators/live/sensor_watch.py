@@ -151,10 +151,10 @@ class SensorWatch:
         self._keep(batch.t, readings, residuals)
         if self._rest is not None and self._rest[1].values.shape[1] == residuals.values.shape[1]:
             readings = np.concatenate([self._rest[0], readings])
-            residuals = _joined(self._rest[1], residuals)
+            residuals = self._rest[1].then(residuals)
         blocks = Blocks.of(residuals, self._block)
         whole = slice(len(blocks) * self._block, None)
-        self._rest = (readings[whole], _part(residuals, whole))
+        self._rest = (readings[whole], residuals.pick(whole))
         if not len(blocks):
             return found
         if self._rests:
@@ -346,7 +346,7 @@ class SensorWatch:
     def _keep(self, t: Array, readings: Array, residuals: Residuals) -> None:
         step = max(1, int(_KEPT_S * self._rate_Hz) // _KEPT)
         rows = slice(None, None, step)
-        part = _part(residuals, rows)
+        part = residuals.pick(rows)
         self._kept.append((t[rows], readings[rows], part))
         self._kept_count += len(part.t)
         while len(self._kept) > 1 and (self._kept_count > _KEPT or self._kept[0][0][-1] < t[-1] - _KEPT_S):
@@ -385,23 +385,3 @@ class SensorWatch:
         count = np.where(total[:, :1] > 0.0, total[:, :1], np.nan)
         mean, predicted = total[:, 1 : k + 1] / count, total[:, k + 1 :] / count
         return np.asarray(mean / np.sqrt(self.inflation[-1] / count + predicted))
-
-
-def _part(residuals: Residuals, rows: slice) -> Residuals:
-    return Residuals(
-        residuals.t[rows],
-        residuals.values[rows],
-        residuals.predicted[rows],
-        residuals.directions[rows],
-        residuals.terms[rows],
-    )
-
-
-def _joined(one: Residuals, other: Residuals) -> Residuals:
-    return Residuals(
-        np.concatenate([one.t, other.t]),
-        np.concatenate([one.values, other.values]),
-        np.concatenate([one.predicted, other.predicted]),
-        np.concatenate([one.directions, other.directions]),
-        np.concatenate([one.terms, other.terms]),
-    )

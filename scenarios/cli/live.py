@@ -110,9 +110,7 @@ def _connected(text: str) -> socket.socket:
 @click.option("--cal", type=PATH, metavar="CAL", help="The calibration: .json; RUN.calibration.json by default.")
 @click.option("--resume", is_flag=True, help="Go on with what an interrupted session has left of -o RUN.")
 @click.option("--columns", metavar="NAMES", help="Of lines without a header, with commas; - for those to pass over.")
-@click.option(
-    "--map", "mapping", type=PATH, metavar="MAP", help="What the columns are: a mapping of rig import."
-)
+@click.option("--map", "mapping", type=PATH, metavar="MAP", help="What the columns are: a mapping of rig import.")
 @click.option("--rate", type=float, metavar="HZ", help="Of lines without a time.")
 @click.option("--gravity", type=float, metavar="M_S2", help="Gravity's magnitude, where the stream does not say it.")
 @click.option("--field", type=float, metavar="F", help="The magnetic field's, in the unit wanted; relative otherwise.")
