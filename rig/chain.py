@@ -20,6 +20,10 @@ from rig.errors import RigError, nearest
 
 Array = NDArray[np.float64]
 
+# By default MuJoCo prints warnings, and leaves a MUJOCO_LOG.TXT in the user's folder. What matters of them, a motion
+# that is no number, is found in its results.
+mujoco.set_mju_user_warning(lambda text: None)
+
 _SITE = "site"
 _BLOCK = 4096  # configurations at a time: constant memory, and as fast as all at once
 _MANY = 2048  # below this number, starting threads costs more than it gains

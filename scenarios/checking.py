@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from rig.documents import read_json
-from rig.errors import RigError
+from rig.errors import RigError, one_line
 from rig.recording import Recording, RecordingScan, locked_beside, scan_recording
 
 _AT_AN_END: Final = 0.02  # of the samples at the least or greatest value are many
@@ -148,4 +148,4 @@ def unused_words(scan: RecordingScan) -> str:
         return ""
     listed = ", ".join(scan.unused[:8]) + (" .." if len(scan.unused) > 8 else "")
     meant = next((words for pattern, words in _MEANT for name in scan.unused if pattern.fullmatch(name)), "")
-    return f"{scan.path}: columns not used: {listed}" + (f" ({meant})" if meant else "")
+    return one_line(f"{scan.path}: columns not used: {listed}" + (f" ({meant})" if meant else ""))

@@ -270,7 +270,7 @@ def _wrong(call: Call, folder: Path) -> str:
     lines = told[1].getvalue().splitlines()
     if status not in (0, 1, 2):
         return f"exit status {status}: {lines[-1] if lines else ''}"
-    if status == 2 and len(lines) != 1:
+    if status == 2 and sum(line.startswith("rig: ") for line in lines) not in (1, 2):  # a remark may come first
         return f"{len(lines)} lines: {told[1].getvalue()[:500]}"
     if any(len(line) >= LONGEST or not line.isprintable() for line in lines):
         return f"a line of {max(map(len, lines))} letters: {max(lines, key=len)[:500]!r}"

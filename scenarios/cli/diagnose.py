@@ -200,7 +200,7 @@ def _failures(tasks: Sequence[Task], results: Sequence[Outcome | Exception]) -> 
     status = DONE
     for task, result in zip(tasks, results, strict=True):
         if isinstance(result, Exception):
-            click.echo(f"rig: {_words(task, result)}", err=True)
+            click.echo(f"rig: {one_line(_words(task, result))}", err=True)
             status = max(status, result.exit_status if isinstance(result, RigError) else BUG)
     return status
 
