@@ -39,6 +39,16 @@ def test_hostile_files(good: Path, call: Call) -> None:
     assert not complaints
 
 
+FOUND = ((275, 1), (5777, 7), (882, 7), (6176, 7), (203, 3))
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(("number", "seed"), FOUND)
+def test_what_was_found_stays_mended(good: Path, number: int, seed: int) -> None:
+    """Inputs of longer runs that ended in a bug, or in a line without end."""
+    assert complaint_about(CALLS[number % len(CALLS)], good, random.Random(f"{seed} {number}")) == ""
+
+
 def started(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
     """A command in a session of its own, with signals as a terminal gives them."""
 

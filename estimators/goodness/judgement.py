@@ -25,7 +25,7 @@ from estimators.goodness.whiteness import Whiteness, whiteness
 from estimators.goodness.words import reasons, remarks
 from estimators.stillness import still_poses
 from rig.channels import ACCELEROMETER
-from rig.errors import RigError
+from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, scan_recording
 
 if TYPE_CHECKING:
@@ -201,6 +201,11 @@ def _judge(data: Data, sensor: str, calibration: SensorCalibration, arm: Arm | N
     if calibration.axes and recording.tool_quaternion is not None and recording.q is not None and arm is None:
         recording = replace(recording, q=None)
     given = residuals_of(recording, sensor, calibration, arm)
+    if not (np.isfinite(given.standardised).all() and np.isfinite(given.part(0, len(given)).information).all()):
+        raise RefusedFit(
+            f"{recording.origin or recording.name}: {sensor}: its readings and their noise differ by too many orders of"
+            " magnitude to be judged"
+        )
     odd = outliers(given)
     left_out = left_out_by(calibration)
     if left_out and len(odd.rows):  # as the calibration has left them out

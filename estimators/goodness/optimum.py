@@ -72,14 +72,17 @@ def at_optimum(residuals: Residuals, samples: int) -> tuple[Residuals, Transfer 
 
 
 def inverted(information: Array, scale: Array | None = None) -> Array | None:
-    """The inverse (p, p), or None where it is singular.
+    """The inverse (p, p), or None where it is singular, or not finite.
 
     Args:
         information: (p, p).
         scale: (p,) by which both sides are multiplied first; None: such that the diagonal is one.
     """
     own = unit_scale(information) if scale is None else scale
-    values, vectors = np.linalg.eigh(own[:, None] * information * own)
+    scaled = own[:, None] * information * own
+    if not np.isfinite(scaled).all():
+        return None
+    values, vectors = np.linalg.eigh(scaled)
     if values[0] <= _NULL * values[-1]:
         return None
     spread = own[:, None] * vectors
