@@ -9,18 +9,19 @@ from typing import Any, Final
 
 from rig.arm import Arm
 from rig.documents import read_json
-from rig.effects import Effect, make_effect
+from rig.effects import Effect, make_effect, without_nulls
 from rig.errors import RigError, nearest, shown
 
-_FORMAT: Final = "rig-diagnosis/1"
+_FORMAT: Final = "rig-diagnosis/2"
 _KEYS: Final = ("effect", "where", "parameters")
 
 
 def read_causes(path: str | os.PathLike[str], arm: Arm | None = None) -> tuple[Effect, ...]:
-    """The effects that a file names: all causes of a diagnosis, a list of causes, or one cause.
+    """The effects that a file names: a diagnosis' likeliest explanation, a list of causes, or one cause.
 
     A cause is ``{"effect": .., "where": .., "parameters": {..}}`` with each parameter a number, a list of them, or
-    ``{"value": ..}`` as in a diagnosis, whose further keys are passed over. A diagnosis without causes gives no effect.
+    ``{"value": ..}`` as in a diagnosis, whose further keys are passed over. What is null there, because the recording
+    did not feel it, is left as it is by default. A diagnosis without causes gives no effect.
     With an ``arm`` a place may be a joint's own name, and must be one that the arm has.
 
     Raises:
@@ -36,10 +37,32 @@ def read_causes(path: str | os.PathLike[str], arm: Arm | None = None) -> tuple[E
                 f'expected a diagnosis ("format": "{_FORMAT}") with "causes", a list of causes, '
                 'or one cause with "effect"'
             )
-        document = document["causes"]
+        document = _leading(document, file)
     causes = document if isinstance(document, list) else [document]
     places = [f"{file}: cause {number}" for number in range(1, len(causes) + 1)]
     return tuple(_effect(cause, where, arm, strict=not diagnosis) for cause, where in zip(causes, places, strict=True))
+
+
+def _leading(document: Mapping[str, Any], file: Path) -> list[Any]:
+    """The causes of the likeliest of a diagnosis' hypotheses; all of them where it lists none.
+
+    Raises:
+        RigError: the hypotheses are something else than the contract's.
+    """
+    causes: list[Any] = document["causes"]
+    hypotheses = document.get("hypotheses")
+    if not causes or hypotheses is None:
+        return causes
+    first = hypotheses[0] if isinstance(hypotheses, list) and hypotheses else None
+    if not isinstance(first, dict) or not isinstance(first.get("causes"), list):
+        raise RigError(f'{file}: hypotheses: found {shown(hypotheses)}, expected a list of objects with "causes"')
+    left, found = list(first["causes"]), []
+    for cause in causes:
+        name = [cause.get("effect"), cause.get("where")] if isinstance(cause, dict) else cause
+        if not isinstance(cause, dict) or name in left:
+            left = [each for index, each in enumerate(left) if index != left.index(name)] if name in left else left
+            found.append(cause)
+    return found
 
 
 def _effect(cause: Any, where: str, arm: Arm | None, strict: bool) -> Effect:
@@ -54,7 +77,7 @@ def _effect(cause: Any, where: str, arm: Arm | None, strict: bool) -> Effect:
     values = {name: _value(given) for name, given in parameters.items()}
     place = {"where": cause["where"]} if "where" in cause else {}
     try:
-        return make_effect(cause["effect"], {**place, **values}, arm)
+        return make_effect(cause["effect"], without_nulls(cause["effect"], {**place, **values}), arm)
     except RigError as error:
         raise RigError(f"{where}: {error}") from error
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from cli_support import SMALL
 
 from estimators.gap import Cause, Channel, Diagnosis, Estimate
+from estimators.gap.diagnosis import Closed, Hypothesis, Remainder
 from rig.channels import CHANNELS
 from rig.effects import Effect, make_effect
 from rig.recording import Recording
@@ -30,33 +32,66 @@ def backlash() -> Effect:
     return make_effect("backlash", BACKLASH)
 
 
+#: The probability of the likeliest explanation that each verdict rests on.
+LEADING = {"no-gap": 0.95, "named": 0.93, "ambiguous": 0.6, "partly": 0.5, "unknown": 0.6}
+#: What a handmade remainder follows where something is left.
+LEFT = ({"source": "a turn of the tool", "course": "time", "share": 0.1},)
+
+
 def by_hand(
-    verdict: str = "named", causes: tuple[Cause, ...] | None = None, remainder: str = "noise", name: str = "small"
+    verdict: str = "named",
+    causes: tuple[Cause, ...] | None = None,
+    name: str = "small",
+    other: bool | None = None,
+    rivals: tuple[tuple[tuple[str, str], ...], ...] = (),
 ) -> Diagnosis:
-    """A diagnosis with every field filled."""
-    channel = Channel(
+    """A diagnosis with every field filled, as the verdict would have it.
+
+    Args:
+        causes: of the likeliest explanation.
+        other: whether something outside the catalogue is part of that; by default of partly and unknown.
+        rivals: further explanations, which share what the likeliest leaves.
+    """
+    own = replace(BY_HAND, probability=0.7) if verdict == "unknown" else BY_HAND
+    found = (own,) if causes is None else causes
+    there = verdict in ("partly", "unknown") if other is None else other
+    first = LEADING[verdict]
+    leading = Hypothesis(tuple((cause.effect, cause.where) for cause in found), there, first)
+    each = (0.98 - first) / max(len(rivals), 1)
+    latency = ("latency", "accelerometer")
+    second = rivals or ((*leading.causes, latency) if verdict == "partly" else (latency,),)
+    beside = [Hypothesis(each_set, there, each) for each_set in second]
+    masses = {"nothing": 0.0, "known": 0.0, "other": 0.0}
+    for one in (leading, *beside):
+        masses["other" if one.other else "known" if one.causes else "nothing"] += one.probability
+    masses["known"] += 0.02
+    gap = Channel(
         noise_floor=0.0134, rms_before=0.0151, gap_before=0.007, rms_after=0.0134, gap_after=0.001, closed=0.98
     )
-    found = (cause("backlash", "joint5", width_rad=(0.05, 0.0004, "rad")),) if causes is None else causes
-    left = ({"variable": "frequency", "channel": "mag1", "share": 1.0},) if remainder == "structured" else ()
+    quiet = Channel(noise_floor=0.0134, rms_before=0.0134, gap_before=0.0, rms_after=0.0134, gap_after=0.0, closed=None)
+    there_is = verdict != "no-gap"
     return Diagnosis(
-        recording=name,
+        recordings=(name,),
         samples=600,
         seconds=1.3,
         verdict=verdict,  # type: ignore[arg-type]
+        posterior=masses,
+        omitted=0.02,
+        hypotheses=(leading, *beside),
         causes=found,
-        channels=dict.fromkeys(CHANNELS, channel),
-        follows=({"variable": "q5 direction", "share": 0.8}, {"variable": "time", "share": 0.01}),
-        closed=0.97 if found else None,
-        closed_low=0.95 if found else None,
-        closed_high=0.99 if found else None,
+        channels=dict.fromkeys(CHANNELS, gap if there_is else quiet),
+        follows=({"variable": "the direction of joint5", "share": 0.8}, {"variable": "time", "share": 0.02})
+        if there_is
+        else (),
+        closed=Closed(0.97, 0.95, 0.99) if found else Closed(None, None, None),
         closed_on="held-out blocks",
-        remainder=remainder,
-        remainder_follows=left,
+        remainder=Remainder("structured" if there else "noise", LEFT if there else (), 9.0),
         calibration_shift={
             "accel1.sensitivity": {"before": 0.1420, "after": 0.1426, "sigmas": 12.0},
             "mag1.offset": {"before": 2.4, "after": 2.3999, "sigmas": -0.1},
-        },
+        }
+        if found
+        else {},
         cannot_tell=(
             {"effect": "joint_offset", "where": "joint6", "why": "the calibration absorbs it on this maneuver"},
         ),
@@ -68,11 +103,15 @@ def by_hand(
 def cause(
     effect: str,
     where: str,
-    equivalent: tuple[dict[str, str], ...] = (),
-    **parameters: tuple[float | tuple[float, ...] | str, float | tuple[float, ...] | None, str],
+    equivalent: tuple[dict[str, object], ...] = (),
+    probability: float = 0.98,
+    **parameters: tuple[object, object, str],
 ) -> Cause:
-    estimates = {name: Estimate(*values) for name, values in parameters.items()}
-    return Cause(effect, where, 0.98, equivalent, estimates, 1e-30, 0.97)
+    estimates = {name: Estimate(*values) for name, values in parameters.items()}  # type: ignore[arg-type]
+    return Cause(effect, where, probability, equivalent, estimates, Closed(0.97, 0.95, 0.99))
+
+
+BY_HAND = cause("backlash", "joint5", width_rad=(0.05, 0.0004, "rad"))
 
 
 def write_small(folder: Path, *effects: Effect, name: str = "run") -> Path:

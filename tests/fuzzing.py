@@ -229,8 +229,11 @@ def make_good(folder: Path) -> None:
         text = (folder / "log.csv").read_text().split("\n", 1)[1]  # without the metadata
         (folder / "log.csv").write_text(text)
         assert run(["import", "log.csv", "-o", "imported.parquet", "--map", "map.toml"]) in (0, 1)
+    cause = json.loads((folder / "cause.json").read_text())
+    place = [cause["effect"], cause["where"]]
     diagnosis: dict[str, Any] = {
-        "format": "rig-diagnosis/1", "verdict": "named", "causes": [json.loads((folder / "cause.json").read_text())],
+        "format": "rig-diagnosis/2", "verdict": "named", "causes": [cause],
+        "hypotheses": [{"causes": [place], "other": False, "probability": 0.97}],
     }  # fmt: skip
     (folder / "found.json").write_text(json.dumps(diagnosis))
     (folder / "set").mkdir()

@@ -287,8 +287,10 @@ def test_bad_sweeps(bench: Bench, arguments: list[str], expected: str) -> None:
         ({"effect": 5}, 'expected an object with "effect"'),
         ([3], 'cause 1: found 3, expected an object with "effect"'),
         (3, "found 3, expected"),
-        ({"format": "rig-diagnosis/1", "causes": {}}, '"causes", a list of causes'),
-        ({"format": "rig-diagnosis/2", "causes": []}, '"format": "rig-diagnosis/1"'),
+        ({"format": "rig-diagnosis/2", "causes": {}}, '"causes", a list of causes'),
+        ({"format": "rig-diagnosis/1", "causes": []}, '"format": "rig-diagnosis/2"'),
+        ({"format": "rig-diagnosis/2", "causes": [{}], "hypotheses": 3}, "hypotheses: found 3, expected a list"),
+        ({"format": "rig-diagnosis/2", "causes": [{}], "hypotheses": [[]]}, 'objects with "causes"'),
     ],
     ids=str,
 )

@@ -35,6 +35,7 @@ COMMANDS = (
         "diagnose",
         "export",
         "bound",
+        "plan",
         "study",
         "blind",
         "noise",
@@ -136,9 +137,14 @@ OFFSET = {
     "parameters": {"offset_rad": {"value": 0.01, "std": 1e-4, "unit": "rad"}},
 }
 DIAGNOSIS = {
-    "format": "rig-diagnosis/1",
+    "format": "rig-diagnosis/2",
     "verdict": "named",
-    "causes": [{**BACKLASH, "probability": 0.9, "equivalent": [], "p_value": 1e-9}, {**OFFSET, "closed": 0.9}],
+    "hypotheses": [{"causes": [["joint_offset", "joint1"], ["backlash", "joint5"]], "other": False}],
+    "causes": [
+        {**BACKLASH, "probability": 0.99, "equivalent": []},
+        {**OFFSET, "closed": None},
+        {"effect": "backlash", "where": "joint1", "probability": 0.3, "parameters": {"width_rad": {"value": 0.1}}},
+    ],
 }
 
 
@@ -155,7 +161,7 @@ def test_sweep_adds_the_effects_of_a_cause_or_a_diagnosis(rig: Rig, here: Path, 
 
 
 def test_a_diagnosis_without_causes_adds_nothing(rig: Rig, here: Path) -> None:
-    (here / "none.json").write_text(json.dumps({"format": "rig-diagnosis/1", "verdict": "no-gap", "causes": []}))
+    (here / "none.json").write_text(json.dumps({"format": "rig-diagnosis/2", "verdict": "no-gap", "causes": []}))
     said = json.loads(rig.done("sweep", "small.toml", "-o", "run.parquet", "--with", "none.json", "--json"))
     assert said["effects"] == []
 

@@ -25,8 +25,8 @@ from scenarios.causes import read_causes
 from scenarios.gap_report import batch
 from scenarios.gap_report.batch import Outcome, Task, outcomes
 
-KEYS = {"format", "recording", "samples", "seconds", "verdict", "causes", "where", "closed", "remainder"}
-KEYS |= {"calibration_shift", "cannot_tell", "next"}
+KEYS = {"format", "recordings", "samples", "seconds", "verdict", "causes", "where", "closed", "remainder"}
+KEYS |= {"posterior", "omitted", "hypotheses", "calibration_shift", "cannot_tell", "next"}
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_a_recording_is_diagnosed_and_its_rig_improved(rig: Rig, here: Path) -> 
     assert listed("diagnosis") == {"run.diagnosis.json", "run.html"}
     found = json.loads(Path("diagnosis/run.diagnosis.json").read_text())
     assert set(found) >= KEYS
-    assert found["format"] == "rig-diagnosis/1"
+    assert found["format"] == "rig-diagnosis/2"
     assert found["verdict"] == "named"
     (cause,) = found["causes"]
     width = cause["parameters"]["width_rad"]
@@ -109,7 +109,7 @@ def test_bad_recordings_do_not_stop_the_others(rig: Rig, here: Path) -> None:
     assert listed("deep/o") == {"quiet.diagnosis.json", "quiet.html"}
     refused, quiet, missing = json.loads(result.out)
     assert quiet["verdict"] == "no-gap"
-    assert refused["recording"] == "constant"
+    assert refused["recordings"] == ["constant"]
     assert "axis 2" in refused["error"]
     assert "no such file" in missing["error"]
     lines = result.err.splitlines()
@@ -191,6 +191,10 @@ WRONG = {
     "out below a file": (["--out", "small.toml/o"], "is a file"),
     "the same name twice": (["x/run.parquet"], "different names"),
     "no processes": (["--jobs", "0"], "jobs"),
+    "no such prior": (["--prior", "nothing.toml"], "nothing.toml"),
+    "prior of an unknown effect": (["--prior", "wrong.toml"], "backlash"),
+    "prior with a negative weight": (["--prior", "negative.toml"], "effects.backlash"),
+    "no prior": (["--prior", "small.toml"], "[effects]"),
     "a tip without its arm": (["--tip", "imu"], "--arm"),
 }
 
@@ -203,6 +207,8 @@ def test_wrong_calls_are_refused_before_any_work(
         raise AssertionError("worked")
 
     monkeypatch.setattr(batch, "outcomes", work)
+    (here / "wrong.toml").write_text("[effects]\nbacklsh = 2\n")
+    (here / "negative.toml").write_text("[effects]\nbacklash = -1\n")
     options, words = WRONG[case]
     assert words in rig.refused("diagnose", "run.parquet", *options)
 

@@ -43,10 +43,12 @@ def on_joint(where: str, angle: Callable[[float, Sample], float]) -> Array:
 def backlash(where: str, p: dict[str, Any]) -> Array:
     column = int(where[-1]) - 1
     encoder = reference.joint_angles(TIMES)[:, column]
-    half = 0.5 * p["width_rad"]
-    joint = [encoder[0] - half * np.sign(encoder[1] - encoder[0])]  # in motion from the first sample on
-    for angle in encoder[1:]:  # a joint is pushed by whichever flank of the lash it touches, else it stays
-        joint.append(min(max(joint[-1], angle - half), angle + half))
+    travel = encoder[2:] - encoder[:-2]
+    side = [np.sign(travel[0])]
+    for row, moved in enumerate(np.concatenate([travel[:1], travel, travel[-1:]])[1:], start=1):
+        last = encoder[row] - encoder[row - 1]  # at the turn itself the lash lies where the last motion left it
+        side.append(np.sign(moved) if abs(moved) > 2e-4 else np.sign(last))
+    joint = encoder - 0.5 * p["width_rad"] * np.array(side)
     return on_joint(where, lambda q, s: joint[s.row])
 
 

@@ -1,7 +1,6 @@
 """The diagnosis: quiet recordings are quiet, single causes are named, and what the catalogue lacks is unknown.
 
-Strengths are ten times what the selection needs, so that a failure is a fault and not bad luck; the false-alarm rate of
-the selection itself is at most 0.6 % a recording (two families of tests at 0.3 %).
+Strengths are ten times what an explanation needs, so that a failure is a fault and not bad luck.
 """
 
 from __future__ import annotations
@@ -64,11 +63,11 @@ def test_a_single_cause_is_named_with_its_size(name: str, locked: Recording) -> 
     values = CAUSES[name]
     found = estimators.diagnose(recorded(2, (name, values)), locked=locked)
     assert found.verdict == "named", found.sentence()
-    (cause,) = found.causes
+    (cause,) = found.established
     assert (cause.effect, cause.where) == (name, values["where"])
-    assert found.remainder == "noise"
-    assert found.closed is not None
-    assert found.closed > 0.95
+    assert found.remainder.verdict == "noise"
+    assert found.closed.value is not None
+    assert found.closed.value > 0.95
     for parameter, truth in values.items():
         estimate = cause.parameters.get(parameter)
         if estimate is None or estimate.std is None or isinstance(truth, str):
@@ -81,22 +80,23 @@ def test_a_single_cause_is_named_with_its_size(name: str, locked: Recording) -> 
 def test_two_causes_are_both_named(locked: Recording) -> None:
     effects = [("backlash", CAUSES["backlash"]), ("scale_cubic", CAUSES["scale_cubic"])]
     found = estimators.diagnose(recorded(3, *effects), locked=locked)
-    assert {(cause.effect, cause.where) for cause in found.causes} == {("backlash", "joint5"), ("scale_cubic", "mag2")}
+    assert set(found.hypotheses[0].causes) == {("backlash", "joint5"), ("scale_cubic", "mag2")}
     assert found.verdict == "named"
 
 
 @pytest.mark.parametrize("name", ["scale_cubic", "channel_crosstalk", "backlash"])
 def test_what_the_catalogue_lacks_is_unknown(name: str, locked: Recording) -> None:
     found = estimators.diagnose(recorded(4, (name, CAUSES[name])), locked=locked, without=[name])
-    assert found.verdict == "unknown", found.sentence()
+    assert found.posterior["other"] > 0.5, found.sentence()
 
 
-def test_twins_are_ambiguous_and_the_moving_joint_comes_first(locked: Recording) -> None:
+def test_twins_are_one_explanation_and_the_moving_joint_comes_first(locked: Recording) -> None:
     found = estimators.diagnose(recorded(5, ("joint_offset", {"where": "joint5", "offset_rad": 0.005})), locked=locked)
-    assert found.verdict == "ambiguous"
-    (cause,) = found.causes
+    assert found.posterior["known"] > 0.9
+    cause = found.causes[0]
     assert (cause.effect, cause.where) == ("joint_offset", "joint5")
-    assert {"effect": "joint_offset", "where": "joint2"} in cause.equivalent
+    assert ("joint_offset", "joint2") in {(each["effect"], each["where"]) for each in cause.equivalent}
+    assert sum(each["probability"] for each in cause.equivalent) < cause.probability
 
 
 def test_without_a_locked_recording_the_floor_is_marked_as_estimated() -> None:
@@ -168,5 +168,9 @@ def test_practice_recordings(case: str) -> None:
     truth = json.loads((SHARED / "truth.json").read_text())[case]
     found = estimators.diagnose(SHARED / f"{case}.parquet")
     wanted = {(effect["name"], effect["where"]) for effect in truth["effects"]}
-    named = {(cause.effect, cause.where) for cause in found.causes}
-    assert named == wanted
+    same = [
+        {(cause.effect, cause.where), *((each["effect"], each["where"]) for each in cause.equivalent)}
+        for cause in found.causes
+    ]
+    assert all(any(each in places for places in same) for each in wanted)
+    assert found.verdict != "no-gap" or not wanted

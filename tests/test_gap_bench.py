@@ -1,4 +1,4 @@
-"""The bench: quick changes, block means, tones, a calibration that a strong cause moved, errors all channels share."""
+"""The bench: quick changes, block means, tones, a calibration that a strong cause moved, repeated rows."""
 
 from __future__ import annotations
 
@@ -6,17 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 import estimators
 import scenarios
-from estimators.gap import coherent
 from estimators.gap.basefit import estimated_floor, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.converge import converged
-from estimators.gap.remainder import findings, significant
-from estimators.gap.score import Explained
-from estimators.gap.select import start
+from estimators.gap.defects import readings_of
 from rig.arm import Arm
 from rig.effects import EFFECTS, Kind, make_effect
 from rig.recording import Recording
@@ -96,44 +92,10 @@ def test_a_tone_faster_than_the_means_is_found_in_the_samples(arm: Arm) -> None:
     run = recorded(3, effect, decimation=8)
     assert len(run) > 16_384  # long enough for means of two samples
     found = estimators.diagnose(run, arm=arm)
-    (cause,) = found.causes
+    (cause,) = found.established
     assert (cause.effect, cause.where) == ("vibration", "accelerometer")
     resolution = 1.0 / float(run.t[-1] - run.t[0])
     assert abs(cause.parameters["freq_Hz"].value - frequency) < 0.5 * resolution
-
-
-def test_an_angle_error_that_no_effect_has_is_seen(bench: Bench) -> None:
-    """Half as large as what single channels need: signal-to-noise 12 over all channels, four waves along the sweep."""
-    clock = np.linspace(0.0, 1.0, len(bench.base))
-    change = bench.change([make_effect("joint_offset", {"where": "joint1", "offset_rad": 1e-4})]) / 1e-4
-    change = change * np.cos(6.0 * np.pi * clock)[:, None]
-    size = float(np.linalg.norm(Explained(bench.absorbed, bench.whitened).without(bench.whiten(change))))
-    shaken = replace(bench, readings=bench.readings + 12.0 / size * change)
-    left = significant(findings(shaken, start(shaken).explained))
-    assert any(finding.follows == "an error of joint1's angle" for finding in left)
-    assert not significant(findings(bench, start(bench).explained))
-
-
-def test_an_error_that_is_another_in_every_block_of_time_is_seen_block_by_block(bench: Bench) -> None:
-    """Signal-to-noise 40 over 128 blocks: 1,600 on 128 degrees of freedom, which no single course comes near."""
-    steps = np.random.default_rng(3).choice([-1.0, 1.0], 128)
-    course = steps[np.arange(len(bench.base)) * 128 // len(bench.base)]
-    change = bench.change([make_effect("joint_offset", {"where": "joint5", "offset_rad": 1e-4})]) * course[:, None]
-    base = Explained(bench.absorbed, bench.whitened)
-    size = float(np.linalg.norm(base.without(bench.whiten(change))))
-    shaken = replace(bench, readings=bench.readings + 40.0 / size * change)
-    left = significant(findings(shaken, start(shaken).explained))
-    assert "an error of joint5's angle, in detail" in {finding.follows for finding in left}
-
-
-def test_noise_is_no_error_in_any_block(bench: Bench) -> None:
-    """40 draws, 39 tests each: at p-values of 1e-6 one of them fails in less than 0.2 % of all runs."""
-    rng = np.random.default_rng(11)
-    for _ in range(40):
-        base = Explained(bench.absorbed, rng.standard_normal(bench.size))
-        noise = Explained(bench.absorbed, base.without(base.residual))
-        for name, statistic, rank in coherent.in_detail(bench, noise):
-            assert chi2.logsf(statistic, rank) > np.log(1e-6), name
 
 
 def test_changes_beside_other_effects_are_those_of_the_whole_pipeline(bench: Bench) -> None:
@@ -148,8 +110,12 @@ def test_changes_beside_other_effects_are_those_of_the_whole_pipeline(bench: Ben
         np.testing.assert_array_equal(bench.changes(moved, others)[0], bench.change([*moved, *others]))
 
 
-def test_shared_errors_have_names_for_what_was_recorded(bench: Bench) -> None:
-    names = [trial.organ for trial in coherent.trials(bench, Explained(bench.absorbed, bench.whitened))]
-    assert "an error of joint6's angle" in names
-    assert "a turn of the magnetometer" in names
-    assert len(names) == len(set(names)) == 13
+def test_one_repeated_row_is_a_dropout(bench: Bench) -> None:
+    """No chance repeats six readings: a single row does."""
+    dropouts, step = EFFECTS["dropouts"], np.zeros(6)
+    assert dropouts.examined(readings_of(bench, step), "acquisition") is None
+    readings = bench.readings.copy()
+    readings[700] = readings[699]
+    found = dropouts.examined(readings_of(replace(bench, readings=readings), step), "acquisition")
+    assert found is not None
+    assert np.flatnonzero(found.affected.all(axis=1)).tolist() == [700]

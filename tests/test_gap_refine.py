@@ -1,4 +1,4 @@
-"""Refits of causes, and whether what was found is an explanation."""
+"""Refits of causes to a recording, and shares in words."""
 
 from __future__ import annotations
 
@@ -11,15 +11,13 @@ from scipy.optimize import least_squares
 import scenarios
 from estimators.gap.basefit import estimated_floor, set_up
 from estimators.gap.bench import Bench, project
-from estimators.gap.coherent import likeliest
-from estimators.gap.credible import _one_axis
+from estimators.gap.candidates import all_candidates
 from estimators.gap.diagnosis import percent
-from estimators.gap.refine import Fitted, refit, started
-from estimators.gap.score import ABSORBED, evidence
-from estimators.gap.select import STRONG, start
+from estimators.gap.refine import Fitted, explained_by, refit, started
+from estimators.gap.scan import Scanner
+from estimators.gap.score import ABSORBED, Explained
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
-from rig.effects.transmission import smooth_sign
 
 
 @pytest.fixture(scope="module")
@@ -35,9 +33,11 @@ def benched(seed: int, arm: Arm, *effects: Effect) -> Bench:
 
 
 def first_fit(bench: Bench, label: str) -> Fitted:
-    state = start(bench)
-    offers = state.scanner.scan(state.candidates, state.explained, state.explained)
-    return started(next(offer for offer in offers if offer.candidate.label == label), bench, state.explained)
+    scanner = Scanner.of(bench)
+    explained = Explained(bench.absorbed, bench.whitened)
+    (candidate,) = [each for each in all_candidates(bench) if each.label == label]
+    (offer,) = scanner.scan([candidate], explained, explained_by([], scanner.rough.bench))
+    return started(offer, bench, explained)
 
 
 DIPOLE = make_effect("base_dipole", {"where": "base", "position_m": (0.5, 0.1, 0.2), "moment": (4e-4, 2e-4, -2e-4)})
@@ -71,30 +71,6 @@ def test_what_the_calibration_absorbs_is_not_fitted(arm: Arm) -> None:
     # in units of what every direction does to the readings: hidden ones stay where the start put them, near zero
     strengths = fit.values / fit.scale * length
     assert np.abs(hidden.T @ strengths).max() < 0.1 * np.abs(strengths).max()
-
-
-def test_an_error_along_one_course_is_weighed(arm: Arm) -> None:
-    """An angle that lags its direction of travel, whatever it is called; nothing of the kind in noise alone."""
-    bench = benched(3, arm)
-    tried = len(start(bench).candidates)
-    assert likeliest(bench.coarse(), tried) < STRONG
-    change = bench.change([make_effect("joint_offset", {"where": "joint5", "offset_rad": 1e-4})]) / 1e-4
-    change = change * smooth_sign(bench.base.joint_velocity[:, [4]])
-    size = float(np.linalg.norm(project(bench.absorbed, bench.whiten(change))))
-    wanted = 15.0
-    shaken = replace(bench, readings=bench.readings + wanted / size * change)
-    # the first look loses up to a tenth of a course with corners; 4 standard deviations of a chi-square about 225
-    assert likeliest(shaken.coarse(), tried) > 0.9 * evidence(wanted**2 - 8.0 * wanted, 1) - 2.0 * np.log(3.0)
-
-
-def test_an_effect_of_a_sensor_shows_in_more_than_one_axis() -> None:
-    def walk(*rate: float) -> Effect:
-        return make_effect("bias_random_walk", {"where": "accelerometer", "rate": rate})
-
-    assert _one_axis(walk(0.0, 1e-5, 1e-3))
-    assert not _one_axis(walk(0.0, 5e-4, 1e-3))
-    assert not _one_axis(make_effect("backlash", {"where": "joint5", "width_rad": 1e-3}))
-    assert not _one_axis(make_effect("link_hard_iron", {"where": "link1", "field": (0.0, 0.0, 0.1)}))
 
 
 @pytest.mark.parametrize(

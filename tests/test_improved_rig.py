@@ -148,12 +148,16 @@ def test_instants_and_phases_move_to_a_clock_that_starts_with_the_recording() ->
 def test_comments_say_what_the_scenario_is_not() -> None:
     run, locked = recorded(backlash())
     twin = cause("backlash", "joint5", ({"effect": "latency", "where": "acquisition"},), width_rad=(0.05, 1e-3, "rad"))
-    diagnosis = by_hand("unknown", (twin,), "structured")
+    diagnosis = by_hand("partly", (twin,))
     text = improved_rig(diagnosis, gap_residuals(run, diagnosis, locked), locked).to_toml()
     comments = " ".join(line.removeprefix("# ") for line in text.splitlines() if line.startswith("#"))
-    assert "cannot split backlash of joint 5 from: latency of acquisition" in comments
+    assert "the same as backlash of joint 5: latency of acquisition" in comments
     assert "has no name" in comments
     assert "phases may differ" in comments
+    ambiguous = by_hand("ambiguous", rivals=((("joint_scale", "joint5"),),))
+    text = improved_rig(ambiguous, gap_residuals(run, ambiguous, locked), locked).to_toml()
+    comments = " ".join(line.removeprefix("# ") for line in text.splitlines() if line.startswith("#"))
+    assert "Others that the recording allows: joint scale of joint 5 (.38)." in comments
 
 
 def test_tool_poses_make_a_rig_without_an_arm() -> None:

@@ -75,7 +75,7 @@ def test_magnets_at_other_places_do_as_well_and_iron_in_the_forearm_does_not() -
 def test_the_page_is_up_to_date(tmp_path: Path) -> None:
     """Everything on it but the diagnosis is made again."""
     document = json.loads((DOCS / FOLDER / DIAGNOSIS).read_text(encoding="utf-8"))
-    assert document["recording"] == SCENARIO
+    assert document["recordings"] == [SCENARIO]
     assert (DOCS / PAGE).read_text(encoding="utf-8") == page(document), "stale: run `rig study gap -o docs`"
     save(gap_figure(subsets_of_twin()), tmp_path / PICTURE)
     made, kept = imread(tmp_path / PICTURE), imread(DOCS / FOLDER / PICTURE)

@@ -1,130 +1,165 @@
-"""How far the gap closes: the causes go into the simulator, and are judged on data that did not fit them.
+"""How far the gap closes with the causes of the leading explanation, and what could still be hidden.
 
-The recording is cut into blocks; each fold of blocks is predicted by strengths fitted on the others, with guard gaps
-between. A gap is measured by the cross product 2 r m - m m of residual r and fitted change m, as a difference of
-squared residual and squared floor drowns in its own noise where the gap is under a third of the floor.
+The gap that is left is drawn from the posterior over all explanations: parameters, other sets of causes, and
+discrepancies. The gap that the causes took is measured on blocks of the recording that did not fit their strengths.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from estimators.gap.bench import Bench, project
-from estimators.gap.refine import Fitted, tangents
-from rig.channels import CHANNELS
+from estimators.gap.diagnosis import Closed
+from estimators.gap.discrepancy import Discrepancies, Weighed
+from estimators.gap.evidence import Linear
+from estimators.gap.prior import OTHER, OTHER_NOISE
 
 Array = NDArray[np.float64]
 
-FOLDS = 4
-#: Blocks, folds taking turns; of each block's ends this share is guard.
-_BLOCKS, _GUARD = 64, 0.08
-_RESAMPLES = 400
+#: Draws from the posterior. Folds and blocks of held-out data; the share of each block's ends that is guard.
+_DRAWS: Final = 400
+_FOLDS, _BLOCKS, _GUARD = 4, 64, 0.08
+#: The chance to escape that counts for what could be hidden, the draws that tell it, and the terms that are asked.
+_ESCAPES: Final = 0.05
+_TRIALS: Final = 64
 
 
 @dataclass(frozen=True)
-class Closure:
-    """Gap before and after, on held-out blocks.
+class Way:
+    """One hypothesis, as far as its gap is concerned; all on one bench of means.
 
     Attributes:
-        before, after: (6,) [recorded unit] root mean square of the gap of each channel, as the fitted causes make it;
-            NaN where the channel is not there.
-        closed: share of the squared, whitened gap that is gone.
-        low, high: its 95 % interval, by a bootstrap over blocks.
-        by_channel: (6,) the same share for each channel.
-        rms_before, rms_after: (6,) [recorded unit] of the residuals.
+        probability: of it.
+        change: (m,) whitened change of its causes, the calibration projected out.
+        linear: it, linearised. terms: of its discrepancy; empty without one.
     """
 
-    before: Array
-    after: Array
-    closed: float
-    low: float
-    high: float
-    by_channel: Array
-    rms_before: Array
-    rms_after: Array
+    probability: float
+    change: Array
+    linear: Linear
+    terms: Sequence[Weighed]
 
 
-def close(bench: Bench, misfit: Array, fits: Sequence[Fitted], remainder: float, rng: np.random.Generator) -> Closure:
-    """Cross-validated closure of a set of mean causes.
+def drawn(ways: Sequence[Way], fitted: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Squared gap that is left and that was there, in whitened units: (d,) each.
 
     Args:
-        bench: base fit, around the calibration with the causes in place.
-        misfit: (n, 6) [recorded unit] residual of the base fit without them.
-        fits: the causes.
-        remainder: whitened square of what is left that is not noise, over all readings.
-        rng: of the bootstrap.
+        ways: the likeliest hypotheses. fitted: (m,) change of the causes that are reported.
+    """
+    weights = np.array([way.probability for way in ways])
+    counts = rng.multinomial(_DRAWS, weights / weights.sum())
+    after, before = [], []
+    for way, count in zip(ways, counts, strict=True):
+        if not count:
+            continue
+        off = way.change - fitted
+        linear = way.linear
+        precision = linear.precision(linear.averaged[1])
+        mean, covariance = linear.posterior(precision)
+        values, vectors = np.linalg.eigh(covariance) if len(mean) else (np.zeros(0), np.zeros((0, 0)))
+        deltas = mean + rng.standard_normal((count, len(mean))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+        gram = linear.gram
+        left = (
+            float(off @ off) + 2.0 * deltas @ (linear.tangent.T @ off) + np.einsum("di,ij,dj->d", deltas, gram, deltas)
+        )
+        with_fit = (
+            float(way.change @ way.change)
+            + 2.0 * deltas @ (linear.tangent.T @ way.change)
+            + np.einsum("di,ij,dj->d", deltas, gram, deltas)
+        )
+        if way.terms:
+            masses = np.array([term.log_mass for term in way.terms])
+            chosen = rng.choice(len(masses), count, p=np.exp(masses - np.logaddexp.reduce(masses)))
+            columns = np.column_stack([linear.left, linear.tangent, off, way.change])
+            for index in np.unique(chosen):
+                own = chosen == index
+                term = way.terms[index].term
+                along = term.along(columns)
+                variance = float(term.variances[int(np.argmax(way.terms[index].gains))])
+                spread = variance / (1.0 + variance * term.values)
+                residual = along[:, :1].T - deltas[own] @ along[:, 1 : 1 + len(mean)].T
+                size = spread * residual + np.sqrt(spread) * rng.standard_normal(residual.shape)
+                energy = (size**2) @ term.values + 2.0 * np.einsum(
+                    "dr,dr->d", size, deltas[own] @ along[:, 1 : 1 + len(mean)].T
+                )
+                left[own] += energy + 2.0 * size @ along[:, -2]
+                with_fit[own] += energy + 2.0 * size @ along[:, -1]
+        after.append(np.maximum(left, 0.0))
+        before.append(np.maximum(with_fit, 1e-12))
+    return np.concatenate(after), np.concatenate(before)
+
+
+def held_out(linear: Linear, change: Array, bench: Bench) -> float:
+    """Squared gap that causes take on blocks that did not fit their strengths: sum of 2 r m - m m.
+
+    Args:
+        linear: the causes where they were fitted. change: (m,) theirs, whitened, the calibration projected out.
     """
     count, channels = bench.count, len(bench.columns)
-    effects = [fit.effect for fit in fits]
-    columns = tangents(fits, bench)
-    change = bench.replayed(effects)
-    target = bench.whiten(change)
-    residual = bench.whiten(bench.residual)
-    design = np.hstack([bench.tangent, *columns])
-    scale = np.maximum(np.linalg.norm(design, axis=0), 1e-100)
-    design = design / scale
-    base_size = bench.tangent.shape[1]
-    fold, guard = _folds(count)
-    predicted, base_only, removed = np.zeros(len(residual)), np.zeros(len(residual)), np.zeros(len(residual))
-    for number in range(FOLDS):
-        train = np.tile((fold != number) & ~guard, channels)
-        test = np.tile(fold == number, channels)
-        full = _solve(design[train], residual[train] - target[train])
-        only = _solve(design[train][:, :base_size], residual[train])
-        predicted[test] = design[test] @ full + target[test]
-        base_only[test] = design[test][:, :base_size] @ only
-        removed[test] = predicted[test] - base_only[test]
-    use = np.tile(~guard, channels) & (bench.weights[:, bench.columns].T.ravel() > 0)
-    left = residual - base_only
-    gain = np.where(use, 2.0 * left * removed - removed**2, 0.0).reshape(channels, count)
-    blocks = np.array_split(np.arange(count), _BLOCKS)
-    gains = np.array([gain[:, block].sum() for block in blocks])
-    kept = use.reshape(channels, count)
-    gap = bench.left_over(change) if effects else np.zeros_like(bench.residual)
-    after_all = bench.left_over(bench.residual - change) if effects else misfit
-    strengths = base_noise(design.shape[1] - base_size)
-    size = float(np.sum(project(bench.absorbed, target) ** 2))
-    rest = max(remainder, 0.0) + strengths
-    real = max(size - strengths, 0.0) / max(size, 1e-12)  # noise in the strengths makes the fitted gap too large
-
-    def share(chosen: NDArray[np.intp]) -> float:
-        closed = float(gains[chosen].sum())
-        return float(np.clip(closed / max(closed + rest, 1e-12), 0.0, 1.0))
-
-    samples = [share(rng.integers(0, _BLOCKS, _BLOCKS)) for _ in range(_RESAMPLES)]
-    before, after, by_channel = (np.full(len(CHANNELS), np.nan) for _ in range(3))
-    rms_before, rms_after = np.full(len(CHANNELS), np.nan), np.full(len(CHANNELS), np.nan)
-    for index, column in enumerate(bench.columns):
-        sigma = bench.whiteners[column].sigma * np.sqrt(bench.samples)
-        own = real * float(np.mean(gap[:, column] ** 2))
-        part = own * rest / max(size, 1e-12) if size else sigma**2 * remainder / bench.size
-        before[column] = np.sqrt(own + part * (remainder > 0))
-        after[column] = np.sqrt(part)
-        by_channel[column] = own / max(own + part, 1e-300)
-        seen = kept[index]
-        recorded = np.flatnonzero(np.repeat(seen, bench.block))
-        rms_before[column] = np.sqrt(np.mean(misfit[recorded, column] ** 2))
-        rms_after[column] = np.sqrt(np.mean(after_all[recorded, column] ** 2))
-    whole = np.arange(_BLOCKS)
-    low, high = np.percentile(samples, [2.5, 97.5])
-    return Closure(before, after, share(whole), float(low), float(high), by_channel, rms_before, rms_after)
-
-
-def base_noise(strengths: int) -> float:
-    """Whitened square that estimated strengths themselves leave: one for each."""
-    return float(strengths)
-
-
-def _folds(count: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     block = np.arange(count) * _BLOCKS // count
     within = np.arange(count) * _BLOCKS / count - block
-    return block % FOLDS, (within < _GUARD) | (within > 1.0 - _GUARD)
+    guard = (within < _GUARD) | (within > 1.0 - _GUARD)
+    residual, total, used = linear.left + change, 0.0, 0
+    for fold in range(_FOLDS):
+        train = np.tile((block % _FOLDS != fold) & ~guard, channels)
+        test = np.tile((block % _FOLDS == fold) & ~guard, channels)
+        gram = linear.tangent[train].T @ linear.tangent[train]
+        size = 1e-6 * np.trace(gram) / max(len(gram), 1)
+        move = np.linalg.solve(gram + size * np.eye(len(gram)), linear.tangent[train].T @ linear.left[train])
+        fitted = change[test] + linear.tangent[test] @ move
+        total += float(2.0 * residual[test] @ fitted - fitted @ fitted)
+        used += int(test.sum())
+    return max(total * bench.size / max(used, 1), 0.0)
 
 
-def _solve(design: Array, values: Array) -> Array:
-    gram = design.T @ design
-    return np.asarray(np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ (design.T @ values))
+def share(after: Array, before: Array) -> Closed:
+    """One less the ratio of draws of squared gaps, with its 95 % interval."""
+    closed = 1.0 - after / np.maximum(before, 1e-12)
+    low, value, high = np.percentile(closed, [2.5, 50.0, 97.5])
+    return Closed(float(max(value, -1.0)), float(max(low, -1.0)), float(max(high, -1.0)))
+
+
+def could_hide(discrepancies: Discrepancies, rng: np.random.Generator) -> float:
+    """The largest signal-to-noise at which an error source along a course escapes with a chance above 5 %.
+
+    It escapes where its own Bayes factor, averaged over its amplitudes, leaves "nothing else" the likelier.
+    """
+    largest = 0.0
+    odds = float(np.log(OTHER * (1.0 - OTHER_NOISE) / (1.0 - OTHER)))
+    draws = rng.standard_normal((_TRIALS, max(len(term.values) for term in discrepancies.terms)))
+    for term in discrepancies.terms:
+        squares = draws[:, : len(term.values)] ** 2
+        ratio = np.outer(term.variances, term.values)
+        for index in range(len(term.variances) - 1, -1, -1):
+            snr = float(np.sqrt(term.variances[index] * term.values.sum()))
+            if snr <= largest:
+                break
+            power = squares * (1.0 + ratio[index])  # of products with unit eigenvectors, under this amplitude
+            logs = 0.5 * power @ (ratio / (1.0 + ratio)).T - 0.5 * np.log1p(ratio).sum(axis=1)
+            gains = np.logaddexp.reduce(logs, axis=1) - np.log(len(ratio)) + term.log_prior + odds
+            if np.mean(gains < 0.0) > _ESCAPES:
+                largest = snr
+                break
+    return largest
+
+
+def of_noise(value: float, spread: float, rng: np.random.Generator) -> Array:
+    """(d,) share of a variance that stays wrong when it is known to a standard deviation."""
+    return np.abs(rng.standard_normal(_DRAWS)) * spread / max(value, 1e-300)
+
+
+def elsewhere(bench: Bench, change: Array) -> float | None:
+    """The share of the gap of another maneuver that the causes' change (n, 6) closes there; None without a gap."""
+    fitted = project(bench.absorbed, bench.whiten(change))
+    gain = float(2.0 * bench.whitened @ fitted - fitted @ fitted)
+    floor = bench.size - bench.absorbed.shape[1]
+    noise = float(np.sqrt(2.0 * floor)) * float(ndtri(0.975))
+    gap = float(bench.whitened @ bench.whitened) - floor
+    gap = max(gap, gain) if gap > noise else gain
+    return float(np.clip(gain / gap, -1.0, 1.0)) if gap > 1.0 else None

@@ -116,10 +116,13 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
             found |= {index: channels[index].at(common) for index in fresh}
     for index, shape in shapes.items():
         found.setdefault(index, channels[index].at(shape))
-    return [_with_spare(found[index]) if index in found else channel.white for index, channel in enumerate(channels)]
+    return [
+        _with_spare(found[index], channels[index]) if index in found else channel.white
+        for index, channel in enumerate(channels)
+    ]
 
 
-def _with_spare(noise: ChannelNoise) -> ChannelNoise:
+def _with_spare(noise: ChannelNoise, source: Held) -> ChannelNoise:
     """With one more slow part, next to nothing, where parts are to spare.
 
     What tests of the sweep's noise then take for possible is any slow part that the recording at rest does not exclude.
@@ -127,7 +130,8 @@ def _with_spare(noise: ChannelNoise) -> ChannelNoise:
     if len(noise.parts) == _MOST:
         return noise
     slowest = max(tau_s for _, tau_s in noise.parts)
-    return replace(noise, parts=(*noise.parts, (_SPARE * noise.coloured, _SLOWER * slowest)))
+    longest = max(len(segment) for segment in source.segments) * source.interval_s
+    return replace(noise, parts=(*noise.parts, (_SPARE * noise.coloured, max(_SLOWER * slowest, longest))))
 
 
 def _shared(channels: Sequence[Held], shapes: Sequence[Array]) -> Array | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,16 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap import verdict
 from estimators.gap.basefit import all_readings, estimated_floor, learn_floor, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.blocks import block_size
 from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.defects import explained_away, find_defects, lattice, masked
+from estimators.gap.closure import elsewhere
+from estimators.gap.defects import Defect, explained_away, find_defects, lattice, masked
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.fast_tones import fast_tones
-from estimators.gap.select import Selection, select
-from rig.errors import RefusedFit, RigError
+from estimators.gap.posterior import explain
+from estimators.gap.report import conclude
+from estimators.gap.states import NoiseState
+from rig.effects import EFFECTS
+from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Recording, locked_beside, read_recording
 from rig.threads import one_blas_thread
 
@@ -44,6 +47,7 @@ def diagnose(
     without: Sequence[str] = (),
     arm: Arm | None = None,
     progress: Callable[[float], None] | None = None,
+    prior: Mapping[str, float] | None = None,
 ) -> Diagnosis:
     """Where a recording disagrees with the rig, which effects cause it, and how far the gap closes with them.
 
@@ -56,12 +60,13 @@ def diagnose(
         without: effects to leave out of the catalogue.
         arm: None: the A465 where the recording has joint angles.
         progress: called with the share done, 0 to 1.
+        prior: relative weights of effects, by name; one by default (``estimators.gap.prior.read_prior``).
 
     Raises:
         RigError: the recording is too short, has no pose, a channel that does not respond, or an effect is unknown.
         RefusedFit: the base model cannot be fitted.
     """
-    return examined(run, locked, maneuver2, without, arm, progress)[0]
+    return examined(run, locked, maneuver2, without, arm, progress, prior)[0]
 
 
 @one_blas_thread()
@@ -72,42 +77,61 @@ def examined(
     without: Sequence[str] = (),
     arm: Arm | None = None,
     progress: Callable[[float], None] | None = None,
+    prior: Mapping[str, float] | None = None,
 ) -> tuple[Diagnosis, Bench]:
     """As ``diagnose``, with the bench that the recording was put on: its base fit, nothing left out."""
     begun = time.perf_counter()
     recording = run if isinstance(run, Recording) else read_recording(run, joints=None if arm is None else arm.dof)
     check(recording)
-    verdict.check_names(without)
-    rest = _locked(run, locked)
+    check_names(without)
     if arm is None and recording.q is not None:
         from rig.arm import Arm as Arms
 
         arm = Arms.a465()
-    interval = float(np.median(np.diff(recording.t)))
-    floor, step, source = _floor(recording, rest, interval, arm)
+    rest = _locked(run, locked)
+    floor, step, source = _floor(recording, rest, arm)
     bench = set_up(recording, floor, arm)
     defects = find_defects(bench, step)
-    block = block_size(len(recording), interval)
+    block = block_size(len(recording), bench.interval_s)
     while True:
         tones, clean = fast_tones(masked(bench, defects), block, without)
         clean = clean.averaged(block)
-        state = select(clean.pointwise(), without, progress)
-        effects = [cause.fit.effect for cause in state.causes]
-        left = explained_away(bench, defects, state.bench.pipeline, effects, _raised(state, block, len(recording)))
-        if sum(int(each.affected.sum()) for each in left) >= _FEWER * sum(int(each.affected.sum()) for each in defects):
+        posterior = explain(clean.pointwise(), without, rest is not None, prior, progress)
+        leading = posterior.leading
+        effects = [fit.effect for fit in leading.explanation.fits]
+        raised = _raised(leading.state, block, len(recording))
+        left = explained_away(bench, defects, leading.explanation.bench.pipeline, effects, raised)
+        if _affected(left) >= _FEWER * _affected(defects):
             break
         defects = left
-    result = verdict.conclude(recording, clean, state, [*defects, *tones], without, floor, source)
-    if maneuver2 is not None:
+    result, effects = conclude(recording, clean, posterior, [*defects, *tones], without, floor, source)
+    if maneuver2 is not None and effects:
         second = maneuver2 if isinstance(maneuver2, Recording) else read_recording(maneuver2)
         check(second)
-        result = verdict.judged_elsewhere(result, state, _averaged(set_up(second, floor, arm)))
+        other = _averaged(set_up(second, _floor(second, _locked(maneuver2, None) or rest, arm)[0], arm))
+        share = elsewhere(other, other.change(effects))
+        result = replace(result, closed_on="both", closed_elsewhere=share)
     return replace(result, seconds=time.perf_counter() - begun), bench
 
 
-def _raised(state: Selection, block: int, count: int) -> Array | None:
+def check_names(without: Sequence[str]) -> None:
+    """Refuse names that are no effects.
+
+    Raises:
+        RigError: an unknown effect.
+    """
+    for name in without:
+        if name not in EFFECTS:
+            raise unknown_name("effect", name, EFFECTS)
+
+
+def _affected(defects: Sequence[Defect]) -> int:
+    return sum(int(each.affected.sum()) for each in defects)
+
+
+def _raised(state: NoiseState, block: int, count: int) -> Array | None:
     """(count, 6) how far named noise exceeds the floor at each sample; None where none varies in time."""
-    added = [offer.added for offer in state.noises if offer.in_time]
+    added = [offer.added for offer in state.offers if offer.in_time]
     if not added:
         return None
     raised = np.repeat(np.sqrt(1.0 + sum(added)), block, axis=0)
@@ -148,9 +172,7 @@ def _locked(run: Recording | PathLike, locked: Recording | PathLike | None) -> R
     return None if beside is None else read_recording(beside)
 
 
-def _floor(
-    recording: Recording, rest: Recording | None, interval: float, arm: Any
-) -> tuple[tuple[ChannelNoise, ...], Array, str]:
+def _floor(recording: Recording, rest: Recording | None, arm: Any) -> tuple[tuple[ChannelNoise, ...], Array, str]:
     if rest is None:
         return estimated_floor(recording, arm), np.full(6, np.nan), "estimated from the recording itself"
     for sensor in recording.sensors:
@@ -159,4 +181,5 @@ def _floor(
                 f"{rest.origin or rest.name}: the locked recording has no {sensor} in {recording.unit(sensor)!r}, "
                 "expected the sensors and units of the recording"
             )
+    interval = float(np.median(np.diff(recording.t)))
     return learn_floor(rest, interval), lattice(all_readings(rest)), "locked recording"

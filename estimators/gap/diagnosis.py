@@ -1,30 +1,42 @@
-"""The diagnosis contract ``rig-diagnosis/1``: where the gap lies, which effect causes it, how far it closes."""
+"""The diagnosis contract ``rig-diagnosis/2``: what explains a gap, with what probability, where, how far it closes."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final, Literal
 
 from rig.files import write_text
 
-FORMAT: Final = "rig-diagnosis/1"
-Verdict = Literal["no-gap", "named", "ambiguous", "unknown"]
+FORMAT: Final = "rig-diagnosis/2"
+Verdict = Literal["no-gap", "named", "ambiguous", "partly", "unknown"]
+Number = float | None
 
 
 @dataclass(frozen=True)
 class Estimate:
     """A fitted parameter: value and standard deviation, a number or one for each component, and its unit.
 
-    A parameter that is a name, such as the source of a crosstalk, is its own value.
+    A parameter that is a name, such as the source of a crosstalk, is its own value. A component that the data do not
+    feel is None, and ``why`` says so.
     """
 
-    value: float | tuple[float, ...] | str
-    std: float | tuple[float, ...] | None
+    value: Number | tuple[Number, ...] | str
+    std: Number | tuple[Number, ...]
     unit: str
+    why: str | None = None
+
+
+@dataclass(frozen=True)
+class Closed:
+    """A share of the squared gap, with its 95 % interval; None where nothing is to close."""
+
+    value: Number
+    low: Number
+    high: Number
 
 
 @dataclass(frozen=True)
@@ -33,20 +45,28 @@ class Cause:
 
     Attributes:
         effect, where: name and place in the catalogue.
-        probability: among the causes that the data cannot split from it.
-        equivalent: these causes, each ``effect`` and ``where``.
-        parameters: by name.
-        p_value: of the cause's test, with the others in place.
+        probability: of all explanations that hold it or one of its equivalents.
+        equivalent: causes that do the same to this recording, each ``effect``, ``where`` and ``probability``.
+        parameters: by name; widths over all explanations that hold the cause.
         closed: share of the gap that it closes.
     """
 
     effect: str
     where: str
     probability: float
-    equivalent: tuple[Mapping[str, str], ...]
+    equivalent: tuple[Mapping[str, Any], ...]
     parameters: Mapping[str, Estimate]
-    p_value: float
-    closed: float
+    closed: Closed
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One explanation: its causes, each (effect, place), whether something outside the catalogue is part of it, and its
+    posterior probability."""
+
+    causes: tuple[tuple[str, str], ...]
+    other: bool
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -62,17 +82,36 @@ class Channel:
 
 
 @dataclass(frozen=True)
+class Remainder:
+    """What the causes leave.
+
+    Attributes:
+        verdict: "noise" or "structured".
+        follows: what it follows then: ``source``, ``course`` and ``share`` of the gap.
+        could_hide_snr: the largest gap of an error source along a course that would have escaped with a chance above
+            5 %, as signal-to-noise.
+    """
+
+    verdict: str
+    follows: tuple[Mapping[str, Any], ...]
+    could_hide_snr: float | None
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """A recording's diagnosis.
 
     Attributes:
-        recording, samples, seconds: what was diagnosed, and how long that took.
-        verdict: "no-gap", "named", "ambiguous" or "unknown".
-        causes: empty for no gap; for "unknown" what could be named.
+        recordings, samples, seconds: what was diagnosed, and how long that took.
+        verdict: "no-gap", "named", "ambiguous", "partly" or "unknown"; from the probabilities alone.
+        posterior: of "nothing" beyond the floor, "known" causes alone, and something "other" with or without causes.
+        omitted: the probability of the explanations that are not listed.
+        hypotheses: the explanations, the likeliest first.
+        causes: those of the likeliest explanation and those that are likely, the likeliest first; empty for no gap.
         channels: by name. follows: shares of the gap by what it follows.
-        closed, closed_low, closed_high, closed_on: share of the squared gap that the causes close, its 95 % interval.
+        closed: share of the squared gap that the causes close. closed_on: what that was judged on.
         closed_elsewhere: the share of another maneuver's gap that they close there; None without one.
-        remainder: "noise" or "structured". remainder_follows: what it follows then.
+        remainder: what is left.
         calibration_shift: by parameter: before, after, and the difference in standard deviations.
         cannot_tell: effects that this recording cannot show, each with the reason.
         next: the maneuver that would tell more; None where none is needed.
@@ -80,48 +119,74 @@ class Diagnosis:
         warnings: in words.
     """
 
-    recording: str
+    recordings: tuple[str, ...]
     samples: int
     seconds: float
     verdict: Verdict
+    posterior: Mapping[str, float]
+    omitted: float
+    hypotheses: tuple[Hypothesis, ...]
     causes: tuple[Cause, ...]
     channels: Mapping[str, Channel]
     follows: tuple[Mapping[str, Any], ...]
-    closed: float | None
-    closed_low: float | None
-    closed_high: float | None
+    closed: Closed
     closed_on: str
-    remainder: str
-    remainder_follows: tuple[Mapping[str, Any], ...]
+    remainder: Remainder
     calibration_shift: Mapping[str, Mapping[str, float]]
     cannot_tell: tuple[Mapping[str, str], ...]
     next: Mapping[str, Any] | None
     floor: str
     warnings: tuple[str, ...] = ()
     closed_elsewhere: float | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def recording(self) -> str:
+        """The name of what was diagnosed."""
+        return " and ".join(self.recordings)
+
+    @property
+    def leading(self) -> tuple[Cause, ...]:
+        """The causes of the likeliest explanation: those that are put into a simulator."""
+        left = list(self.hypotheses[0].causes) if self.hypotheses else []
+        found = []
+        for cause in self.causes:
+            if (name := (cause.effect, cause.where)) in left:
+                left.remove(name)
+                found.append(cause)
+        return tuple(found)
+
+    @property
+    def established(self) -> tuple[Cause, ...]:
+        """The causes of which one may speak as found."""
+        return tuple(cause for cause in self.causes if cause.probability >= ESTABLISHED)
 
     def to_json(self) -> Any:
         """The contract's object."""
         return _plain(
             {
                 "format": FORMAT,
-                "recording": self.recording,
+                "recordings": list(self.recordings),
                 "samples": self.samples,
                 "seconds": round(self.seconds, 3),
                 "verdict": self.verdict,
-                "causes": [asdict(cause) for cause in self.causes],
+                "posterior": dict(self.posterior),
+                "omitted": self.omitted,
+                "hypotheses": [
+                    {
+                        "causes": [list(each) for each in one.causes],
+                        "other": one.other,
+                        "probability": one.probability,
+                    }
+                    for one in self.hypotheses
+                ],
+                "causes": [self._cause(cause) for cause in self.causes],
                 "where": {
                     "channels": {name: asdict(channel) for name, channel in self.channels.items()},
                     "follows": [dict(share) for share in self.follows],
                 },
-                "closed": {
-                    "value": self.closed,
-                    "low": self.closed_low,
-                    "high": self.closed_high,
-                    "on": self.closed_on,
-                    "other_maneuver": self.closed_elsewhere,
-                },
-                "remainder": {"verdict": self.remainder, "follows": [dict(each) for each in self.remainder_follows]},
+                "closed": {**asdict(self.closed), "on": self.closed_on, "other_maneuver": self.closed_elsewhere},
+                "remainder": asdict(self.remainder),
                 "calibration_shift": {name: dict(shift) for name, shift in self.calibration_shift.items()},
                 "cannot_tell": [dict(each) for each in self.cannot_tell],
                 "next": None if self.next is None else dict(self.next),
@@ -129,6 +194,15 @@ class Diagnosis:
                 "warnings": list(self.warnings),
             }
         )
+
+    def _cause(self, cause: Cause) -> dict[str, Any]:
+        found = asdict(cause)
+        for estimate in found["parameters"].values():
+            if estimate["why"] is None:
+                del estimate["why"]
+        if cause.where in self.names:
+            found["name"] = self.names[cause.where]
+        return found
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the JSON file, whole or not at all.
@@ -144,21 +218,38 @@ class Diagnosis:
     def sentence(self) -> str:
         """The verdict in words that a person can act on."""
         if self.verdict == "no-gap":
-            return "no gap: what the model leaves is the noise floor"
-        named = " and ".join(describe(cause) for cause in self.causes)
-        if self.verdict == "unknown":
-            follows = ", ".join(str(each["variable"]) for each in self.remainder_follows[:3])
-            known = f"{named}, but " if named else ""
-            return f"unknown: {known}something outside the catalogue is left" + (
-                f"; it follows {follows}" if follows else ""
-            )
-        return f"{self.verdict}: {named}{self._consequences()}"
+            return f"no gap: what the model leaves is the noise floor (probability {chance(self.posterior['nothing'])})"
+        if self.verdict == "named":
+            named = " and ".join(describe(cause) for cause in self.leading)
+            return f"named: {named}, probability {chance(self.hypotheses[0].probability)}{self._consequences()}"
+        if self.verdict == "ambiguous":
+            return f"ambiguous: {self._alternatives()}{self._consequences()}"
+        left = self._left()
+        if self.verdict == "partly":
+            named = " and ".join(describe(cause) for cause in self.established)
+            return f"partly: {named} established; {left}"
+        return f"unknown: {left}"
+
+    def _alternatives(self) -> str:
+        sets = [one for one in self.hypotheses if one.causes and not one.other][:5]
+        texts = [
+            f"{' with '.join(' of '.join(each) for each in one.causes)} ({chance(one.probability)})" for one in sets
+        ]
+        return " or ".join(texts)
+
+    def _left(self) -> str:
+        other = self.posterior["other"]
+        follows = "; ".join(_followed(each) for each in self.remainder.follows[:2])
+        if other >= 0.5:
+            text = f"something outside the catalogue is there (probability {chance(other)})"
+            return text + (f": {follows}" if follows else "")
+        return f"no explanation stands out: {self._alternatives() or 'none fits'}"
 
     def _consequences(self) -> str:
         parts = []
-        if self.closed is not None and self.closed_low is not None and self.closed_high is not None:
-            share = percent(self.closed, self.closed_low, self.closed_high)
-            parts.append(f"closes {share} of the gap on held-out blocks")
+        if self.closed.value is not None:
+            share = percent(self.closed.value, self.closed.low, self.closed.high)
+            parts.append(f"closes {share} of the gap")
             if self.closed_elsewhere is not None:
                 parts[-1] += f" and {percent(self.closed_elsewhere)} on the other maneuver"
         worst = sorted(
@@ -169,9 +260,42 @@ class Diagnosis:
             name, shift = max(self.calibration_shift.items(), key=lambda item: abs(item[1]["sigmas"]))
             if abs(shift["sigmas"]) >= 1.0:
                 parts.append(f"it had shifted {name} by {abs(shift['sigmas']):.0f} sigma")
-        if self.remainder == "noise":
+        if self.remainder.verdict == "noise":
             parts.append("nothing left above the floor")
         return ": " + "; ".join(parts)
+
+
+#: Probabilities from which on an explanation is named, a cause is established, and there is no gap.
+NAMED: Final = 0.9
+ESTABLISHED: Final = 0.95
+NO_GAP: Final = 0.5
+_SETS: Final = 5
+
+
+def verdict_of(posterior: Mapping[str, float], hypotheses: Sequence[Hypothesis], causes: Sequence[Cause]) -> Verdict:
+    """The first verdict that holds: no-gap, named, ambiguous, partly, unknown."""
+    if posterior["nothing"] >= NO_GAP:
+        return "no-gap"
+    sets = [one.probability for one in hypotheses if one.causes and not one.other]
+    if sets and sets[0] >= NAMED:
+        return "named"
+    if sum(sets[:_SETS]) >= NAMED:
+        return "ambiguous"
+    return "partly" if any(cause.probability >= ESTABLISHED for cause in causes) else "unknown"
+
+
+def chance(probability: float) -> str:
+    """A probability, to as many digits as tell it from certainty: ".93", ".998", "> .999"."""
+    if probability > 0.999:
+        return "> .999"
+    if probability < 0.001:
+        return "< .001"
+    digits = 2 if 0.01 <= probability <= 0.99 else 3
+    return f"{probability:.{digits}f}".removeprefix("0")
+
+
+def _followed(each: Mapping[str, Any]) -> str:
+    return f"{each['source']}, along {each['course']}, {percent(each['share'])} of the gap"
 
 
 def describe(cause: Cause) -> str:
@@ -180,7 +304,7 @@ def describe(cause: Cause) -> str:
     text = f"{cause.effect} of {cause.where}" + (f" ({', '.join(sizes[:3])})" if sizes else "")
     if cause.equivalent:
         others = [f"{each['effect']} of {each['where']}" for each in cause.equivalent]
-        text += " or " + " or ".join(others)
+        text += " (the same here: " + ", ".join(others) + ")"
     return text
 
 
@@ -198,7 +322,12 @@ def _hundredths(share: float | None) -> str:
 
 
 def _size(name: str, estimate: Estimate) -> str:
-    if isinstance(estimate.value, tuple | str) or estimate.std is None or isinstance(estimate.std, tuple):
+    if (
+        isinstance(estimate.value, tuple | str)
+        or estimate.value is None
+        or estimate.std is None
+        or isinstance(estimate.std, tuple)
+    ):
         return ""
     if estimate.unit == "rad":
         return f"{math.degrees(estimate.value):.3g} +- {math.degrees(estimate.std):.1g} deg"

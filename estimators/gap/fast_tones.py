@@ -18,12 +18,14 @@ from estimators.gap.defects import Defect
 from estimators.gap.refine import Fitted, started
 from estimators.gap.scan import Offer
 from estimators.gap.score import Explained
-from estimators.gap.select import SIGNIFICANT, STRONG
 from estimators.gap.tones import best_tone, envelopes
 from rig.channels import CHANNELS
 
 Array = NDArray[np.float64]
 
+#: Logarithm of the largest p-value and the least evidence (twice a log Bayes factor) of a tone.
+SIGNIFICANT: Final = float(np.log(5e-4))
+STRONG: Final = 10.0
 #: So many tones at most.
 _MOST: Final = 2
 #: A tone is fast from this share of the rate of the means on.

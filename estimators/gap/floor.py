@@ -24,6 +24,8 @@ _ALIKE: Final = 0.03
 _STEP: Final = 0.05
 #: Bounds of the logarithms of white part, coloured part and time, about what was learned.
 _WHITE, _COLOURED, _TIME = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5)
+#: Prior standard deviations of the logarithms of a coloured part's size and time about what was learned.
+_SIZES, _TIMES = 1.5, 0.7
 #: Logarithm of how much larger the slowest part may turn out, to start from.
 _LARGER: Final = 3.0
 #: Twice a gain below which it is not worth a search.
@@ -113,6 +115,14 @@ class Learned:
         found = parts(self.noise, middles, interval_s)
         return counts, found.times(1.0 / found.at(np.zeros(self.free)))
 
+    def information(self, point: Array) -> Array:
+        """Fisher information of a point in the recording at rest."""
+        if self.free == 1:
+            return np.array([[0.5 * self.noise.samples]])
+        counts, shares = self._at_rest
+        slopes = shares.gradient(point) / shares.at(point)
+        return np.asarray((slopes * counts) @ slopes.T)
+
     def penalty(self, point: Array) -> tuple[float, Array]:
         """Minus twice the log likelihood of the channel's recording at rest, from its largest; and its gradient.
 
@@ -179,7 +189,7 @@ class Spectrum:
         )  # of the loss: below zero where more fits
         curvature = 1.0 / self._spread(start, 0.0, relative) ** 2
         if score >= 0.0:
-            return 0.0, 0.0, np.inf
+            return 0.0, 0.0, 1.0 / np.sqrt(curvature) / largest
         promise = 0.25 * score**2 / curvature
         if promise < _NOTHING:
             return -0.5 * score / curvature / largest, promise, 1.0 / np.sqrt(curvature) / largest
@@ -192,7 +202,7 @@ class Spectrum:
         found = minimize(self._loss, best, args=(relative,), jac=True, method="L-BFGS-B", bounds=bounds)
         gain = nothing - float(found.fun)
         if gain <= 0.0:
-            return 0.0, 0.0, np.inf
+            return 0.0, 0.0, 1.0 / np.sqrt(curvature) / largest
         ratio = float(np.exp(found.x[-1]))
         return ratio / largest, gain, self._spread(found.x[:-1], ratio, relative) / largest
 
@@ -211,6 +221,20 @@ class Spectrum:
         if variance <= 0.0:  # far from the likeliest floor the observed information need not be positive
             variance = 1.0 / float(information[-1, -1])
         return float(np.sqrt(variance))
+
+    def price(self, point: Array) -> float:
+        """log of the share that a point takes of what the recording at rest, and a prior, leave possible (Laplace)."""
+        total = self.floor.at(point)
+        slopes = self.floor.gradient(point) / total
+        sweep = 0.5 * (slopes * self.counts) @ slopes.T
+        known = self.learned.information(point) + np.diag(self._prior)
+        spread = np.linalg.slogdet(known + sweep)[1] - np.linalg.slogdet(known)[1]
+        return -0.5 * float(spread + self._prior[1:] @ point[1:] ** 2)
+
+    @property
+    def _prior(self) -> Array:
+        """Prior precisions of the logarithms of the white part, and of the coloured parts' sizes and times."""
+        return np.array([1e-2, *[1.0 / _SIZES**2, 1.0 / _TIMES**2] * (self.learned.free // 2)])
 
     def misfit(self, bands: int, fewest: float) -> tuple[float, int]:
         """How far the squares are from the likeliest floor, and it from what was learned: chi-square and its degrees.

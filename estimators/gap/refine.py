@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import STEP, Candidate, Shape
-from estimators.gap.scan import Offer
+from estimators.gap.scan import KEPT, Offer
 from estimators.gap.score import ABSORBED, Explained
 from rig.effects import Effect
 from rig.effects.parameters import Parameter, Value
 
 Array = NDArray[np.float64]
 
-#: Shapes that a fit cannot move smoothly: found by the scan and kept.
-_FIXED = ("at_s", "order")
 #: Strengths are held near zero by a prior of so many typical sizes, inverted: what the calibration absorbs stays there.
 _HELD = 1e-2
 #: Damping of the first step; the least and the largest.
@@ -79,7 +77,7 @@ class Fitted:
 def started(offer: Offer, bench: Bench, explained: Explained) -> Fitted:
     """The fit's start: the offer's shape, the best of a few phases, and strengths by linear least squares."""
     effect = offer.candidate.effect
-    kept = {name: value for name, value in offer.shape.items() if name in _FIXED}
+    kept = {name: value for name, value in offer.shape.items() if name in KEPT}
     best: tuple[float, Fitted] | None = None
     for spanned in _tries(offer):
         shape: dict[str, Value] = {**offer.shape, **spanned}

@@ -1,12 +1,11 @@
 """Scanning a candidate's shapes: the one whose columns explain most, and what having searched costs.
 
-Every candidate is first looked at on means over neighbouring samples, which smooth effects outlive; those that explain
-most there are then scored sample by sample.
+Smooth effects are looked at on means over neighbouring samples, which they outlive; others sample by sample.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -20,13 +19,11 @@ from estimators.gap.tones import best_tone, envelopes
 
 Array = NDArray[np.float64]
 
+#: Shapes that a fit cannot move smoothly: found by the scan and kept.
+KEPT: Final = ("at_s", "order")
 #: An onset leaves at least this share of the samples on either side.
 _EDGE: Final = 0.01
-#: What is within this evidence, or this share, of the best at first look is looked at sample by sample.
-_CLOSE, _SHARE = 20.0, 0.15
-#: So many shapes of a candidate are looked at sample by sample.
-_SHAPES: Final = 3
-#: Evidence below which the first look will do.
+#: Evidence below which a tone's first look will do.
 _NOTHING: Final = 6.0
 
 
@@ -39,12 +36,17 @@ class Offer:
         shape: the best of the searched shapes.
         score: at that shape.
         searched: how many distinguishable shapes were tried.
+        spread: logarithm of how many shapes that a fit keeps were as likely beforehand, less that of those which
+            explain as much.
+        widths: standard deviations of such shapes.
     """
 
     candidate: Candidate
     shape: Shape
     score: Score
     searched: int = 1
+    spread: float = 0.0
+    widths: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def evidence(self) -> float:
@@ -85,6 +87,10 @@ class Look:
                 self.kept[key] = Kept(columns, explained.projected(columns))
             score = _possible(candidate, explained.score(self.kept[key].columns, self.kept[key].gram))
             found.append(Offer(candidate, shape, score, len(every)))
+        if set(every[0]) & set(KEPT) and shapes is None:
+            likely = np.array([0.5 * offer.score.statistic for offer in found])
+            spread = float(np.log(len(likely)) - np.logaddexp.reduce(likely - likely.max()))
+            found = [replace(offer, spread=spread) for offer in found]
         return sorted(found, key=lambda offer: -offer.score.statistic)
 
     def stepped(self, steps: Sequence[Step]) -> Look:
@@ -115,22 +121,13 @@ class Scanner:
         return cls(fine if coarse is bench else Look(coarse), fine)
 
     def scan(self, candidates: Iterable[Candidate], explained: Explained, roughly: Explained) -> list[Offer]:
-        """The best offer of each candidate, the most evident first.
+        """The best offer of each candidate, the most evident first; of equals those of joints that stand still last.
 
         Args:
             explained, roughly: on the bench, and on its means.
         """
-        candidates = list(candidates)
         offers = [self._first(candidate, explained, roughly) for candidate in candidates]
-        best = max((offer.evidence for offer in offers), default=0.0)
-        least = max(best - max(_CLOSE, _SHARE * best), _NOTHING)
-        found = [
-            self._second(offer, explained, roughly)
-            if offer.evidence > least and self._smooth(offer.candidate)
-            else offer
-            for offer in offers
-        ]
-        return sorted(found, key=lambda offer: -offer.evidence)
+        return sorted(offers, key=lambda offer: (-offer.evidence, _stands(offer.candidate, self.fine.bench)))
 
     def visible(self, candidate: Candidate, roughly: Explained) -> float:
         """The largest share of a candidate's change that the calibration leaves; not for a tone or an onset."""
@@ -161,11 +158,6 @@ class Scanner:
             return self.rough.best(candidate, roughly)[0]
         return self.fine.best(candidate, explained)[0]
 
-    def _second(self, first: Offer, explained: Explained, roughly: Explained) -> Offer:
-        candidate = first.candidate
-        promising = [offer.shape for offer in self.rough.best(candidate, roughly)[:_SHAPES]]
-        return self.fine.best(candidate, explained, promising)[0]
-
     def _tone(self, candidate: Candidate, explained: Explained) -> Offer:
         bench = self.fine.bench
         if candidate.label not in self._envelopes:
@@ -173,6 +165,13 @@ class Scanner:
         raw = self._envelopes[candidate.label]
         score, frequency, tried = best_tone(candidate, bench, explained, raw, _NOTHING)
         return Offer(candidate, {"freq_Hz": frequency}, score, tried)
+
+
+def _stands(candidate: Candidate, bench: Bench) -> bool:
+    """Whether a candidate is of a joint that stands still: of places that do the same it comes last."""
+    if not candidate.where.startswith("joint") or bench.base.q_encoder is None:
+        return False
+    return bool(np.ptp(bench.base.q_encoder[:, int(candidate.where.removeprefix("joint")) - 1]) < 1e-3)
 
 
 def _possible(candidate: Candidate, score: Score) -> Score:
@@ -203,7 +202,12 @@ def _onset(candidate: Candidate, bench: Bench, explained: Explained) -> Offer:
     # b phi(b) ln((1 - e) / e)^2, over that of one instant, 2 phi(b) / b
     tries = max(1, int(np.ceil(score.statistic * np.log((1.0 - _EDGE) / _EDGE))))
     at_s = 0.5 * float(bench.t[best] + bench.t[best - 1])
-    return Offer(candidate, {"at_s": at_s}, score, tries)
+    likely = 0.5 * (statistics - statistics.max())
+    spread = float(np.log(len(likely)) - np.logaddexp.reduce(likely))
+    weight = np.exp(likely - np.logaddexp.reduce(likely))
+    middles = 0.5 * (bench.t[edge:-edge] + bench.t[edge - 1 : -edge - 1])
+    width = float(np.sqrt(weight @ (middles - at_s) ** 2 + bench.interval_s**2 / 12.0))
+    return Offer(candidate, {"at_s": at_s}, score, tries, spread, {"at_s": width})
 
 
 def _stepped(columns: Columns, bench: Bench, steps: Sequence[Step]) -> Columns:

@@ -1,13 +1,14 @@
-"""How far a maneuver would separate the causes that a recording cannot split.
+"""How far a maneuver would separate the explanations between which a recording does not decide.
 
 T-optimality (Atkinson and Fedorov, "The design of experiments for discriminating between two rival models", Biometrika
-62, 1975): one cause, as it was fitted, makes the readings of the maneuver; another explains them as well as it can,
+62, 1975): one of them, as it was fitted, makes the readings of the maneuver; another explains them as well as it can,
 with its own parameters and the calibration free. The squared whitened distance that is left is the noncentrality of
-the chi-square by which the wrong cause will fit worse.
+the chi-square by which the wrong one will fit worse.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,11 +21,11 @@ from scipy.special import ndtr, ndtri
 from estimators.gap.bench import Bench, known, orthonormal, project
 from estimators.gap.candidates import Candidate, all_candidates
 from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.diagnosis import Cause, Diagnosis
+from estimators.gap.diagnosis import NAMED, Cause, Diagnosis
 from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
-from estimators.gap.scan import Scanner
+from estimators.gap.scan import KEPT, Scanner
 from estimators.gap.score import ABSORBED
-from rig.effects import EFFECTS, Effect, Kind
+from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
 from rig.pipeline import Pipeline
 from rig.signals import Signals
 
@@ -34,13 +35,16 @@ Array = NDArray[np.float64]
 _Z95 = float(ndtri(0.975))
 #: Squared share of a column's length below which it depends on the others: Gram matrices resolve no smaller ones.
 _RANK = 1e-10
-#: So many rivals of one cause are weighed against it and each other: those named first.
-MOST_RIVALS = 5
+#: So many explanations are weighed against each other: the likeliest.
+MOST_EXPLANATIONS = 5
+
+#: A set of causes, each (effect, place).
+Causes = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
-class Hypothesis:
-    """An explanation of a recording: effects fitted to it together, the contested one last.
+class Explanation:
+    """A set of effects fitted to a recording together.
 
     Attributes:
         fits: the effects with their parameters.
@@ -53,21 +57,21 @@ class Hypothesis:
     hidden: Array
 
     @property
-    def contested(self) -> Effect:
-        """The effect that the others contest."""
-        return self.fits[-1].effect
-
-    @property
-    def effects(self) -> list[Effect]:
-        """All effects."""
-        return [fit.effect for fit in self.fits]
+    def effects(self) -> tuple[Effect, ...]:
+        """Its effects."""
+        return tuple(fit.effect for fit in self.fits)
 
     @property
     def size(self) -> int:
         """The number of fitted parameters."""
         return len(self.covariance)
 
-    def moved(self, change: Array) -> Hypothesis:
+    def within(self, other: Explanation) -> bool:
+        """Whether another explanation has all of its effects, and more."""
+        mine, others = (Counter((each.name, each.where) for each in one.effects) for one in (self, other))
+        return mine < others
+
+    def moved(self, change: Array) -> Explanation:
         """With the values changed by ``change`` (p,) in typical sizes."""
         ends = np.cumsum([len(fit.values) for fit in self.fits])[:-1]
         parts = zip(self.fits, np.split(change, ends), strict=True)
@@ -83,14 +87,14 @@ class Separation:
     """What a maneuver promises for a pair: the truth, and a rival that explains its readings as well as it can.
 
     Attributes:
-        truth, rival: the contested effects.
+        truth, rival: the effects of both.
         noncentrality: of the chi-square by which the rival fits worse.
         low, high: 95 % interval of that chi-square as it will be measured: noise, and the truth's fitted parameters.
             Where the recording does not feel all of these, the least separation is promised, and high is infinite.
     """
 
-    truth: Effect
-    rival: Effect
+    truth: tuple[Effect, ...]
+    rival: tuple[Effect, ...]
     noncentrality: float
     low: float
     high: float
@@ -101,54 +105,91 @@ class Separation:
         return float(ndtr(-0.5 * np.sqrt(self.noncentrality)))
 
 
-def contests(bench: Bench, diagnosis: Diagnosis) -> list[tuple[Hypothesis, ...]]:
-    """For each cause that has equivalents: the diagnosis, and the same with each equivalent in the cause's place.
+def rivals(diagnosis: Diagnosis) -> tuple[Causes, ...]:
+    """The sets of causes between which a recording does not decide, the likeliest first; empty where it does.
+
+    The likeliest sets of catalogue effects alone, as many as it takes to reach the probability of a named one; then
+    the likeliest of them with what does the same to this recording in a cause's place.
+    """
+    if diagnosis.verdict not in ("named", "ambiguous"):
+        return ()
+    found: list[Causes] = []
+    reached = 0.0
+    for one in diagnosis.hypotheses:
+        if one.causes and not one.other and reached < NAMED:
+            found.append(one.causes)
+            reached += one.probability
+    for cause in diagnosis.causes:
+        own = cause.effect, cause.where
+        if found and own in found[0]:
+            index = found[0].index(own)
+            for each in cause.equivalent:
+                other = str(each["effect"]), str(each["where"])
+                found.append((*found[0][:index], other, *found[0][index + 1 :]))
+    kept = tuple(dict.fromkeys(found))[:MOST_EXPLANATIONS]
+    return kept if len(kept) > 1 else ()
+
+
+def contest(bench: Bench, diagnosis: Diagnosis) -> tuple[Explanation, ...]:
+    """The sets between which a recording does not decide, each fitted to it; empty where fewer than two are left.
 
     Noise effects are no part of it: no maneuver tells one spectrum from another.
 
     Args:
         bench: of the diagnosed recording, the calibration alone fitted.
     """
-    causes = [cause for cause in diagnosis.causes if EFFECTS[cause.effect].kind is Kind.MEAN]
-    fits = [fitted_cause(cause) for cause in causes]
     scanner = Scanner.of(bench)
-    found = []
-    for index, cause in enumerate(causes):
-        if not cause.equivalent:
-            continue
-        others, explained = refit(fits[:index] + fits[index + 1 :], bench)
-        roughly = explained_by(others, scanner.rough.bench)
-        group = [_hypothesis((*others, fits[index]), bench)]
-        for each in cause.equivalent[:MOST_RIVALS]:
-            offers = scanner.scan(_named(bench, each["effect"], each["where"]), explained, roughly)
-            if offers and offers[0].score.rank:
-                rival, _ = refit([*others, started(offers[0], bench, explained)], bench)
-                group.append(_hypothesis(tuple(rival), bench))
-        if len(group) > 1:
-            found.append(tuple(group))
-    return found
+    found: dict[Causes, Explanation] = {}
+    for causes in rivals(diagnosis):
+        means = tuple(sorted(each for each in causes if EFFECTS[each[0]].kind is Kind.MEAN))
+        if means and means not in found and (fits := _fitted(means, diagnosis, bench, scanner)):
+            found[means] = _explanation(fits, bench)
+    return tuple(found.values()) if len(found) > 1 else ()
+
+
+def _fitted(causes: Causes, diagnosis: Diagnosis, bench: Bench, scanner: Scanner) -> tuple[Fitted, ...]:
+    """A set fitted: from the diagnosed parameters, and what it did not report from a scan beside these."""
+    told = list(diagnosis.causes)
+    fits: list[Fitted] = []
+    missing = []
+    for name in causes:
+        cause = next((each for each in told if (each.effect, each.where) == name), None)
+        if cause is None:
+            missing.append(name)
+        else:
+            told.remove(cause)
+            fits.append(fitted_cause(cause))
+    fits, explained = refit(fits, bench)
+    for name in missing:
+        offers = scanner.scan(_named(bench, *name), explained, explained_by(fits, scanner.rough.bench))
+        if not offers or not offers[0].score.rank:
+            return ()
+        fits, explained = refit([*fits, started(offers[0], bench, explained)], bench)
+    return tuple(fits)
 
 
 def fitted_cause(cause: Cause) -> Fitted:
-    """A diagnosed mean cause as it was fitted."""
+    """A diagnosed mean cause as it was fitted; what the recording did not feel has its neutral value."""
     effect = EFFECTS[cause.effect]
     names = {name: str(cause.parameters[name].value) for name in effect.choices()}
+    values = {name: estimate.value for name, estimate in cause.parameters.items()}
+    made = make_effect(cause.effect, without_nulls(cause.effect, {"where": cause.where, **values}))
     kept = {
-        item.name: cause.parameters[item.name].value
+        item.name: getattr(made, item.name)
         for item in effect.parameters()
-        if cause.parameters[item.name].std is None
+        if item.name in KEPT or values.get(item.name) is None
     }
-    fit = Fitted(Candidate(effect, cause.where, names), np.empty(0), kept)  # type: ignore[arg-type]
-    values = [np.atleast_1d(np.asarray(cause.parameters[item.name].value, dtype=float)) for item in fit.free]
-    return replace(fit, values=np.concatenate(values))
+    fit = Fitted(Candidate(effect, cause.where, names), np.empty(0), kept)
+    numbers = [np.atleast_1d(np.asarray(getattr(made, item.name), dtype=float)) for item in fit.free]
+    return replace(fit, values=np.concatenate(numbers) if numbers else np.empty(0))
 
 
 def _named(bench: Bench, effect: str, where: str) -> list[Candidate]:
     return [each for each in all_candidates(bench) if (each.effect.name, each.where) == (effect, where)]
 
 
-def _hypothesis(fits: tuple[Fitted, ...], bench: Bench) -> Hypothesis:
-    found = Hypothesis(fits, np.empty((0, 0)), np.empty((0, 0)))
+def _explanation(fits: tuple[Fitted, ...], bench: Bench) -> Explanation:
+    found = Explanation(fits, np.empty((0, 0)), np.empty((0, 0)))
     tangent = found.tangent(bench)
     length = np.maximum(np.linalg.norm(tangent, axis=0), 1e-100)
     left = project(bench.absorbed, tangent / length)
@@ -165,11 +206,11 @@ class Trial:
 
     Attributes:
         bench: its readings are those of the rig without effects.
-        hypotheses: at least two.
+        explanations: at least two.
     """
 
     bench: Bench
-    hypotheses: tuple[Hypothesis, ...]
+    explanations: tuple[Explanation, ...]
 
     @classmethod
     def of(
@@ -178,7 +219,7 @@ class Trial:
         pipeline: Pipeline,
         floor: Sequence[ChannelNoise],
         stride: int,
-        group: tuple[Hypothesis, ...],
+        group: tuple[Explanation, ...],
     ) -> Trial:
         """Of a maneuver's encoder angles.
 
@@ -195,18 +236,18 @@ class Trial:
 
     @cached_property
     def changes(self) -> list[Array]:
-        """Of each hypothesis: (c n,) whitened, what its effects change."""
-        return [self.bench.whiten(self.bench.change(each.effects)) for each in self.hypotheses]
+        """Of each explanation: (c n,) whitened, what its effects change."""
+        return [self.bench.whiten(self.bench.change(list(each.effects))) for each in self.explanations]
 
     @cached_property
     def tangents(self) -> list[Array]:
-        """Of each hypothesis: (c n, p) whitened."""
-        return [each.tangent(self.bench) for each in self.hypotheses]
+        """Of each explanation: (c n, p) whitened."""
+        return [each.tangent(self.bench) for each in self.explanations]
 
     @cached_property
     def noncentralities(self) -> Array:
         """(k, k) for each truth (row) and each rival (column), to first order; zero on the diagonal."""
-        hidden = [tangent @ each.hidden for tangent, each in zip(self.tangents, self.hypotheses, strict=True)]
+        hidden = [tangent @ each.hidden for tangent, each in zip(self.tangents, self.explanations, strict=True)]
         blocks = [self.bench.tangent, *self.tangents, *hidden, np.stack(self.changes, axis=1)]
         columns = np.hstack(blocks)
         first = np.cumsum([0] + [block.shape[1] for block in blocks])
@@ -214,7 +255,7 @@ class Trial:
         gram = columns.T @ columns
         length = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
         calibrated = _left_over(gram, parts[0], length)
-        count = len(self.hypotheses)
+        count = len(self.explanations)
         found = np.zeros((count, count))
         for rival in range(count):
             fitted = _left_over(calibrated, parts[1 + rival], length)
@@ -225,14 +266,14 @@ class Trial:
 
     def promise(self, truth: int, rival: int) -> Separation:
         """The separation with the rival refitted for real, and its interval."""
-        true, other = self.hypotheses[truth], self.hypotheses[rival]
+        true, other = self.explanations[truth], self.explanations[rival]
         own = orthonormal(project(self.bench.absorbed, self.tangents[rival]))
         tangent = project(own, project(self.bench.absorbed, self.tangents[truth]))
         left = project(own, project(self.bench.absorbed, self.changes[truth] - self.changes[rival]))
         nearest, *_ = np.linalg.lstsq(tangent @ true.hidden, -left, rcond=1e-6)
         left = left + tangent @ true.hidden @ nearest
         effects = true.moved(true.hidden @ nearest).effects
-        made = replace(self.bench, readings=self.bench.base.volts + self.bench.change(effects))
+        made = replace(self.bench, readings=self.bench.base.volts + self.bench.change(list(effects)))
         _, explained = refit(other.fits, made)
         size = float(explained.residual @ explained.residual)
         gradient = 2.0 * tangent.T @ left
@@ -241,7 +282,7 @@ class Trial:
         mean = size + true.size - other.size
         spread = _Z95 * float(np.sqrt(4.0 * size + 2.0 * (true.size + other.size) + fitted))
         high = np.inf if true.hidden.shape[1] else mean + spread
-        return Separation(true.contested, other.contested, size, mean - spread, high)
+        return Separation(true.effects, other.effects, size, mean - spread, high)
 
 
 def _left_over(gram: Array, explained: slice, length: Array) -> Array:
@@ -253,7 +294,7 @@ def _left_over(gram: Array, explained: slice, length: Array) -> Array:
     return np.asarray(gram - along.T @ along)
 
 
-def measured(bench: Bench, truth: Hypothesis, rival: Hypothesis) -> float:
+def measured(bench: Bench, truth: Explanation, rival: Explanation) -> float:
     """The chi-square by which the rival fits a recording worse than the truth, both refitted to it."""
     (_, mine), (_, others) = refit(truth.fits, bench), refit(rival.fits, bench)
     return float(others.residual @ others.residual - mine.residual @ mine.residual)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,21 +10,21 @@ import numpy as np
 from estimators.calibration import Calibration
 from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.select import Selection
 from estimators.pipeline import calibrate
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
+from rig.effects import Effect
 from rig.errors import RigError
 from rig.recording import Recording
 
 
 def calibration_shift(
-    recording: Recording, bench: Bench, state: Selection, floor: tuple[ChannelNoise, ...]
+    recording: Recording, bench: Bench, effects: Sequence[Effect], floor: tuple[ChannelNoise, ...]
 ) -> dict[str, dict[str, float]]:
     """Parameter -> before, after, sigmas; of the recording as it is and with the causes' change taken out.
 
     Names are ``accel1.sensitivity`` and so on; angles in degrees, of axes and fields that can be told.
     """
-    change = bench.change([cause.fit.effect for cause in state.causes])
+    change = bench.change(effects)
     cleared = {sensor: recording.readings(sensor) - change[:, COLUMNS_OF[sensor]] for sensor in recording.sensors}
     corrected = replace(recording, accelerometer=cleared.get(ACCELEROMETER), magnetometer=cleared.get(MAGNETOMETER))
     noise = {

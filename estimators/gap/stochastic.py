@@ -44,6 +44,7 @@ class NoiseOffer:
         rank: the number of its strengths.
         searched: how many shapes were tried.
         std: (rank,) standard deviation of the strengths.
+        spread: (rank,) standard deviation of their squares.
         added: (n, 6) variance that it adds to whitened readings, in time or by cosine transform.
         in_time: which of the two.
         gap: (6,) [recorded unit] root mean square of what it adds to the readings.
@@ -54,6 +55,7 @@ class NoiseOffer:
     rank: int
     searched: int
     std: Array
+    spread: Array
     added: Array
     in_time: bool
     gap: Array
@@ -86,6 +88,8 @@ def noise_offers(bench: Bench, explained: Explained, without: Sequence[str] = ()
     spectra = {column: spectrum(bench, explained, column) for column in bench.columns}
     for effect in EFFECTS.values():
         if effect.kind is not Kind.NOISE or effect.name in without or effect.lacking(bench.base):
+            continue
+        if effect.response is not Effect.response:  # one error for all channels: see ``common``
             continue
         for where in effect.places_on(bench.base):
             offer = fit_effect(effect, where, bench, explained, spectra)
@@ -125,11 +129,12 @@ def fit_effect(
             gap[column] = np.sqrt(fits[column][0] * sizes[column])
             added[:, column] = fits[column][0] * units[column]
         roots = np.sqrt([max(fits[column][0], 0.0) for column in used])
-        std = 0.5 * np.array([fits[column][2] for column in used]) / np.maximum(roots, 1e-9)
+        spread = np.array([fits[column][2] for column in used])
+        std = 0.5 * spread / np.maximum(roots, np.sqrt(spread))
         roots = np.clip(roots, strength.lower, strength.upper)
         value: object = float(roots[0]) if strength.size == 1 else tuple(float(root) for root in roots)
         made = effect.from_mapping({"where": where, **shape, strength.name: value})
-        best = NoiseOffer(made, gain, len(used), len(shapes), std, added, probe.adds_in_time, gap)
+        best = NoiseOffer(made, gain, len(used), len(shapes), std, spread, added, probe.adds_in_time, gap)
     return best
 
 
@@ -188,7 +193,7 @@ def spectrum(bench: Bench, explained: Explained, column: int) -> Spectrum:
     response = whitened_response(bench, column, frequency)
     floor = parts(noise, np.bincount(group, frequency) / many, bench.interval_s)
     middle = np.bincount(group, response) / many
-    named = 1.0 - np.bincount(group, _named(bench, column, len(frequency))) / many
+    named = np.maximum(1.0 - np.bincount(group, _named(bench, column, len(frequency))) / many, 0.0)
     whitened = floor.times(middle, named)
     squares: Array = np.asarray(np.bincount(group, power), dtype=float)
     return Spectrum(Learned(bench.floor[column]), whitened, squares, many.astype(float))
@@ -257,8 +262,6 @@ def _likeliest(powers: Sequence[Array], units: Sequence[Array], floor_samples: A
     bounds = [*[(-2.0, 5.0)] * len(channels), (np.log(_LOWEST), np.log(_HIGHEST))]
     found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
     gain = nothing - float(found.fun)
-    if gain <= 0.0:
-        return 0.0, 0.0, np.inf
     ratio = float(np.exp(found.x[-1]))
     information = np.zeros((len(found.x), len(found.x)))
     for index, (counts, _, relative, samples) in enumerate(channels):
@@ -268,6 +271,8 @@ def _likeliest(powers: Sequence[Array], units: Sequence[Array], floor_samples: A
         information[np.ix_(own, own)] += 0.5 * (weights * counts) @ weights.T
         information[index, index] += 0.5 * samples / level**2
     spread = float(np.sqrt(np.linalg.inv(information)[-1, -1]))
+    if gain <= 0.0:
+        return 0.0, 0.0, spread / largest
     return ratio / largest, gain, spread / largest
 
 

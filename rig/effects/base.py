@@ -359,6 +359,25 @@ def make_effect(name: str, values: Mapping[str, Any], arm: Arm | None = None) ->
     return effect
 
 
+def without_nulls(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """An effect's table in which what is null, whole or a component, is what it is by default: neutral for a strength.
+
+    Raises:
+        RigError: the catalogue has no such effect.
+    """
+    if name not in EFFECTS:
+        raise unknown_name("effect", name, EFFECTS)
+    defaults = {each.name: each.default for each in dataclasses.fields(EFFECTS[name])}
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        default = defaults.get(key)
+        if isinstance(value, list | tuple) and isinstance(default, tuple) and len(value) == len(default):
+            found[key] = tuple(own if each is None else each for each, own in zip(value, default, strict=True))
+        elif value is not None:
+            found[key] = value
+    return found
+
+
 def apply_stage(effects: Sequence[Effect], stage: Stage, signals: Signals, rng: np.random.Generator) -> Signals:
     """Apply the effects that act on ``stage``: in their order, but noise before what is done to noisy readings, and
     errors of the log before all others, which act on the true poses.

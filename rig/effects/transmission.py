@@ -150,8 +150,9 @@ class HarmonicDriveError(Effect):
 class Backlash(Effect):
     """The joint trails the encoder by half the lash: q = qe - (w/2) s, s the side on which the play lies.
 
-    A play operator of half-width w/2 on the encoder's angle: after a reversal the joint stands still until the lash is
-    crossed, and at rest it stays on its side. A recording starts on the side of its first motion.
+    That is the sign of the motion, and at rest of the last one: there a play operator of a narrow width on the
+    encoder's angle, so that neither its jitter nor a stop turns it over. A recording starts on the side of its first
+    motion.
     w is 0.01-0.5 deg; a guess.
     """
 
@@ -167,11 +168,13 @@ class Backlash(Effect):
         if self.width_rad == 0.0:
             return signals
         angle = signals.encoder_angles[:, self.joint]
-        half = 0.5 * abs(self.width_rad)
         moved = np.flatnonzero(np.abs(angle - angle[0]) > _SETTLED)
-        side = np.sign(angle[moved[0]] - angle[0]) if len(moved) else 0.0
-        trailing = play(angle, half, float(angle[0] - half * side)) - angle
-        return turn_joint(signals, self.joint, np.sign(self.width_rad) * trailing)
+        first = np.sign(angle[moved[0]] - angle[0]) if len(moved) else 0.0
+        kept = (angle - play(angle, _SETTLED, float(angle[0] - _SETTLED * first))) / _SETTLED
+        travel = signals.joint_velocity[:, self.joint] * np.gradient(signals.t) * 2.0
+        # in motion the velocity knows of a reversal between two samples, which their angles do not show
+        side = np.where(np.abs(travel) > 2.0 * _SETTLED, np.sign(travel), kept)
+        return turn_joint(signals, self.joint, -0.5 * self.width_rad * side)
 
 
 @register

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 @click.option("--locked", type=PATH, metavar="F", help="Locked-arm recording, for the noise floor.")
 @click.option("--maneuver2", type=PATH, metavar="F", help="Another maneuver of the same rig, to judge the causes on.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue; repeatable.")
+@click.option("--prior", type=PATH, metavar="F.toml", help="Weights of the effects that this arm is prone to.")
 @arm_options
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; one for each processor by default.")
 @click.option("--save-scenario", "saved", type=PATH, metavar="F.toml", help="Write the improved rig, for rig sweep.")
@@ -48,6 +49,7 @@ def diagnose(
     locked: Path | None,
     maneuver2: Path | None,
     without: tuple[str, ...],
+    prior: Path | None,
     arm_file: Path | None,
     tip: str | None,
     jobs: int | None,
@@ -56,30 +58,36 @@ def diagnose(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Say where each RUN disagrees with the rig, which effects cause it, and how far the gap closes with them.
+    """Say where each RUN disagrees with the rig, which effects cause it, how probable that is, and what to do next.
 
-    Each gets DIR/NAME.diagnosis.json and DIR/NAME.html, a page to look at. A RUN.locked.parquet beside RUN.parquet is
-    taken as its noise floor. Where the data cannot split the causes, DIR/NAME.next.toml is the maneuver that would,
-    within the joints' limits and M minutes. Several RUNs are done in parallel; a bad one does not stop the others.
+      Each gets DIR/NAME.diagnosis.json and DIR/NAME.html, a page to look at. A RUN.locked.parquet beside RUN.parquet is
+      taken as its noise floor. Where the data do not decide between explanations, DIR/NAME.next.toml is the maneuver
+      that would, within the joints' limits and M minutes. --prior F.toml has a table [effects] of relative weights,
+      such as backlash = 5; 1 is the default, 0 leaves an effect out. Several RUNs are done in parallel; a bad one does
+      not stop the others.
 
-    \b
-    Example:
-      rig diagnose run.parquet
-      rig diagnose lab/*.parquet --out reports --jobs 2
-      rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
+      \b
+      Example:
+        rig diagnose run.parquet
+        rig diagnose lab/*.parquet --out reports --jobs 2
+        rig diagnose run.parquet --prior our-arm.toml
+    rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
     """
     chosen = _to_diagnose(runs)
     _check(chosen, without, saved, out)
+    from estimators.gap.prior import read_prior
     from rig.recording import scan_recording
     from scenarios.gap_report.batch import Outcome, Task, outcomes
 
+    weights = None if prior is None else read_prior(prior)
     arm = chosen_arm(arm_file, tip)
     for path in (locked, maneuver2):  # a file for all recordings is not to be refused once for each
         if path is not None:
             scan_recording(path, joints=None if arm is None else arm.dof)
     together = min(jobs or _processors(), len(chosen))
     tasks = [
-        Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes, together) for run in chosen
+        Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes, together, weights)
+        for run in chosen
     ]
     _tell_averaged(tasks)
     found: dict[int, Outcome | Exception] = {}
@@ -188,7 +196,7 @@ def _tell(outcomes: Sequence[Outcome], out: Path, saved: Path | None) -> None:
 def _document(task: Task, result: Outcome | Exception) -> dict[str, Any]:
     """The contract's object, or what stopped it."""
     if isinstance(result, Exception):
-        return {"recording": task.run.stem, "error": _words(task, result)}
+        return {"recordings": [task.run.stem], "error": _words(task, result)}
     document: dict[str, Any] = result.diagnosis.to_json()
     return document
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
-import numpy as np
 
 from scenarios.cli._options import (
     PATH,
@@ -90,8 +90,8 @@ def plan(
             table_m=table_m,
             boxes=[_box(text) for text in boxes],
             margin_m=margin_m,
-            speed=None if speed is None else float(np.radians(speed)),
-            acceleration=None if acceleration is None else float(np.radians(acceleration)),
+            speed=None if speed is None else math.radians(speed),
+            acceleration=None if acceleration is None else math.radians(acceleration),
             tell=_causes(tell),
             seed=seed,
             name=output.stem,

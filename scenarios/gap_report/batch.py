@@ -12,12 +12,14 @@ from typing import Final
 
 from estimators.gap import Diagnosis
 from estimators.gap.diagnose import examined
+from estimators.gap.separation import rivals
 from estimators.pipeline import arm_of
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.recording import locked_beside, whole_or_means
 from rig.recording.columns import JOINTS_OF_ARM
 from rig.threads import one_blas_thread
+from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.improved_rig import check_units, improved_rig
 from scenarios.gap_report.next_maneuver import next_step
 from scenarios.gap_report.page import page
@@ -43,6 +45,7 @@ class Task:
         improved: whether the improved rig is wanted.
         minutes: how long the next maneuver may take; None: as long as the recording.
         together: how many tasks share the memory that may be taken.
+        prior: relative weights of effects; None: all alike.
     """
 
     run: Path
@@ -54,6 +57,7 @@ class Task:
     improved: bool = False
     minutes: float | None = None
     together: int = 1
+    prior: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ class Outcome:
         diagnosis, page: the diagnosis and its page.
         units: sensor -> recorded unit.
         scenario: the improved rig, where it was wanted.
-        next: the scenario that would split the causes, where the data cannot.
+        next: the scenario that would tell the explanations apart, where the recording does not.
     """
 
     diagnosis: Diagnosis
@@ -92,15 +96,18 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     locked = None if beside is None else whole_or_means(beside, joints, block=block)[0]
     second = None if task.maneuver2 is None else whole_or_means(task.maneuver2, joints, block=block)[0]
     with one_blas_thread():
-        diagnosis, bench = examined(recording, locked, second, task.without, arm, progress)
+        diagnosis, bench = examined(recording, locked, second, task.without, arm, progress, task.prior)
         residuals = gap_residuals(recording, diagnosis, locked, arm, bench)
-        ambiguous = diagnosis.verdict == "ambiguous"
+        open_between = bool(rivals(diagnosis))
         rig, step = None, None
-        if task.improved or (ambiguous and set(recording.units.values()) == {"V"}):
+        if task.improved or (open_between and set(recording.units.values()) == {"V"}):
             rig = improved_rig(diagnosis, residuals, locked)
-        if ambiguous:
+        if open_between:
             step = next_step(diagnosis, residuals, None if rig is None else rig.scenario, task.minutes)
-            diagnosis = replace(diagnosis, next=None if step is None else step.words)
+        diagnosis = replace(diagnosis, next=None if step is None else step.words)
+        diagnosis = replace(
+            diagnosis, next={"maneuver": None, **(diagnosis.next or {}), "steps": next_steps(diagnosis)}
+        )
         return Outcome(
             diagnosis,
             page(diagnosis, residuals, task.without),

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from estimators.gap.diagnosis import Diagnosis, percent
+from estimators.gap.diagnosis import Diagnosis, chance, percent
 from rig.channels import CHANNELS_OF
 from scenarios.gap_report.svg import Drawing, Scale, nice_step, tick_label
 from scenarios.gap_report.units import Shown
-from scenarios.gap_report.words import closed_words
+from scenarios.gap_report.words import ANSWERS, closed_words, place_words
 
 _WIDTH: Final = 1000.0
 _LABEL: Final = 92.0  # left of the bars
@@ -23,7 +23,7 @@ def channel_bars(diagnosis: Diagnosis, shown: Mapping[str, Shown]) -> str:
     groups = [names for names in sensors if names]
     height = sum(46.0 + _ROW * len(names) for names in groups)
     drawing = Drawing(_WIDTH, height, "gap of each channel before and after, beside its noise floor")
-    explained = bool(diagnosis.causes)
+    explained = bool(diagnosis.leading)
     top = 0.0
     for names in groups:
         unit = shown[names[0]]
@@ -56,10 +56,10 @@ def _beside(closed: float | None, relative: float) -> str:
 
 
 def follow_bars(follows: Sequence[Mapping[str, Any]], most: int = 10) -> str:
-    """Shares of the gap by what the residual follows, the largest first."""
+    """Shares of the gap by what it follows, the largest first."""
     rows = sorted(follows, key=lambda each: -float(each["share"]))[:most]
     left = 170.0
-    drawing = Drawing(560, 24.0 * len(rows) + 24, "shares of the gap by what the residual follows")
+    drawing = Drawing(560, 24.0 * len(rows) + 24, "shares of the gap by what it follows")
     scale = Scale(0.0, 1.0, left, 500.0)
     bottom = 24.0 * len(rows) + 2
     for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
@@ -69,10 +69,27 @@ def follow_bars(follows: Sequence[Mapping[str, Any]], most: int = 10) -> str:
         share = min(max(float(each["share"]), 0.0), 1.0)
         y = 24.0 * number + 5
         channel = each.get("channel")
-        words = str(each["variable"]) + (f", {channel}" if channel and channel != "all" else "")
+        words = place_words(str(each["variable"])) + (f", {channel}" if channel and channel != "all" else "")
         drawing.text(left - 10, y + 11, words, "name", "end")
         drawing.rect(left, y, scale.at(share) - left, 14, "share")
         drawing.text(scale.at(share) + 6, y + 11, percent(share), "value")
+    return str(drawing)
+
+
+def posterior_bar(diagnosis: Diagnosis) -> str:
+    """The probabilities of the three answers, one bar each."""
+    left = 330.0
+    drawing = Drawing(_WIDTH, 24.0 * len(ANSWERS) + 24, "probability of each of three answers")
+    scale = Scale(0.0, 1.0, left, _WIDTH - 90.0)
+    bottom = 24.0 * len(ANSWERS) + 2
+    for tick in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
+        drawing.line(scale.at(tick), 0, scale.at(tick), bottom, "grid")
+        drawing.text(scale.at(tick), bottom + 15, tick_label(tick), "tick", "middle")
+    for number, (name, words) in enumerate(ANSWERS.items()):
+        y, value = 24.0 * number + 5, min(max(diagnosis.posterior[name], 0.0), 1.0)
+        drawing.text(left - 10, y + 11, words, "name", "end")
+        drawing.rect(left, y, scale.at(value) - left, 14, "before" if name == "other" else "after")
+        drawing.text(scale.at(value) + 6, y + 11, chance(diagnosis.posterior[name]), "value")
     return str(drawing)
 
 
@@ -80,11 +97,12 @@ def closed_bar(diagnosis: Diagnosis) -> str:
     """The share of the squared gap that is gone, with its interval."""
     drawing = Drawing(_WIDTH, 56, f"share of the gap that closes: {closed_words(diagnosis)}")
     scale = Scale(0.0, 1.0, 10, _WIDTH - _VALUES)
-    value = min(max(diagnosis.closed or 0.0, 0.0), 1.0)
+    value = min(max(diagnosis.closed.value or 0.0, 0.0), 1.0)
     drawing.rect(scale.at(0), 8, scale.at(1) - scale.at(0), 20, "left")
     drawing.rect(scale.at(0), 8, scale.at(value) - scale.at(0), 20, "after")
-    if diagnosis.closed_low is not None and diagnosis.closed_high is not None:
-        low, high = (scale.at(min(max(each, 0.0), 1.0)) for each in (diagnosis.closed_low, diagnosis.closed_high))
+    ends = diagnosis.closed.low, diagnosis.closed.high
+    if ends[0] is not None and ends[1] is not None:
+        low, high = (scale.at(min(max(each, 0.0), 1.0)) for each in ends if each is not None)
         drawing.line(low, 18, high, 18, "interval")
         for end in (low, high):
             drawing.line(end, 11, end, 25, "interval")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.basefit import all_readings
 from estimators.gap.defects import lattice
-from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.diagnosis import Diagnosis, chance
 from rig.acquisition import Acquisition
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import Effect
@@ -22,7 +22,7 @@ from rig.recording import Recording
 from rig.simulate import Rig
 from scenarios.gap_report.closest_maneuver import closest_maneuver
 from scenarios.gap_report.residuals import GapResiduals
-from scenarios.gap_report.words import cause_title, sentence
+from scenarios.gap_report.words import alike_words, alternatives, cause_title, explanation_words, sentence
 from scenarios.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -164,12 +164,16 @@ def _warming(environment: Environment, recording: Recording) -> Environment:
 
 def _remarks(diagnosis: Diagnosis, residuals: GapResiduals, rig: Rig) -> list[str]:
     remarks: list[str] = []
-    for cause in diagnosis.causes:
+    for cause in diagnosis.leading:
         if cause.equivalent:
-            others = "; ".join(cause_title(each["effect"], each["where"]) for each in cause.equivalent)
-            remarks.append(f"The data cannot split {cause_title(cause.effect, cause.where)} from: {others}.")
-    if diagnosis.verdict == "unknown":
-        remarks.append("Part of the gap has no name, and is not in this rig.")
+            title = cause_title(cause.effect, cause.where)
+            remarks.append(f"To the recording the same as {title}: {alike_words(cause)}.")
+    others = alternatives(diagnosis)[1:] if diagnosis.verdict == "ambiguous" else []
+    if others:
+        listed = "; ".join(f"{explanation_words(one)} ({chance(one.probability)})" for one in others)
+        remarks.append(f"This is the likeliest explanation. Others that the recording allows: {listed}.")
+    if diagnosis.verdict in ("partly", "unknown"):
+        remarks.append("Part of the gap has no name, and is not in this rig; the causes may stand in for it.")
     coloured = [CHANNELS[column] for column in residuals.bench.columns if residuals.floor[column].parts]
     if coloured:
         remarks.append(f"The noise floor of {', '.join(coloured)} is coloured; here it is white noise of the same RMS.")

@@ -1,4 +1,4 @@
-"""What to do next where a recording cannot split its causes: the maneuver that separates them best."""
+"""The next maneuver where a recording does not decide between explanations: the one that separates them best."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimators.gap.basefit import set_up
 from estimators.gap.bench import Bench
 from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.separation import Hypothesis, Separation, Trial, contests
+from estimators.gap.separation import Explanation, Separation, Trial, contest, rivals
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.effects import EFFECTS, Effect, Kind
 from rig.maneuver import StaticPoses, TorusSweep
@@ -36,7 +36,7 @@ _FITTED: Final = 7000
 _SEPARATED: Final = 25.0
 #: The arm's own acceleration, that the model does without, stays below so many standard deviations in all.
 _QUASI_STATIC: Final = 3.0
-_NONE: Final = "No maneuver that was tried separates the causes in this time."
+_NONE: Final = "No maneuver that was tried tells the explanations apart in this time."
 #: Rounds of refinement, with ever smaller steps.
 _STEPS: Final = (1.0, 0.4)
 
@@ -47,7 +47,7 @@ class NextManeuver:
 
     Attributes:
         maneuver: within the arm's limits.
-        separations: for each pair it separates, in the order truth, rival.
+        separations: for each pair of explanations that it separates, in the order truth, rival.
         recorded: the same pairs on the recorded maneuver, had it been made again in the same time.
         alike: pairs that no maneuver tried separates.
         tried: how many were.
@@ -57,7 +57,7 @@ class NextManeuver:
     maneuver: Joint
     separations: tuple[Separation, ...]
     recorded: tuple[float, ...]
-    alike: tuple[tuple[Effect, Effect], ...]
+    alike: tuple[tuple[tuple[Effect, ...], tuple[Effect, ...]], ...]
     tried: int
     felt: bool = False
 
@@ -71,14 +71,14 @@ class NextManeuver:
         """What it is for, in a sentence."""
         worst = self.worst
         words = (
-            f"It tells {_title(worst.truth)} from {_title(worst.rival)}: if the one is true, the other fits worse by a "
-            f"chi-square of {interval_words(worst.noncentrality, worst.low, worst.high)}"
+            f"It tells “{_title(worst.truth)}” from “{_title(worst.rival)}”: if the first is true, the other fits "
+            f"worse by a chi-square of {interval_words(worst.noncentrality, worst.low, worst.high)}"
         )
         if len(self.separations) > 2:
             words += ", and every other pair by more"
         if self.alike:
             words += ". No maneuver tried separates " + "; ".join(
-                f"{_title(one)} from {_title(other)}" for one, other in self.alike
+                f"“{_title(one)}” from “{_title(other)}”" for one, other in self.alike
             )
         words += "."
         if self.felt:
@@ -94,8 +94,8 @@ class NextManeuver:
             **({"scenario": scenario} if scenario else {}),
             "separates": [
                 {
-                    "truth": {"effect": pair.truth.name, "where": pair.truth.where},
-                    "rival": {"effect": pair.rival.name, "where": pair.rival.where},
+                    "truth": _names(pair.truth),
+                    "rival": _names(pair.rival),
                     "chi_square": pair.noncentrality,
                     "low": pair.low,
                     "high": pair.high if np.isfinite(pair.high) else None,
@@ -104,16 +104,17 @@ class NextManeuver:
                 }
                 for pair, before in zip(self.separations, self.recorded, strict=True)
             ],
-            "cannot_separate": [[{"effect": each.name, "where": each.where} for each in pair] for pair in self.alike],
+            "cannot_separate": [[_names(each) for each in pair] for pair in self.alike],
         }
 
     def to_toml(self, rig: Scenario) -> str:
-        """The rig on this maneuver as a scenario, with its causes; the rivals stand in comments."""
-        rivals = {
+        """The rig on this maneuver as a scenario, with its causes; those of other explanations stand in comments."""
+        there = {(each.name, each.where) for each in rig.rig.effects}
+        others = {
             f"{effect.name} {effect.where}": effect
             for pair in self.separations
-            for effect in (pair.truth, pair.rival)
-            if (effect.name, effect.where) not in {(each.name, each.where) for each in rig.rig.effects}
+            for effect in (*pair.truth, *pair.rival)
+            if (effect.name, effect.where) not in there
         }
         made = replace(
             rig,
@@ -123,8 +124,8 @@ class NextManeuver:
             description=self.why,
             source=f"Proposed by rig diagnose: the best of {self.tried} maneuvers, by the least separated pair.",
         )
-        lines = ["The rig has the first of the causes. To see what another would do, put it in its place:"]
-        for effect in rivals.values():
+        lines = ["The rig has the likeliest explanation. What the others have instead of it or beside it:"]
+        for effect in others.values():
             lines += toml_table(f"[[effects.{effect.name}]]", set_fields(effect)).splitlines()
         return "".join(f"# {line}\n" for line in lines) + "\n" + made.to_toml()
 
@@ -132,7 +133,7 @@ class NextManeuver:
 def next_maneuver(
     diagnosis: Diagnosis, residuals: GapResiduals, rig: Scenario | None, minutes: float | None = None
 ) -> NextManeuver | None:
-    """The maneuver that separates a diagnosis' equivalent causes best, by the least separated pair (T-optimality).
+    """The maneuver that separates a diagnosis' explanations best, by the least separated pair (T-optimality).
 
     Args:
         residuals: of the diagnosed recording.
@@ -140,18 +141,18 @@ def next_maneuver(
         minutes: how long it may take; None: as long as the recording.
 
     Returns:
-        None where there is nothing to separate, no arm, or no maneuver that separates any of the causes.
+        None where there is nothing to separate, no arm, or no maneuver that separates any of the explanations.
     """
     recording, arm = residuals.recording, residuals.bench.base.arm
     if arm is None or recording.q is None:
         return None
-    groups = contests(_fewer(residuals), diagnosis)
-    if not groups:
+    group = contest(_fewer(residuals), diagnosis)
+    if not group:
         return None
     reach = Reach.of(arm, recording.t, recording.q)
     played = closest_maneuver(recording.t, recording.q, recording.rate_Hz, arm.name).maneuver
     assert isinstance(played, TorusSweep | StaticPoses)
-    search = _Search(residuals, rig, groups, reach)
+    search = _Search(residuals, rig, group, reach)
     same = _lasting(played, played.duration_s if minutes is None else 60.0 * minutes)
     search.most_acceleration = max(_QUASI_STATIC, 1.2 * search.acceleration(same))
     found = None if search.remembers else search.best(same)
@@ -173,13 +174,15 @@ class NextStep:
 def next_step(
     diagnosis: Diagnosis, residuals: GapResiduals, rig: Scenario | None, minutes: float | None = None
 ) -> NextStep | None:
-    """What would split the causes that a recording cannot.
+    """What would tell the explanations apart between which a recording does not decide; None where it does.
 
     Args:
         residuals: of the diagnosed recording.
         rig: calibrated, with the causes; None where no scenario can describe it.
         minutes: how long it may take; None: as long as the recording.
     """
+    if not rivals(diagnosis):
+        return None
     found = next_maneuver(diagnosis, residuals, rig, minutes)
     advice = " ".join(filter(None, [speed_advice(diagnosis), noise_advice(diagnosis)]))
     if found is None:
@@ -226,30 +229,32 @@ def speed_advice(diagnosis: Diagnosis) -> str:
 
     Their difference is of second order in speed, which samples thinned for a search do not resolve.
     """
-    named = [
-        (cause.effect, [cause.effect, *(each["effect"] for each in cause.equivalent)])
-        for cause in diagnosis.causes
-        if cause.equivalent
-    ]
-    contested = [effect for effect, group in named if any(EFFECTS[each].remembers for each in group)]
+    contested = [effect for effect, _ in _contested(diagnosis) if EFFECTS[effect].remembers]
     if not contested:
         return ""
     return (
-        f"{', '.join(each.replace('_', ' ') for each in contested)}: only fast motion that is sampled closely tells a"
-        " delay from a filter: sweep as fast as the arm may, at the board's full rate."
+        f"{', '.join(dict.fromkeys(each.replace('_', ' ') for each in contested))}: only fast motion that is sampled "
+        "closely tells a delay from a filter: sweep as fast as the arm may, at the board's full rate."
     )
 
 
 def noise_advice(diagnosis: Diagnosis) -> str:
     """What tells noise effects apart, where these are what is contested; empty otherwise."""
-    contested = [cause for cause in diagnosis.causes if cause.equivalent and EFFECTS[cause.effect].kind is Kind.NOISE]
+    contested = [each for each in _contested(diagnosis) if EFFECTS[each[0]].kind is Kind.NOISE]
     if not contested:
         return ""
-    titles = ", ".join(cause_title(cause.effect, cause.where) for cause in contested)
+    titles = ", ".join(cause_title(*each) for each in contested)
     return (
-        f"{titles}: only its spectrum tells such noise from its equivalents, and no maneuver changes that: record "
+        f"{titles}: only its spectrum tells such noise from another kind, and no maneuver changes that: record "
         "longer, or at rest at a higher rate."
     )
+
+
+def _contested(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """The causes that some of the explanations have and others have not."""
+    sets = rivals(diagnosis)
+    every = dict.fromkeys(each for one in sets for each in one)
+    return [each for each in every if not all(each in one for one in sets)]
 
 
 class _Search:
@@ -262,14 +267,14 @@ class _Search:
     """
 
     def __init__(
-        self, residuals: GapResiduals, rig: Scenario | None, groups: Sequence[tuple[Hypothesis, ...]], reach: Reach
+        self, residuals: GapResiduals, rig: Scenario | None, group: tuple[Explanation, ...], reach: Reach
     ) -> None:
         self._pipeline = residuals.calibrated
         self._floor = residuals.floor
         self._environment = residuals.calibrated.environment if rig is None else rig.rig.environment
         self._warm = residuals.recording.temperature is not None
-        self._groups = groups
-        effects = [effect for group in groups for each in group for effect in each.effects]
+        self._group = group
+        effects = [effect for each in group for effect in each.effects]
         self.remembers = any(effect.remembers for effect in effects)
         self._reach = reach
         self.most_acceleration = np.inf
@@ -292,38 +297,35 @@ class _Search:
         return self._promised(chosen, recorded, within, tried)
 
     def _promised(self, chosen: Joint, recorded: Joint, within: NDArray[np.bool_], tried: int) -> NextManeuver:
-        trials, before = self._trials(chosen, _PROMISED), self._table(recorded)
+        trial, before = self._trial(chosen, _PROMISED), self._table(recorded)
         separations, known, alike = [], [], []
-        for index, (group, truth, rival) in enumerate(self._pairs):
-            trial = trials[group]
+        for index, (truth, rival) in enumerate(self._pairs):
             if within[index]:
                 separations.append(trial.promise(truth, rival))
                 known.append(float(before[index]))
-            elif truth < rival:
-                one, other = (trial.hypotheses[each].contested for each in (truth, rival))
-                alike.append((one, other))
+            elif truth < rival or (rival, truth) not in self._pairs:
+                alike.append((trial.explanations[truth].effects, trial.explanations[rival].effects))
         return NextManeuver(chosen, tuple(separations), tuple(known), tuple(alike), tried)
 
     @property
-    def _pairs(self) -> list[tuple[int, int, int]]:
-        """Group, truth and rival of every ordered pair."""
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Truth and rival of every ordered pair; a rival with more effects than the truth never fits worse."""
+        numbers = range(len(self._group))
         return [
-            (number, truth, rival)
-            for number, group in enumerate(self._groups)
-            for truth in range(len(group))
-            for rival in range(len(group))
-            if truth != rival
+            (truth, rival)
+            for truth in numbers
+            for rival in numbers
+            if truth != rival and not self._group[truth].within(self._group[rival])
         ]
 
     def _table(self, maneuver: Joint) -> Array:
-        """(pairs,) noncentralities, for a pair the smaller of both directions."""
-        found = [trial.noncentralities for trial in self._trials(maneuver, _COMPARED)]
-        return np.array([min(found[g][a, b], found[g][b, a]) for g, a, b in self._pairs])
+        """(pairs,) noncentralities, for a pair the smaller of both directions where both count."""
+        found, pairs = self._trial(maneuver, _COMPARED).noncentralities, self._pairs
+        return np.array([min(found[a, b], found[b, a]) if (b, a) in pairs else found[a, b] for a, b in pairs])
 
-    def _trials(self, maneuver: Joint, samples: int) -> list[Trial]:
+    def _trial(self, maneuver: Joint, samples: int) -> Trial:
         signals, stride = self._signals(maneuver, samples)
-        first = Trial.of(signals, self._pipeline, self._floor, stride, self._groups[0])
-        return [first, *(Trial(first.bench, group) for group in self._groups[1:])]
+        return Trial.of(signals, self._pipeline, self._floor, stride, self._group)
 
     def _signals(self, maneuver: Joint, samples: int) -> tuple[Signals, int]:
         count = round(maneuver.duration_s * maneuver.rate_Hz)
@@ -376,5 +378,9 @@ def _fewer(residuals: GapResiduals) -> Bench:
     return bench.without(residuals.left_out[rows])
 
 
-def _title(effect: Effect) -> str:
-    return cause_title(effect.name, effect.where)
+def _title(effects: Sequence[Effect]) -> str:
+    return " and ".join(cause_title(effect.name, effect.where) for effect in effects)
+
+
+def _names(effects: Sequence[Effect]) -> list[dict[str, str]]:
+    return [{"effect": effect.name, "where": effect.where} for effect in effects]

@@ -7,10 +7,10 @@ from html import escape
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from estimators.gap.diagnosis import Diagnosis, percent
+from estimators.gap.diagnosis import Diagnosis, chance
 from scenarios.gap_report import sections
 from scenarios.gap_report.residuals import GapResiduals
-from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline
+from scenarios.gap_report.words import VERDICTS, alternatives, closed_words, consequences, headline
 
 #: Nothing may be loaded from anywhere; the style is the page's own.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -27,13 +27,14 @@ def page(diagnosis: Diagnosis, residuals: GapResiduals, without: Sequence[str] =
     title = f"{diagnosis.recording}: {VERDICTS[diagnosis.verdict].lower()}"
     parts = [
         _head(diagnosis, residuals, without),
+        sections.explanations(diagnosis),
+        sections.next_step(diagnosis),
         sections.where(diagnosis, residuals),
         sections.which(diagnosis),
         sections.how_far(diagnosis, residuals),
         sections.calibration(diagnosis),
         sections.remainder(diagnosis),
         sections.untold(diagnosis),
-        sections.next_step(diagnosis),
         _foot(diagnosis),
     ]
     return (
@@ -57,10 +58,9 @@ def _head(diagnosis: Diagnosis, residuals: GapResiduals, without: Sequence[str])
     if without:
         facts.append(f"without {', '.join(without)} in the catalogue")
     notes = "".join(f'<p class="warning">{escape(warning)}</p>' for warning in diagnosis.warnings)
-    more = f'<p class="lead">{escape(words)}</p>\n' if (words := consequences(diagnosis)) else ""
     return (
         f'<p class="kicker">Sim-to-real gap of {escape(diagnosis.recording)}</p>\n'
-        f"<h1>{escape(headline(diagnosis))}</h1>\n{more}"
+        f'<h1>{escape(headline(diagnosis))}</h1>\n<p class="lead">{escape(consequences(diagnosis))}</p>\n'
         f'<p class="soft"><span class="badge {diagnosis.verdict}">{VERDICTS[diagnosis.verdict]}</span>'
         f"{escape(' · '.join(facts))}</p>\n{notes}{_tiles(diagnosis)}"
     )
@@ -75,18 +75,33 @@ def _tiles(diagnosis: Diagnosis) -> str:
     elif rows:
         worst = max(rows, key=lambda name: rows[name].gap_before / rows[name].noise_floor)
         tiles.append(("Largest gap", f"{rows[worst].gap_before / rows[worst].noise_floor:.2g} × floor", f"in {worst}"))
-    if diagnosis.causes:
-        first = diagnosis.causes[0]
-        rivals = len(first.equivalent)
-        alike = f"{rivals} more fit{'s' if rivals == 1 else ''} as well" if rivals else "no other cause fits as well"
-        tiles.append(("Probability of the first cause", percent(first.probability), alike))
-    if diagnosis.closed is not None:
+    tiles.append(_probability(diagnosis))
+    if diagnosis.closed.value is not None:
         share, _, interval = closed_words(diagnosis).partition(" (")
-        note = f"95 %: {interval.removesuffix(')')}, held-out blocks" if interval else "held-out blocks"
+        note = f"95 %: {interval.removesuffix(')')}" if interval else "by the likeliest explanation"
         tiles.append(("Gap closed", share, note))
-    left = "nothing above the floor" if diagnosis.remainder == "noise" else "more than noise"
-    tiles.append(("Left over", diagnosis.remainder, left))
+    left = "nothing seen above the floor" if diagnosis.remainder.verdict == "noise" else "more than noise"
+    tiles.append(("Left over", diagnosis.remainder.verdict, left))
     return f'<dl class="tiles">{"".join(_tile(*tile) for tile in tiles)}</dl>'
+
+
+def _probability(diagnosis: Diagnosis) -> tuple[str, str, str]:
+    """The probability that the verdict rests on."""
+    posterior = diagnosis.posterior
+    if diagnosis.verdict == "no-gap":
+        return "Probability of no gap", chance(posterior["nothing"]), "nothing beyond the floor"
+    if diagnosis.verdict == "named":
+        return "Probability", chance(diagnosis.hypotheses[0].probability), "of this explanation"
+    if diagnosis.verdict == "ambiguous":
+        sets = alternatives(diagnosis)
+        return "Probability", chance(sum(one.probability for one in sets)), f"of these {len(sets)} together"
+    if diagnosis.verdict == "partly":
+        least = min(cause.probability for cause in diagnosis.established)
+        return "Probability", chance(least), "of what is established"
+    if posterior["other"] >= 0.5:
+        return "Probability", chance(posterior["other"]), "of something outside the catalogue"
+    best = max((one.probability for one in diagnosis.hypotheses), default=0.0)
+    return "Probability", chance(best), "of the likeliest explanation"
 
 
 def _tile(name: str, value: str, note: str) -> str:
@@ -97,8 +112,8 @@ def _foot(diagnosis: Diagnosis) -> str:
     lines: Iterable[str] = (
         "<b>Floor</b>: the RMS of a channel's noise at rest. <b>Gap</b>: what the ideal rig with its best calibration "
         "misses beyond the floor, RMS. <b>Before</b>: that rig. <b>After</b>: the same rig with the causes in the "
-        "simulator and the calibration refitted. <b>Closed</b>: 1 − (gap after / gap before)², on data that did not "
-        "choose or fit the causes.",
+        "simulator and the calibration refitted. <b>Closed</b>: 1 − (gap after / gap before)². <b>Probability</b>: "
+        "after this recording, from 0 to 1, of all explanations that were weighed.",
         f"torusrig {escape(_version())}, {diagnosis.seconds:.1f} s. All numbers: "
         f"<code>{escape(diagnosis.recording)}.diagnosis.json</code>. To simulate a rig with these causes: "
         f"<code>rig sweep SCENARIO --with {escape(diagnosis.recording)}.diagnosis.json -o RUN.parquet</code>",

@@ -19,7 +19,7 @@ from estimators.gap.stochastic import fit_effect
 from estimators.pipeline import calibrate
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
-from rig.effects import EFFECTS, Effect, Kind, make_effect
+from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
 from rig.errors import RigError
 from rig.pipeline import Pipeline
 from rig.recording import Recording
@@ -36,11 +36,11 @@ class GapResiduals:
         recording: what was diagnosed.
         floor: the noise of each channel at rest.
         before: (n, 6) [recorded unit] reading minus base fit.
-        after: (n, 6) [recorded unit] reading minus the fit with the causes' change in it; None where no cause is named.
+        after: (n, 6) [recorded unit] reading minus the fit with the causes' change in it; None where it has no causes.
         left_out: (n, 6) readings that a named defect has spoilt, such as a spike; they do not count in ``after``.
         white_before, white_after: (n, 6) the same residuals whitened: independent and of variance one where only the
             floor (and, after, the named noise) is left.
-        causes: the effects of the diagnosis.
+        causes: the effects of the likeliest explanation.
         bench: the base fit.
         calibrated: the rig calibrated with the causes in place, without them; the base fit's where there are none.
     """
@@ -110,14 +110,17 @@ def channel_floor(recording: Recording, locked: Recording | None, arm: Arm | Non
 
 
 def diagnosed_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
-    """The causes of a diagnosis as effects that the simulator can apply, values beyond their bounds moved to these."""
+    """The causes of the likeliest explanation as effects that the simulator can apply.
+
+    Values beyond their bounds are moved to these; what the recording did not feel is neutral.
+    """
     found = []
-    for cause in diagnosis.causes:
-        bounds = {item.name: (item.lower, item.upper) for item in EFFECTS[cause.effect].parameters()}
-        values: dict[str, object] = {"where": cause.where}
-        for name, estimate in cause.parameters.items():
-            value = estimate.value
-            values[name] = value if isinstance(value, str) else np.clip(value, *bounds[name]).tolist()
+    for cause in diagnosis.leading:
+        given = {name: estimate.value for name, estimate in cause.parameters.items()}
+        values = without_nulls(cause.effect, {"where": cause.where, **given})
+        for item in EFFECTS[cause.effect].parameters():
+            if item.name in values:
+                values[item.name] = np.clip(values[item.name], item.lower, item.upper).tolist()
         found.append(make_effect(cause.effect, values))
     return tuple(found)
 

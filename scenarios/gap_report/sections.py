@@ -1,27 +1,56 @@
-"""The sections of the page: where, which, how far, what it did to the calibration, what is left, what is next."""
+"""The sections of the page: explanations, what to do next, where, which, how far, what is left, what is not told."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from estimators.gap.diagnosis import Cause, Diagnosis, percent
+from estimators.gap.diagnosis import Cause, Diagnosis, chance, percent
 from scenarios.gap_report import charts, curves, maps
+from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.next_maneuver import interval_words
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (
+    MEANINGS,
+    VERDICTS,
+    alike_words,
     cause_title,
     estimate_for_people,
     estimate_words,
+    explanation_words,
     formula,
     grouped_untold,
-    p_words,
+    hidden_words,
+    listed_words,
+    place_words,
+    share_words,
+    status_words,
 )
 
+_EXPLANATIONS = 10
 _SHIFTS = 12
 #: A calibration parameter that moved by less is not worth a bar.
 _WORTH_SIGMAS = 0.5
+
+
+def explanations(diagnosis: Diagnosis) -> str:
+    """What could explain the recording, each with its probability."""
+    shown = diagnosis.hypotheses[:_EXPLANATIONS]
+    rows = [(escape(explanation_words(one)), chance(one.probability)) for one in shown]
+    if rest := listed_words(diagnosis, len(shown)):
+        words, _, probability = rest.partition(": ")
+        rows.append((f"<i>{escape(words)}</i>", escape(probability)))
+    return "\n".join(
+        [
+            "<h2>What could explain it</h2>",
+            f"<p><b>{VERDICTS[diagnosis.verdict]}</b>: {escape(MEANINGS[diagnosis.verdict])}</p>",
+            _figure(charts.posterior_bar(diagnosis), "Probability of each answer; the three add up to one."),
+            _table(("explanation", "probability"), rows, numbers=(1,)),
+            '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. Of what is '
+            "said with a probability of .9, nine in ten are true.</p>",
+        ]
+    )
 
 
 def where(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
@@ -41,9 +70,9 @@ def where(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
             "<h3>By what it follows</h3>",
             '<div class="pair">',
             _figure(charts.follow_bars(follows), ""),
-            '<p class="soft">The share of the gap that smooth functions of each quantity predict on blocks of the '
-            "recording that did not fit them. The shares overlap: what repeats with a joint's angle also repeats "
-            "with the orientation.</p></div>",
+            '<p class="soft">The share of the gap that one error of the rig explains where it is a smooth function of '
+            "that quantity: the best of all errors that a rig can have. The shares overlap: what repeats with a "
+            "joint's angle also repeats with the orientation.</p></div>",
         ]
     parts += [
         "<h3>Over the joint angles</h3>" if residuals.recording.q is not None else "<h3>Over attitude and place</h3>",
@@ -63,37 +92,47 @@ def where(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
 
 
 def which(diagnosis: Diagnosis) -> str:
-    """The causes, each with its parameters, its probability and what the data cannot split from it."""
-    parts = ["<h2>Which effect causes it</h2>"]
+    """The causes, each with its parameters, its probability and what does the same to the recording."""
+    heading = "<h2>Which effect causes it</h2>"
     if not diagnosis.causes:
         none = (
             "No effect is needed: the ideal rig with its best calibration leaves noise."
             if diagnosis.verdict == "no-gap"
-            else "No effect of the catalogue explains it."
+            else "No effect of the catalogue is likely."
         )
-        return f"{parts[0]}\n<p>{none}</p>"
-    if diagnosis.verdict == "unknown":
-        reason = (
-            "It takes all of these together to explain the gap, and none of them explains most of it: a sign that the "
-            "true cause is not in the catalogue and that they imitate it."
-            if diagnosis.remainder == "noise"
-            else "These explain part of the gap only. Something that is not in the catalogue is left, and may imitate "
-            "them or bend their parameters."
+        return f"{heading}\n<p>{none}</p>"
+    parts = [heading]
+    if diagnosis.posterior["other"] >= 0.5:
+        parts.append(
+            '<p class="warning">Something outside the catalogue is there as well, and may imitate these causes '
+            "or bend their parameters. Trust those that are established.</p>"
         )
-        parts.append(f'<p class="warning">{reason}</p>')
-    parts += [_cause(cause) for cause in diagnosis.causes]
+    elif diagnosis.verdict in ("unknown", "partly"):
+        parts.append('<p class="warning">No explanation stands out. Trust those causes only that are established.</p>')
+    parts.append(
+        '<p class="soft">The probability of a cause is that of all explanations that have it, or what does the same in '
+        "its place. Established: .95 or more; likely: .5 or more; possible: less. “Not felt”: this recording says "
+        "nothing about that number. The pictures and the improved rig have the causes of the likeliest explanation."
+        "</p>"
+    )
+    parts += [_cause(cause, status_words(cause, diagnosis)) for cause in diagnosis.causes]
     return "\n".join(parts)
 
 
-def _cause(cause: Cause) -> str:
+def _cause(cause: Cause, status: str) -> str:
     rows = [
-        (f"<code>{escape(name)}</code>", escape(estimate_words(value)), escape(estimate_for_people(value)))
+        (
+            f"<code>{escape(name)}</code>",
+            escape(estimate_words(value)),
+            escape(estimate_for_people(value)),
+            escape(value.why or ""),
+        )
         for name, value in cause.parameters.items()
     ]
     facts = [
-        ("probability", percent(cause.probability)),
-        ("p-value", p_words(cause.p_value)),
-        ("closes", percent(cause.closed)),
+        ("probability", chance(cause.probability)),
+        ("status", status),
+        ("closes", share_words(cause.closed)),
         ("in the catalogue", f"{cause.effect}, {cause.where}"),
     ]
     listed = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
@@ -102,17 +141,18 @@ def _cause(cause: Cause) -> str:
         f'<section class="cause"><h3>{escape(title[:1].upper() + title[1:])}</h3>',
         f'<p class="soft">{escape(formula(cause.effect))}</p>',
         f'<dl class="facts">{listed}</dl>',
-        _table(("parameter", "value ± standard deviation", ""), rows),
+        _table(("parameter", "value ± standard deviation", "", ""), rows),
     ]
     if cause.equivalent:
-        others = "; ".join(cause_title(each["effect"], each["where"]) for each in cause.equivalent)
-        parts.append(f"<p>The data cannot split it from: <b>{escape(others)}</b>.</p>")
+        parts.append(
+            f"<p>The same to this recording, with a share of that probability: <b>{escape(alike_words(cause))}</b>.</p>"
+        )
     return "".join(parts) + "</section>"
 
 
 def how_far(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     """The share of the gap that is gone, and the numbers by channel."""
-    if diagnosis.closed is None:
+    if diagnosis.closed.value is None:
         return ""
     unit = shown_units(residuals.recording.units)
     rows = []
@@ -126,8 +166,8 @@ def how_far(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     return "\n".join(
         [
             "<h2>How far it closes</h2>",
-            '<p class="soft">Share of the squared gap that is gone once the causes are in the simulator, on '
-            "held-out blocks, with its 95 % interval.</p>",
+            '<p class="soft">Share of the squared gap that is gone once the causes of the likeliest explanation are in '
+            "the simulator, with its 95 % interval, judged on blocks of the recording that did not choose them.</p>",
             _figure(charts.closed_bar(diagnosis), ""),
             also,
             _table(titles, [tuple(map(escape, row)) for row in rows], numbers=range(1, 7)),
@@ -171,19 +211,28 @@ def _fixed(value: float, difference: float) -> str:
 
 
 def remainder(diagnosis: Diagnosis) -> str:
-    """What is left after the best explanation."""
-    heading = "<h2>What is left</h2>"
-    if diagnosis.remainder == "noise":
-        return (
-            f"{heading}\n<p>Noise. Tested against pose, direction of travel, time, level, frequency, distribution and "
-            "the other channels: nothing stands out.</p>"
-        )
-    if not diagnosis.remainder_follows:
-        return f"{heading}\n<p>More than noise, without a pattern that could be told.</p>"
-    return (
-        f"{heading}\n<p>More than noise. It follows:</p>\n"
-        f"{_figure(charts.follow_bars(diagnosis.remainder_follows), 'Relative to the strongest test.')}"
-    )
+    """What is left after the likeliest explanation, and what could still hide."""
+    parts = ["<h2>What is left</h2>"]
+    if diagnosis.remainder.verdict == "noise":
+        parts.append("<p>Noise: beyond the likeliest explanation nothing is more likely there than not.</p>")
+    elif not diagnosis.remainder.follows:
+        parts.append("<p>More than noise, without a pattern that could be told.</p>")
+    else:
+        rows = [
+            (
+                escape(place_words(str(each["source"]))),
+                escape(place_words(str(each["course"]))),
+                percent(each["share"]),
+            )
+            for each in diagnosis.remainder.follows
+        ]
+        parts += [
+            "<p>More than noise. Of all errors that a rig can have, these describe it best:</p>",
+            _table(("what is off", "along", "share of the gap"), rows, numbers=(2,)),
+        ]
+    if hidden := hidden_words(diagnosis):
+        parts.append(f"<p>{escape(hidden)}</p>")
+    return "\n".join(parts)
 
 
 def untold(diagnosis: Diagnosis) -> str:
@@ -203,19 +252,22 @@ def untold(diagnosis: Diagnosis) -> str:
 
 
 def next_step(diagnosis: Diagnosis) -> str:
-    """The maneuver that would tell more, and how far it separates each pair of causes."""
-    step = diagnosis.next
-    if not step:
-        return ""
-    parts = ["<h2>What to do next</h2>", f"<p>{escape(str(step['why']))}</p>"]
-    if step.get("maneuver"):
-        parts.append(f"<p><b>{escape(_sentence(str(step['maneuver'])))}</b></p>")
+    """What to do next, and the maneuver that would tell more with how far it separates each pair of explanations."""
+    listed = "".join(f"<li>{escape(step)}</li>" for step in next_steps(diagnosis))
+    parts = ["<h2>What to do next</h2>", f"<ol>{listed}</ol>"]
+    step = diagnosis.next or {}
+    if not step.get("maneuver"):
+        return "\n".join(parts)
+    parts += [f"<p><b>{escape(_sentence(str(step['maneuver'])))}</b></p>", f"<p>{escape(str(step['why']))}</p>"]
     if step.get("scenario"):
         name = escape(str(step["scenario"]))
         parts.append(f"<p>To simulate it: <code>rig sweep {name} -o RUN.parquet</code></p>")
     rows = [
         (
-            *(escape(cause_title(pair[key]["effect"], pair[key]["where"])) for key in ("truth", "rival")),
+            *(
+                escape(" and ".join(cause_title(each["effect"], each["where"]) for each in pair[key]))
+                for key in ("truth", "rival")
+            ),
             interval_words(pair["chi_square"], pair["low"], pair["high"]),
             f"{pair['recorded_maneuver']:.1f}",
         )

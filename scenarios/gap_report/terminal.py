@@ -8,27 +8,43 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from estimators.gap.diagnosis import Diagnosis, percent
+from estimators.gap.diagnosis import Diagnosis, chance, percent
+from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (
     VERDICTS,
+    alike_words,
     cause_title,
     cause_words,
     closed_words,
     estimate_for_people,
     estimate_words,
+    explanation_words,
     grouped_untold,
-    p_words,
+    hidden_words,
+    left_words,
+    listed_words,
+    place_words,
+    posterior_words,
     sentence,
+    share_words,
+    status_words,
 )
 from scenarios.report import table
 
-_COLOURS = {"no-gap": "green", "named": "bold blue", "ambiguous": "bold yellow", "unknown": "bold red"}
+_COLOURS = {
+    "no-gap": "green",
+    "named": "bold blue",
+    "ambiguous": "bold yellow",
+    "partly": "bold magenta",
+    "unknown": "bold red",
+}
 _SHIFTS = 3
+_EXPLANATIONS = 5
 
 
 def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
-    """One recording's diagnosis: verdict, causes, channels, shift of the calibration, what cannot be told.
+    """One recording's diagnosis: verdict, explanations, causes, channels, what is left, what to do next.
 
     Args:
         units: sensor -> recorded unit.
@@ -38,29 +54,46 @@ def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
             VERDICTS[diagnosis.verdict].lower(), style=_COLOURS[diagnosis.verdict]
         ),
         Text(sentence(diagnosis)),
+        Text(""),
+        _explanations(diagnosis),
     ]
     if diagnosis.causes:
         parts += [Text(""), _causes(diagnosis)]
     if diagnosis.channels:
         parts += [Text(""), _channels(diagnosis, units)]
-    if lines := list(_lines(diagnosis)):
-        parts += [Text(""), *(Text(line) for line in lines)]
+    parts += [Text(""), *(Text(line) for line in _lines(diagnosis))]
     parts += [Text(f"warning: {warning}", style="yellow") for warning in diagnosis.warnings]
+    parts += [Text("\nWhat to do next", style="bold")]
+    parts += [Text(f"{number}. {step}") for number, step in enumerate(next_steps(diagnosis), start=1)]
+    if diagnosis.next and diagnosis.next.get("maneuver"):
+        parts += [Text(f"maneuver: {diagnosis.next['maneuver']}"), Text(str(diagnosis.next["why"]))]
     return Group(*parts)
 
 
+def _explanations(diagnosis: Diagnosis) -> Table:
+    result = table("explanation", "probability", numbers=("probability",))
+    shown = diagnosis.hypotheses[:_EXPLANATIONS]
+    for one in shown:
+        result.add_row(Text(explanation_words(one)), chance(one.probability))
+    if rest := listed_words(diagnosis, len(shown)):
+        words, _, probability = rest.partition(": ")
+        result.add_row(Text(words, style="dim"), probability)
+    return result
+
+
 def _causes(diagnosis: Diagnosis) -> Table:
-    numbers = ("probability", "p-value", "closes")
+    numbers = ("probability", "closes")
     result = table("cause", "parameters", *numbers, numbers=numbers)
     for cause in diagnosis.causes:
         parameters = [
             f"{name} {estimate_words(value)}" + (f" = {people}" if (people := estimate_for_people(value)) else "")
             for name, value in cause.parameters.items()
         ]
-        others = [f"or {cause_title(each['effect'], each['where'])}" for each in cause.equivalent]
-        words = "\n".join([cause_title(cause.effect, cause.where), *others])
-        sizes = (percent(cause.probability), p_words(cause.p_value), percent(cause.closed))
-        result.add_row(*map(Text, (words, "\n".join(parameters), *sizes)))
+        names = [cause_title(cause.effect, cause.where), f"({status_words(cause, diagnosis)})"]
+        if cause.equivalent:
+            names.append(f"the same here: {alike_words(cause)}")
+        sizes = (chance(cause.probability), share_words(cause.closed))
+        result.add_row(*map(Text, ("\n".join(names), "\n".join(parameters), *sizes)))
     return result
 
 
@@ -76,37 +109,35 @@ def _channels(diagnosis: Diagnosis, units: Mapping[str, str]) -> Table:
 
 
 def _lines(diagnosis: Diagnosis) -> list[str]:
-    lines = []
+    lines = [f"probability  {posterior_words(diagnosis)}"]
     follows = diagnosis.follows[:4]
     if follows:
-        lines.append("follows      " + ", ".join(f"{each['variable']} {percent(each['share'])}" for each in follows))
+        shares = (f"{place_words(str(each['variable']))} {percent(each['share'])}" for each in follows)
+        lines.append("follows      " + "; ".join(shares))
+    if diagnosis.closed.value is not None:
+        lines.append(f"closes       {closed_words(diagnosis)} of the gap, judged on {diagnosis.closed_on}")
     shifts = sorted(diagnosis.calibration_shift.items(), key=lambda item: -abs(item[1]["sigmas"]))[:_SHIFTS]
     if shifts:
         lines.append("shifted      " + ", ".join(f"{name} by {abs(shift['sigmas']):.1f} σ" for name, shift in shifts))
-    left = [str(each["variable"]) for each in diagnosis.remainder_follows[:4]]
-    lines.append(f"left over    {diagnosis.remainder}" + (f": follows {', '.join(left)}" if left else ""))
-    if diagnosis.next:
-        lines.append(f"next         {diagnosis.next['why']}")
-        if diagnosis.next.get("maneuver"):
-            lines.append(f"maneuver     {diagnosis.next['maneuver']}")
+    left = "; ".join(left_words(diagnosis))
+    lines.append(f"left over    {diagnosis.remainder.verdict}" + (f": {left}" if left else ""))
+    if hidden := hidden_words(diagnosis):
+        lines.append(f"hidden       {hidden}")
     for why, effects in grouped_untold(diagnosis.cannot_tell).items():
         lines.append(f"cannot tell  {', '.join(effects)}: {why}")
     return lines
 
 
 def summary_table(diagnoses: Sequence[Diagnosis]) -> Table:
-    """One line a recording."""
-    result = table("recording", "verdict", "cause", "closed", "left over")
+    """One line a recording: the verdict, its causes with their probabilities, how far the gap closes, what is left."""
+    result = table("recording", "verdict", "causes", "closed", "left over")
     for diagnosis in diagnoses:
         causes = "\n".join(
-            line
+            f"{cause_words(cause)}: {chance(cause.probability)}"
+            + (f"\n  the same here: {alike_words(cause)}" if cause.equivalent else "")
             for cause in diagnosis.causes
-            for line in (
-                cause_words(cause),
-                *(f"  or {cause_title(each['effect'], each['where'])}" for each in cause.equivalent),
-            )
         )
         verdict = Text(VERDICTS[diagnosis.verdict].lower(), style=_COLOURS[diagnosis.verdict])
-        left = ", ".join(str(each["variable"]) for each in diagnosis.remainder_follows[:2]) or diagnosis.remainder
+        left = "\n".join(left_words(diagnosis)[:2]) or diagnosis.remainder.verdict
         result.add_row(Text(diagnosis.recording), verdict, Text(causes), closed_words(diagnosis), Text(left))
     return result

@@ -8,12 +8,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from estimators.gap.diagnosis import Cause, Diagnosis, Estimate, percent
+from estimators.gap.diagnosis import ESTABLISHED, NAMED, Cause, Closed, Diagnosis, Estimate, Hypothesis, chance, percent
 from rig.effects import EFFECTS
 from scenarios.report import plus_minus, shortened
-
-#: Below this a p-value is the floating-point floor of the test, not a statement.
-_SMALLEST_P: Final = 1e-300
 
 #: A parameter of more numbers is not written out.
 _MOST_NUMBERS: Final = 6
@@ -25,13 +22,33 @@ VERDICTS: Final = {
     "no-gap": "No gap",
     "named": "Named",
     "ambiguous": "Ambiguous",
+    "partly": "Partly",
     "unknown": "Unknown",
 }
+
+#: What each verdict means, for who reads one for the first time.
+MEANINGS: Final = {
+    "no-gap": "The model with its best calibration leaves noise, and nothing else that could be seen.",
+    "named": "One explanation has a probability of .9 or more.",
+    "ambiguous": "At most five explanations share a probability of .9; which of them is right is open.",
+    "partly": "At least one cause is established, with a probability of .95 or more; the rest has no name yet.",
+    "unknown": "No explanation by known causes is likely enough to be named.",
+}
+
+#: The three answers between which the probability is divided.
+ANSWERS: Final = {
+    "nothing": "nothing beyond the noise floor",
+    "known": "known causes alone",
+    "other": "something outside the catalogue",
+}
+#: Of what the data do not feel: a maneuver that would show it was not made.
+NOT_FELT: Final = "not felt"
+_EFFECT: Final = re.compile("|".join(rf"\b{name}\b" for name in EFFECTS))
 
 
 def place_words(where: str) -> str:
     """A place as words: ``joint5`` is "joint 5"."""
-    return re.sub(r"^(joint|link)(\d)$", r"\1 \2", where)
+    return re.sub(r"\b(joint|link)(\d+)\b", r"\1 \2", where)
 
 
 def cause_title(effect: str, where: str) -> str:
@@ -47,34 +64,48 @@ def formula(effect: str) -> str:
 
 
 def estimate_words(estimate: Estimate) -> str:
-    """A parameter in its own unit, with its standard deviation where it has one."""
+    """A parameter in its own unit, with its standard deviation where it has one; what the data do not feel says so."""
     if isinstance(estimate.value, str):
         return estimate.value
+    if not _felt(estimate):
+        return NOT_FELT
     unit = "" if estimate.unit in ("relative", "name") else f" {estimate.unit}"
     return _numbers(estimate, 1.0) + unit
 
 
 def estimate_for_people(estimate: Estimate) -> str:
     """The same in degrees, percent or millivolts; empty where there is nothing to convert."""
-    if isinstance(estimate.value, str) or estimate.unit not in _PEOPLE:
+    if isinstance(estimate.value, str) or estimate.unit not in _PEOPLE or not _felt(estimate):
         return ""
     factor, unit = _PEOPLE[estimate.unit]
     return f"{_numbers(estimate, factor)} {unit}"
 
 
+def _felt(estimate: Estimate) -> bool:
+    """Whether the data feel any component."""
+    values = estimate.value if isinstance(estimate.value, tuple) else (estimate.value,)
+    return any(value is not None for value in values)
+
+
 def _numbers(estimate: Estimate, factor: float) -> str:
-    pairs = [(factor * value, None if std is None else factor * std) for value, std in _pairs(estimate)]
+    pairs = [
+        (None if value is None else factor * value, None if std is None else factor * std)
+        for value, std in _pairs(estimate)
+    ]
     if len(pairs) > _MOST_NUMBERS:
-        rms = math.sqrt(sum(value**2 for value, _ in pairs) / len(pairs))
-        return f"{len(pairs)} numbers, RMS {rms:.3g}"
-    numbers = [_number(*pair).replace("-", "−") for pair in pairs]
+        known = [value for value, _ in pairs if value is not None]
+        rms = math.sqrt(sum(value**2 for value in known) / len(known))
+        lacking = len(pairs) - len(known)
+        return f"{len(pairs)} numbers, RMS {rms:.3g}" + (f", {lacking} of them {NOT_FELT}" if lacking else "")
+    numbers = [NOT_FELT if value is None else _number(value, std).replace("-", "−") for value, std in pairs]
     return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
 
 
-def _pairs(estimate: Estimate) -> list[tuple[float, float | None]]:
+def _pairs(estimate: Estimate) -> list[tuple[float | None, float | None]]:
+    assert not isinstance(estimate.value, str)
     values = estimate.value if isinstance(estimate.value, tuple) else (estimate.value,)
-    stds: tuple[float | None, ...] = estimate.std if isinstance(estimate.std, tuple) else (estimate.std,) * len(values)
-    return [(float(value), std) for value, std in zip(values, stds, strict=True)]
+    stds = estimate.std if isinstance(estimate.std, tuple) else (estimate.std,) * len(values)
+    return list(zip(values, stds, strict=True))
 
 
 def _number(value: float, std: float | None) -> str:
@@ -87,62 +118,140 @@ def cause_words(cause: Cause) -> str:
     sizes = [
         estimate_for_people(value) or estimate_words(value)
         for value in cause.parameters.values()
-        if value.std is not None and not isinstance(value.value, tuple)
+        if value.std is not None and value.value is not None and not isinstance(value.value, tuple)
     ]
     return cause_title(cause.effect, cause.where) + (f", {', '.join(sizes[:2])}" if sizes else "")
 
 
-def p_words(p_value: float) -> str:
-    """A p-value."""
-    return "< 1e-300" if p_value <= _SMALLEST_P else f"{p_value:.2g}"
+def status_words(cause: Cause, diagnosis: Diagnosis) -> str:
+    """How sure one may be of a cause, and whether the likeliest explanation has it."""
+    sure = "established" if cause.probability >= ESTABLISHED else "likely" if cause.probability >= 0.5 else "possible"
+    if cause.equivalent:
+        sure += ", it or what does the same"
+    return sure if cause in diagnosis.leading else f"{sure}, not in the likeliest explanation"
+
+
+def alike_words(cause: Cause) -> str:
+    """What does the same as a cause to this recording."""
+    return and_words([cause_title(each["effect"], each["where"]) for each in cause.equivalent])
+
+
+def and_words(names: Sequence[str]) -> str:
+    """Names in a row: "a", "a and b", "a, b and c"."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def explanation_words(hypothesis: Hypothesis) -> str:
+    """An explanation in words."""
+    causes = [cause_title(*cause) for cause in hypothesis.causes]
+    if hypothesis.other:
+        causes.append(ANSWERS["other"])
+    return and_words(causes) or ANSWERS["nothing"]
+
+
+def listed_words(diagnosis: Diagnosis, shown: int) -> str:
+    """What the first ``shown`` explanations leave out; empty where they are all."""
+    rest = diagnosis.hypotheses[shown:]
+    left = diagnosis.omitted + sum(one.probability for one in rest)
+    if left < 0.0005:
+        return ""
+    return f"all other explanations together: {chance(left)}"
+
+
+def posterior_words(diagnosis: Diagnosis) -> str:
+    """The three answers with their probabilities."""
+    return ", ".join(f"{words} {chance(diagnosis.posterior[name])}" for name, words in ANSWERS.items())
+
+
+def hidden_words(diagnosis: Diagnosis) -> str:
+    """What could be there and not be seen; empty where that is not known."""
+    size = diagnosis.remainder.could_hide_snr
+    if size is None:
+        return ""
+    return (
+        "A further gap could still hide in the noise: an error of one joint, mount, field, clock or channel, with a "
+        f"signal-to-noise ratio of up to {size:.2g} over the whole recording, would be missed more often than once in "
+        "twenty."
+    )
+
+
+def left_words(diagnosis: Diagnosis) -> list[str]:
+    """What the remainder follows: the source, its course, and the share of the gap."""
+    return [
+        f"{place_words(str(each['source']))}, along {place_words(str(each['course']))}"
+        f" ({percent(each['share'])} of the gap)"
+        for each in diagnosis.remainder.follows
+    ]
 
 
 def closed_words(diagnosis: Diagnosis) -> str:
     """How far the gap closes, with its interval: "97 % (95–99)"."""
-    if diagnosis.closed is None:
+    return share_words(diagnosis.closed)
+
+
+def share_words(closed: Closed) -> str:
+    """A share with its interval; a dash where nothing is to close."""
+    if closed.value is None:
         return "–"
-    return percent(diagnosis.closed, diagnosis.closed_low, diagnosis.closed_high).replace("-", "–")
+    return percent(closed.value, closed.low, closed.high).replace("-", "–")
 
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The diagnosis' own sentence without the verdict's name before it, as a sentence on paper."""
     words = str(diagnosis.sentence()).removeprefix(f"{diagnosis.verdict}: ")
     words = words.replace("+-", "±").replace(" deg", "°")
-    return _as_sentence(re.sub(r"\b(joint|link)(\d)\b", r"\1 \2", words))
+    return _as_sentence(place_words(_EFFECT.sub(lambda found: found[0].replace("_", " "), words)))
 
 
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a few words."""
     if diagnosis.verdict == "no-gap":
-        return sentence(diagnosis)
-    causes = " and ".join(cause_words(cause) + _rivals(cause) for cause in diagnosis.causes)
-    if diagnosis.verdict == "unknown":
-        if diagnosis.remainder == "noise":  # several causes where one would do
-            return "Something that the catalogue does not have; only several effects together would imitate it"
-        return "Something that the catalogue does not have" + (f", beside {causes}" if causes else "")
-    return causes[:1].upper() + causes[1:]
+        return "No gap: the model leaves noise"
+    if diagnosis.verdict == "named":
+        return _capital(" and ".join(cause_words(cause) + _alike(cause) for cause in diagnosis.leading))
+    if diagnosis.verdict == "ambiguous":
+        return _capital(" or ".join(explanation_words(one) for one in alternatives(diagnosis)))
+    other = diagnosis.posterior["other"] >= 0.5
+    if diagnosis.verdict == "partly":
+        rest = "something outside the catalogue" if other else "more, for which no explanation stands out"
+        return (
+            _capital(and_words([cause_words(cause) + _alike(cause) for cause in diagnosis.established]))
+            + f", and {rest}"
+        )
+    return "Something outside the catalogue" if other else "No explanation stands out"
 
 
-def _rivals(cause: Cause) -> str:
-    """What the data cannot split from a cause: by name where it is one, by number where they are several."""
+def alternatives(diagnosis: Diagnosis) -> list[Hypothesis]:
+    """The explanations by known causes between which an ambiguous recording does not decide."""
+    found: list[Hypothesis] = []
+    for one in diagnosis.hypotheses:
+        if one.causes and not one.other and sum(each.probability for each in found) < NAMED:
+            found.append(one)
+    return found
+
+
+def _alike(cause: Cause) -> str:
+    """What does the same here as a cause: by name where it is one, by number where they are several."""
     if not cause.equivalent:
         return ""
     if len(cause.equivalent) > 1:
-        return f" (or one of {len(cause.equivalent)} that the data cannot split from it)"
-    return f" (or {cause_title(cause.equivalent[0]['effect'], cause.equivalent[0]['where'])})"
+        return f" (or one of {len(cause.equivalent)} that do the same here)"
+    return f" (or {alike_words(cause)}, which does the same here)"
 
 
 def consequences(diagnosis: Diagnosis) -> str:
     """What the diagnosis' sentence says after the causes; all of it where that is not set apart."""
-    if diagnosis.verdict == "no-gap":
-        return ""
     words = sentence(diagnosis)
     _, apart, rest = words.partition(": ")
-    return _as_sentence(rest) if apart else words
+    return _as_sentence(rest) if apart and diagnosis.verdict in ("named", "ambiguous") else words
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def _as_sentence(words: str) -> str:
-    return words[:1].upper() + words[1:] + ("" if words.endswith(".") else ".")
+    return _capital(words) + ("" if words.endswith(".") else ".")
 
 
 def grouped_untold(untold: Sequence[Mapping[str, str]]) -> dict[str, list[str]]:

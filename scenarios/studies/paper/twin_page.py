@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f
 
+from estimators.gap.diagnosis import ESTABLISHED, chance
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.files import own_folder, write_text
 from scenarios.loader import load
@@ -255,8 +256,9 @@ def _diagnosis(document: Mapping[str, Any], scenario: Scenario) -> Iterator[str]
     closed = document["closed"]["value"]
     yield (
         f"Of every 25th sample ({document['samples']:,}), beside a locked recording with the motors off. The rig has"
-        f" {count} effects at once, more than the diagnosis puts together. Its verdict: **{document['verdict']}**"
-        + ("" if closed is None else f"; what it names closes {closed:.1%} of the gap on held-out blocks")
+        f" {count} effects at once. Its verdict: **{document['verdict']}**; probability of something outside the"
+        f" catalogue: {chance(document['posterior']['other'])}"
+        + ("" if closed is None else f"; the likeliest explanation closes {closed:.1%} of the gap on held-out blocks")
         + f"; what is left is {document['remainder']['verdict']}."
     )
     yield ""
@@ -266,8 +268,9 @@ def _diagnosis(document: Mapping[str, Any], scenario: Scenario) -> Iterator[str]
         sizes = ", ".join(_estimate(name, value) for name, value in cause["parameters"].items())
         others = "; ".join(f"{each['effect']} of {each['where']}" for each in cause["equivalent"])
         true = "yes" if (cause["effect"], cause["where"]) in there else "no"
-        rows.append((f"`{cause['effect']}`", cause["where"], sizes, others or "–", true))
-    yield from markdown(("named", "place", "parameters", "cannot be split from", "in the rig"), rows)
+        rows.append((f"`{cause['effect']}`", cause["where"], chance(cause["probability"]), sizes, others or "–", true))
+    if rows:
+        yield from markdown(("cause", "place", "probability", "parameters", "the same here", "in the rig"), rows)
     rows = [
         (name, *(f"{1e3 * row[key]:.1f}" for key in ("noise_floor", "gap_before", "gap_after")))
         for name, row in document["where"]["channels"].items()
@@ -278,9 +281,11 @@ def _diagnosis(document: Mapping[str, Any], scenario: Scenario) -> Iterator[str]
 def _estimate(name: str, estimate: Mapping[str, Any]) -> str:
     value, std = estimate["value"], estimate["std"]
     if isinstance(value, list):
-        return f"{name} ({', '.join(f'{each:.3g}' for each in value)})"
+        return f"{name} ({', '.join('not felt' if each is None else f'{each:.3g}' for each in value)})"
     if isinstance(value, str):
         return f"{name} {value}"
+    if value is None:
+        return f"{name} not felt"
     return f"{name} {value:.3g}" + ("" if std is None else f" ± {std:.1g}")
 
 
@@ -347,10 +352,11 @@ def _conclusions(found: SubsetStudy, fields: tuple[StrayField, ...], document: M
         " calibration returns: the standard deviations of Table 12 say nothing of that. How large the bias was in the"
         " experiment depends on the source, and is as open as that."
     )
-    if document["verdict"] == "unknown":
+    if document["verdict"] in ("partly", "unknown"):
+        established = sum(cause["probability"] >= ESTABLISHED for cause in document["causes"])
         yield (
-            "- **Even with the recording, several causes at once stay hard**: the diagnosis of the simulated one finds"
-            " the large ones, and says that something is left."
+            "- **Even with the recording, several causes at once stay hard**: the diagnosis of the simulated one"
+            f" establishes {established or 'none'} of {len(load(SCENARIO).rig.effects)}, and says that more is there."
         )
     yield (
         "- **What cannot be concluded**: that there was a magnet, an eccentric joint or a vibrating base. The rig is an"

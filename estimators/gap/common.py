@@ -1,0 +1,100 @@
+"""Noise effects whose errors all channels share: a clock that jitters, a log of poses that errs.
+
+An error at an instant moves every channel by its own response: what it adds is coherent, and told from the noise of
+single channels by that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.bench import Bench
+from estimators.gap.discrepancy import Term, Weighed, blocks_term, weighed_terms
+from estimators.gap.evidence import Linear
+from estimators.gap.sources import Source
+from estimators.gap.stochastic import NoiseOffer
+from rig.effects import EFFECTS, Effect, Kind
+
+Array = NDArray[np.float64]
+
+#: Steps of the grid of amplitudes, and their ratio: fine enough to tell the strength from.
+_STEPS, _RATIO = 24, 1.25
+
+
+@dataclass(frozen=True)
+class CommonNoise:
+    """A noise effect with one error for all channels, at a shape, and its term."""
+
+    effect: Effect
+    response: Array
+    term: Term
+
+    def offer(self, found: Weighed) -> NoiseOffer:
+        """With the strength that the data give it."""
+        (item,) = [each for each in self.effect.parameters() if each.strength]
+        weight = np.exp(found.gains - np.logaddexp.reduce(found.gains))
+        unit = float(self.term.unit)
+        variances = self.term.variances * unit
+        value = float(weight @ variances)
+        deviation = float(np.sqrt(weight @ (variances - value) ** 2 + (value * np.log(_RATIO) / np.sqrt(3.0)) ** 2))
+        root = float(np.clip(np.sqrt(value), item.lower, item.upper))
+        made = type(self.effect).from_mapping({**vars(self.effect), item.name: root})
+        raw = value * np.sum(self.response**2, axis=2)
+        return NoiseOffer(
+            effect=made,
+            gain=2.0 * float(found.gains.max()),
+            rank=1,
+            searched=1,
+            std=np.array([0.5 * deviation / max(root, 1e-300)]),
+            spread=np.array([deviation]),
+            added=raw / self.scale**2,
+            in_time=True,
+            gap=np.sqrt(raw.mean(axis=0)),
+        )
+
+    @property
+    def scale(self) -> Array:
+        """(6,) floor [recorded unit] that the response was divided by."""
+        return np.asarray(self.term.scale)
+
+
+def common_noises(bench: Bench, without: Sequence[str]) -> list[CommonNoise]:
+    """Those that a recording can show."""
+    found = []
+    sigma = np.array([whitener.sigma if whitener is not None else np.nan for whitener in bench.whiteners])
+    sigma = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, np.inf)
+    for effect in EFFECTS.values():
+        if effect.name in without or not is_common(effect) or effect.lacking(bench.base):
+            continue
+        for shape in effect.searched(bench.base):
+            probe = effect.from_mapping({"where": effect.places[0], **shape})
+            response = np.nan_to_num(probe.response(bench.base, bench.pipeline))
+            series = (response / sigma[:, None] * bench.weights[:, :, None]).transpose(2, 1, 0)[:, bench.columns]
+            if not series.any():
+                continue
+            tau_s = float(np.max(shape.get("tau_s", 0.0)))
+            pieces = bench.count if tau_s < bench.interval_s else max(8, int(np.ptp(bench.t) / (2.0 * tau_s)))
+            source = Source(effect.name, series, "noise")
+            term = blocks_term(
+                bench, source, min(pieces, bench.count), -float(np.log(len(effect.searched(bench.base))))
+            )
+            found.append(CommonNoise(probe, response, replace(term, steps=_STEPS, ratio=_RATIO, scale=tuple(sigma))))
+    return found
+
+
+def is_common(effect: type[Effect]) -> bool:
+    """Whether a noise effect is one error for all channels."""
+    return effect.kind is Kind.NOISE and effect.response is not Effect.response
+
+
+def beside(linear: Linear, noises: Sequence[CommonNoise]) -> list[tuple[float, NoiseOffer]]:
+    """Each beside a set of effects, sample by sample: its log mass before its prior, and its strength."""
+    found = []
+    for noise in noises:
+        for each in weighed_terms(linear, [noise.term]):
+            found.append((each.log_mass, noise.offer(each)))
+    return found

@@ -1,0 +1,270 @@
+"""The structured discrepancy: an error source along an unknown course, averaged over its prior.
+
+Kennedy and O'Hagan, "Bayesian calibration of computer models" (Journal of the Royal Statistical Society B 63, 2001):
+what no effect of the catalogue explains is a Gaussian process. Here it is a source times a sum of functions with normal
+coefficients, so that its covariance has low rank: one eigendecomposition for each source and course serves all
+amplitudes, and all hypotheses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.bench import Bench, orthonormal, project
+from estimators.gap.evidence import Linear
+from estimators.gap.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS
+from estimators.gap.sources import COSINES, Source, cosines, courses, level_courses, matern, sources
+
+Array = NDArray[np.float64]
+
+#: Blocks of time in each of which a source may be off by something else: what changes faster than the cosines.
+BLOCKS: Final = (128, 512)
+#: A term that could not gain this much, its prior counted, is not weighed.
+_HOPELESS: Final = -9.0
+#: Eigenvalues below this share of the largest tell nothing.
+_NEGLIGIBLE: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class Term:
+    """One source along one course.
+
+    Attributes:
+        source, course: in words.
+        log_prior: of this term among all, before its amplitudes.
+        basis: function that projects whitened (m, k) onto its eigenvectors, scaled: (r, k).
+        values: (r,) eigenvalues of W' G W.
+        steps, ratio: of the grid of amplitudes.
+        unit: variance of the source's error for a variance of one here. scale: (6,) what its response was divided by.
+    """
+
+    source: str
+    course: str
+    log_prior: float
+    values: Array
+    _project: object
+    steps: int = DISCREPANCY_STEPS
+    ratio: float = 2.0
+    unit: float = 1.0
+    scale: tuple[float, ...] = ()
+
+    @cached_property
+    def variances(self) -> Array:
+        """(steps,) variances, one for each signal-to-noise before the data."""
+        snr = DISCREPANCY_SNR * self.ratio ** np.arange(self.steps)
+        return np.asarray(snr**2 / max(float(self.values.sum()), 1e-300))
+
+    def along(self, columns: Array) -> Array:
+        """(r, k) of whitened columns (m, k): products with the eigenvectors."""
+        return self._project(columns)  # type: ignore[operator,no-any-return]
+
+
+@dataclass(frozen=True)
+class Means:
+    """Whitened samples as sums over neighbours, scaled so that white noise keeps its variance of one.
+
+    Attributes:
+        fine: sample by sample. rough: the bench of means over so many neighbours, for what courses follow.
+    """
+
+    fine: Bench
+    rough: Bench
+
+    @property
+    def size(self) -> int:
+        """Neighbours."""
+        return self.fine.count // self.rough.count
+
+    @property
+    def count(self) -> int:
+        """Sums a channel."""
+        return self.rough.count
+
+    def __call__(self, columns: Array) -> Array:
+        """Whitened columns (c n, k) as (c m, k)."""
+        if self.size == 1:
+            return columns
+        channels, many = len(self.fine.columns), self.count * self.size
+        cut = columns.reshape(channels, self.fine.count, -1)[:, :many]
+        shape = (channels, self.count, self.size, cut.shape[-1])
+        return np.asarray(cut.reshape(shape).sum(axis=2).reshape(channels * self.count, -1) / np.sqrt(self.size))
+
+    @cached_property
+    def absorbed(self) -> Array:
+        """(c m, rank) orthonormal basis of the calibration's tangent."""
+        return self.fine.absorbed if self.size == 1 else orthonormal(self(self.fine.tangent))
+
+    def linear(self, fine: Linear) -> Linear:
+        """A linearised set of effects, the calibration projected out here too."""
+        both = self(np.column_stack([fine.left, fine.tangent]))
+        both = project(self.absorbed, both)  # the effects' own calibration is a slightly different one
+        return replace(fine, left=both[:, 0], tangent=both[:, 1:])
+
+
+@dataclass(frozen=True)
+class Discrepancies:
+    """All terms on sums over neighbouring samples."""
+
+    terms: list[Term]
+    means: Means
+
+    @classmethod
+    def of(cls, fine: Bench, rough: Bench) -> Discrepancies:
+        """Of every source along every course."""
+        bench = Means(fine, rough)
+        waves = cosines(bench.count)
+        along = list(courses(rough))
+        every = [
+            replace(
+                each,
+                series=bench(each.series.transpose(1, 2, 0).reshape(-1, len(each.series))).T.reshape(
+                    len(each.series), len(fine.columns), bench.count
+                ),
+            )
+            for each in sources(fine)
+        ]
+        found: list[Term] = []
+        for source in every:
+            own: list[tuple[str, Array, Array]] = []
+            for length in LENGTHS:
+                most = min(COSINES, max(8, int(np.ceil(8.0 / length))))
+                own.append(("time", waves[:, :most], matern(length, most)))
+            named = [(course.name, course.values, course.weight) for course, kinds in along if source.kind in kinds]
+            if source.column >= 0 and source.kind == "offset":
+                named += [(course.name, course.values, course.weight) for course in level_courses(rough, source.column)]
+            blocks = [count for count in BLOCKS if count < 0.7 * bench.count] + [bench.count]
+            share = -float(np.log(len(every))) - float(np.log(len(named) + 2))
+            for name, values, weight in own:
+                found.append(_term(bench, source, name, values, weight, share - float(np.log(len(own)))))
+            for name, values, weight in named:
+                found.append(_term(bench, source, name, values, weight, share))
+            for count in blocks:
+                found.append(blocks_term(bench, source, count, share - float(np.log(len(blocks)))))
+        return cls([term for term in found if len(term.values)], bench)
+
+
+def _term(bench: Means, source: Source, name: str, values: Array, weight: Array, log_prior: float) -> Term:
+    """A source along functions of time, the calibration projected out."""
+    freedoms, channels, _ = source.series.shape
+    touched = [channel for channel in range(channels) if source.series[:, channel].any()]
+    count = values.shape[1]
+    gram = np.zeros((freedoms * count, freedoms * count))
+    for i in range(freedoms):
+        for j in range(i, freedoms):
+            both = np.einsum("cn,cn->n", source.series[i, touched], source.series[j, touched])
+            part = values.T @ (both[:, None] * values)
+            gram[i * count : (i + 1) * count, j * count : (j + 1) * count] = part
+            gram[j * count : (j + 1) * count, i * count : (i + 1) * count] = part.T
+
+    def products(columns: Array) -> Array:
+        by_channel = columns.reshape(channels, bench.count, -1)[touched]
+        parts = [values.T @ np.einsum("cn,cnk->nk", source.series[i, touched], by_channel) for i in range(freedoms)]
+        return np.concatenate(parts)
+
+    shared = products(bench.absorbed)
+    gram -= shared @ shared.T
+    # each freedom as visible as any other
+    scale = np.sqrt(np.array([np.sum(source.series[i] ** 2) for i in range(freedoms)]))
+    scale = np.where(scale > 1e-12, 1.0 / np.maximum(scale, 1e-12), 0.0)
+    weights = np.concatenate([weight * each for each in scale])
+    own, vectors = np.linalg.eigh(weights[:, None] * gram * weights)
+    kept = own > _NEGLIGIBLE * max(float(own[-1]), 1e-300)
+    if not kept.any() or own[-1] <= 0.0:
+        return Term(source.name, name, log_prior, np.zeros(0), None)
+    vectors = vectors[:, kept]
+    return Term(
+        source.name, name, log_prior, own[kept], lambda columns: vectors.T @ (weights[:, None] * products(columns))
+    )
+
+
+def blocks_term(bench: Means | Bench, source: Source, count: int, log_prior: float) -> Term:
+    """A source that is off by something else in each of so many blocks; what the calibration takes of it is little."""
+    edges = np.linspace(0, bench.count, count, endpoint=False).astype(int)
+    size = np.sqrt(np.maximum(np.sum(source.series**2, axis=(1, 2)), 1e-300))
+    if source.kind == "noise":  # one strength for all errors
+        size[:] = np.sqrt(np.mean(size**2))
+    series = source.series / size[:, None, None]
+    channels = series.shape[1]
+    grams = np.add.reduceat(np.einsum("icn,jcn->nij", series, series), edges, axis=0)
+    own, vectors = np.linalg.eigh(grams)  # (b, f), (b, f, f)
+    flat = own.ravel()
+    kept = flat > _NEGLIGIBLE * max(float(flat.max()), 1e-300)
+
+    def products(columns: Array) -> Array:
+        by_channel = columns.reshape(channels, bench.count, -1)
+        parts = np.add.reduceat(np.einsum("icn,cnk->nik", series, by_channel), edges, axis=0)  # (b, f, k)
+        turned = np.einsum("bij,bik->bjk", vectors, parts)
+        return np.asarray(turned.reshape(-1, columns.shape[1])[kept])
+
+    name = f"time, in {count} pieces" if count < bench.count else "time, from sample to sample"
+    return Term(source.name, name, log_prior, flat[kept], products, unit=1.0 / float(size[0]) ** 2)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A term beside a set of effects.
+
+    Attributes:
+        term: the source and course.
+        gains: (8,) log evidence at each amplitude beyond that without the term.
+    """
+
+    term: Term
+    gains: Array
+
+    @property
+    def log_mass(self) -> float:
+        """With the term's prior, amplitudes averaged."""
+        return self.term.log_prior + float(np.logaddexp.reduce(self.gains) - np.log(len(self.gains)))
+
+
+def weighed(linear: Linear, discrepancies: Discrepancies) -> list[Weighed]:
+    """Every term beside a set of effects, the likeliest first; ``linear`` as ``Means.linear`` gives it."""
+    return weighed_terms(linear, discrepancies.terms)
+
+
+def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
+    """Terms beside a set of effects, the likeliest first; all on the same grid of amplitudes."""
+    precision = linear.precision(linear.averaged[1])
+    columns = np.column_stack([linear.left, linear.tangent])
+    square, gram, moment = float(linear.left @ linear.left), linear.gram, linear.tangent.T @ linear.left
+    alone = float(linear.log_evidence(square, gram, moment, precision))
+    kept, taken, dets = [], [], []
+    for term in terms:
+        along = term.along(columns)
+        # without the effects' freedom no term can gain more than half the square it explains
+        if 0.5 * float(np.sum(along[:, 0] ** 2 / term.values)) + term.log_prior < _HOPELESS:
+            continue
+        ratio = np.outer(term.variances, term.values)
+        shrink = term.variances[:, None] / (1.0 + ratio)
+        kept.append(term)
+        taken.append((shrink[:, :, None] * along).transpose(0, 2, 1) @ along)
+        dets.append(np.log1p(ratio).sum(axis=1))
+    if not kept:
+        return []
+    every = np.stack(taken)  # (terms, amplitudes, 1 + p, 1 + p)
+    logs = linear.log_evidence(
+        square - every[..., 0, 0], gram - every[..., 1:, 1:], moment - every[..., 1:, 0], precision
+    )
+    gains = logs - alone - 0.5 * np.stack(dets)
+    return sorted([Weighed(*each) for each in zip(kept, gains, strict=True)], key=lambda each: -each.log_mass)
+
+
+def under(linear: Linear, term: Term, index: int) -> tuple[Array, Array]:
+    """Posterior mean less the fitted values and covariance of the effects beside a term at one of its amplitudes."""
+    along = term.along(np.column_stack([linear.left, linear.tangent]))
+    variance = float(term.variances[index])
+    taken = (along * (variance / (1.0 + variance * term.values))[:, None]).T @ along
+    precision = linear.precision(linear.averaged[1])
+    return linear.posterior(precision, linear.gram - taken[1:, 1:], linear.tangent.T @ linear.left - taken[1:, 0])
+
+
+def total(log_masses: Sequence[float]) -> float:
+    """log of the sum of exponentials."""
+    return float(np.logaddexp.reduce(list(log_masses))) if len(log_masses) else -np.inf

@@ -1,0 +1,289 @@
+"""The posterior over explanations: masses of all hypotheses that were weighed, twins merged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.bench import Bench
+from estimators.gap.candidates import Candidate
+from estimators.gap.common import CommonNoise, beside, common_noises
+from estimators.gap.discrepancy import Discrepancies, Weighed, total, weighed
+from estimators.gap.evidence import Linear
+from estimators.gap.prior import OTHER, OTHER_NOISE, Prior
+from estimators.gap.rebase import around
+from estimators.gap.scan import Scanner
+from estimators.gap.score import Explained
+from estimators.gap.search import Explanation, Member, Search, set_prior, unseen_places, visible
+from estimators.gap.states import NoiseState, gain, log_det, moved_floor, named, unnamed
+
+Array = NDArray[np.float64]
+
+#: Log odds against the leading hypothesis beyond which a state of the noise is not followed.
+_FAR: Final = 14.0
+#: The same for a state beside the leading explanation: what it promises is what it is worth.
+_CLOSE: Final = 3.0
+#: Log odds by which a state that names nothing must be better than what was found to be worth a search.
+_BETTER: Final = 2.0
+#: So many explanations of a state are weighed beside discrepancies.
+_BESIDE: Final = 4
+#: Log odds against the leading explanation within which others are.
+_NEAR: Final = 6.0
+#: Terms of a discrepancy that are kept of each, for what is left.
+_KEPT: Final = 12
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects under a state of the noise, with or without a discrepancy.
+
+    Attributes:
+        explanation: the mean effects. state: the noise.
+        terms: the discrepancy's terms, the likeliest first; empty without one.
+        log_mass: unnormalised.
+        on_means: the explanation on the bench of the discrepancy; None without one.
+    """
+
+    explanation: Explanation
+    state: NoiseState
+    terms: tuple[Weighed, ...]
+    log_mass: float
+    on_means: Linear | None = None
+
+    @property
+    def other(self) -> bool:
+        """Whether it holds something that the catalogue does not have."""
+        return bool(self.terms) or self.state.other
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Effects and places, mean and noise."""
+        return tuple(sorted((*self.explanation.key, *self.state.labels)))
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Everything that was weighed.
+
+    Attributes:
+        hypotheses: the likeliest first. prior: of sets.
+        scanner, discrepancies: of the bench under the floor. candidates: what was considered. absorbed: what the
+            calibration takes.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    prior: Prior
+    scanner: Scanner
+    discrepancies: Discrepancies
+    candidates: tuple[Candidate, ...] = ()
+    absorbed: tuple[Candidate, ...] = ()
+
+    def weight(self, effect: str, label: str) -> float:
+        """Prior weight of one place of an effect."""
+        return self.prior.places.get(effect, {}).get(label, 1.0)
+
+    @cached_property
+    def probabilities(self) -> Array:
+        """(h,) of the hypotheses."""
+        masses = np.array([each.log_mass for each in self.hypotheses])
+        return np.asarray(np.exp(masses - total(list(masses))))
+
+    @property
+    def leading(self) -> Hypothesis:
+        """The likeliest."""
+        return self.hypotheses[0]
+
+
+@dataclass
+class _Weighing:
+    bench: Bench
+    scanner: Scanner
+    candidates: Sequence[Candidate]
+    prior: Prior
+    without: Sequence[str]
+    at_rest: bool
+    progress: Callable[[float], None] | None
+    common: Sequence[CommonNoise] = ()
+    discrepancies: Discrepancies | None = None
+    hypotheses: dict[tuple[tuple[str, ...], str, bool, bool], Hypothesis] = field(default_factory=dict)
+
+    @property
+    def leading(self) -> Hypothesis:
+        return max(self.hypotheses.values(), key=lambda each: each.log_mass)
+
+    @property
+    def best(self) -> float:
+        return self.leading.log_mass
+
+    def known(self, explanation: Explanation, state: NoiseState) -> float:
+        """Log mass without a discrepancy, but for its own prior."""
+        return explanation.log_mass + state.log_weight
+
+    def enter(self, hypothesis: Hypothesis) -> None:
+        key = hypothesis.labels, hypothesis.state.name, bool(hypothesis.terms), hypothesis.state.other
+        if key not in self.hypotheses or self.hypotheses[key].log_mass < hypothesis.log_mass:
+            self.hypotheses[key] = hypothesis
+
+    def weigh(
+        self, state: NoiseState, scanner: Scanner, seeds: Sequence[Sequence[Member]], deep: bool
+    ) -> list[Explanation]:
+        """Search under a state of the noise, and enter what was found, with and without a discrepancy."""
+        search = Search(scanner, self.candidates, self.prior, self.progress, given=tuple(state.drawn))
+        discrepancies = None
+        target = -np.inf
+        if deep:  # what a discrepancy alone comes to tells how far sets of effects are worth following
+            self.discrepancies = discrepancies = Discrepancies.of(search.bench, search.rough)
+            self._beside([search.fine(())], state, search, discrepancies)
+            target = self.best - state.log_weight - search.fine(()).log_mass
+        found = search.run(seeds, deep, target)
+        for each in found:
+            alone = self.known(each, state) + (0.0 if state.other else float(np.log1p(-OTHER)))
+            self.enter(Hypothesis(each, state, (), alone))
+        if self.known(found[0], state) > self.best - _FAR:
+            self._beside(found, state, search, discrepancies or Discrepancies.of(search.bench, search.rough))
+        return found
+
+    def _beside(
+        self, found: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
+    ) -> None:
+        """Explanations beside discrepancies, and additions once one of these is there."""
+        done: set[tuple[str, ...]] = set()
+        near = [each for each in found if each.log_mass > found[0].log_mass - _NEAR][:_BESIDE]
+        leading_members = found[0].members
+        drops = {
+            tuple(sorted(member.label for member in leading_members if member is not out)) for out in leading_members
+        }
+        queue = near + [each for each in found if not each.members or each.key in drops]
+        extended = len(found) == 1
+        while queue:
+            each = queue.pop(0)
+            if each.key in done:
+                continue
+            done.add(each.key)
+            means = discrepancies.means.linear(each.linear)
+            terms = weighed(means, discrepancies)
+            for log_mass, offer in beside(each.linear, self.common):
+                named = replace(state, offers=(*state.offers, offer))
+                prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
+                mass = self.known(each, state) - each.log_prior + prior + log_mass + float(np.log1p(-OTHER))
+                self.enter(Hypothesis(each, named, (), mass))
+            if terms:
+                mass = (
+                    self.known(each, state)
+                    + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
+                    + total([term.log_mass for term in terms])
+                )
+                self.enter(Hypothesis(each, state, tuple(terms[:_KEPT]), mass, means))
+            if not queue and not extended:
+                extended = True
+                leading = max(
+                    (one for one in self.hypotheses.values() if one.terms and one.state is state),
+                    key=lambda one: one.log_mass,
+                    default=None,
+                )
+                if leading is not None and leading.log_mass > self.best - 5.0:
+                    queue += search.beside(leading.explanation, leading.terms[0])
+
+
+def explain(
+    bench: Bench,
+    without: Sequence[str] = (),
+    at_rest: bool = True,
+    weights: Mapping[str, float] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Posterior:
+    """All hypotheses worth weighing.
+
+    Args:
+        bench: of means at their mean poses.
+        without: effects to leave out of the catalogue.
+        at_rest: whether the floor was learned at rest.
+        weights: relative prior weights of effects.
+    """
+    scanner = Scanner.of(bench)
+    candidates, absorbed = visible(bench, scanner, without)
+    prior = set_prior(candidates, unseen_places(bench, without), bench, weights or {})
+    work = _Weighing(bench, scanner, candidates, prior, without, at_rest, progress, common_noises(bench, without))
+    floor = NoiseState()
+    found = work.weigh(floor, scanner, (), deep=True)
+    tried: set[tuple[str, tuple[str, ...]]] = set()
+    frontier = [(floor, scanner, found)]
+    for _ in range(4):
+        states: list[tuple[float, NoiseState, Scanner, Explanation]] = []
+        for given, given_scanner, explanations in frontier:
+            looked_at = [explanations[0], *[each for each in explanations if not each.members][:1]]
+            for each in {each.key: each for each in looked_at}.values():
+                states += _states(work, given, given_scanner, each)
+        frontier = []
+        best: dict[tuple[str, tuple[str, ...]], tuple[float, NoiseState, Scanner, Explanation]] = {}
+        for promise, state, below, each in states:
+            kind = state.name, state.labels
+            if kind not in tried and (kind not in best or best[kind][0] < promise):
+                best[kind] = promise, state, below, each
+        ranked = sorted(best.items(), key=lambda item: -item[1][0])
+        for kind, (promise, state, below, each) in ranked:
+            alone = promise + (0.0 if state.other else float(np.log1p(-OTHER)))
+            work.enter(Hypothesis(each, state, (), alone))
+            same = each.key == work.leading.explanation.key and not work.leading.terms
+            if len(frontier) >= 2 or promise < work.best - (_CLOSE if same else _FAR):
+                continue
+            if not state.offers and promise < work.best + _BETTER:
+                continue
+            tried.add(kind)
+            fresh = below.stepped(state.steps[len(_steps_of(below, scanner)) :])
+            seeds = _seeds(each)
+            frontier.append((state, fresh, work.weigh(state, fresh, seeds, deep=False)))
+        if not frontier:
+            break
+    assert work.discrepancies is not None
+    weighed_all = tuple(sorted(work.hypotheses.values(), key=lambda one: -one.log_mass))
+    return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
+
+
+def _steps_of(scanner: Scanner, first: Scanner) -> tuple[object, ...]:
+    return scanner.fine.bench.steps[len(first.fine.bench.steps) :]
+
+
+def _states(
+    work: _Weighing, given: NoiseState, scanner: Scanner, each: Explanation
+) -> list[tuple[float, NoiseState, Scanner, Explanation]]:
+    """States of the noise beyond a given one, beside an explanation: what each promises before anything is refitted."""
+    bench = scanner.fine.bench if not each.members else around(scanner.fine.bench, each.bench.pipeline)
+    explained = Explained(bench.absorbed, each.linear.left)
+    found = named(bench, explained, work.without, given)
+    if not given.name:
+        for state in (moved_floor(bench, explained, work.at_rest), unnamed(bench, explained)):
+            if state is not None:
+                found.append(
+                    NoiseState(
+                        state.name,
+                        given.offers,
+                        (*given.steps, *state.steps),
+                        given.log_weight + state.log_weight,
+                        state.other,
+                    )
+                )
+    held = [member.drawn for member in each.members]
+    result = []
+    for state in found:
+        prior = work.prior.log_set([*state.drawn, *held])
+        fresh = state.steps[len(given.steps) :]
+        promise = (
+            each.linear.averaged[0] + prior + state.log_weight - log_det(bench, fresh) + gain(bench, explained, fresh)
+        )
+        result.append((promise, state, scanner, each))
+    return result
+
+
+def _seeds(each: Explanation) -> list[tuple[Member, ...]]:
+    """A set and what is left of it when one or all but one of its members go."""
+    members = each.members
+    found = [members]
+    found += [members[:index] + members[index + 1 :] for index in range(len(members))]
+    found += [(member,) for member in members]
+    return [seed for seed in found if seed]

@@ -1,0 +1,129 @@
+"""What is likely before the data: the one place where the prior probabilities of a diagnosis stand, with reasons.
+
+All of it is proper, so that masses of explanations of any size can be compared. A laboratory that knows what its arm
+is prone to changes the weights of effects with a file (``read_prior``).
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import factorial, log
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.effects import EFFECTS
+from rig.errors import RigError, unknown_name
+
+Array = NDArray[np.float64]
+
+#: Probability that nothing beyond the floor is there; a recording is diagnosed because something may be.
+NOTHING: Final = 0.35
+#: Probability of one cause, and the factor for each further one: real gaps have several, each a little less likely.
+ONE_CAUSE: Final = 0.4
+FURTHER: Final = 0.35
+#: Probability, whatever else there is, of something that the catalogue does not have. Factors of two hardly matter.
+OTHER: Final = 0.1
+#: Of that, the share that noise of single channels is, instead of an error of a joint, a field, a mount or a clock.
+OTHER_NOISE: Final = 0.3
+#: Where no recording at rest was given, anything that looks like noise is the floor itself, with this probability.
+FLOOR_UNSEEN: Final = 0.6
+#: With one, the probability that the floor is not quite what the poses at rest showed best.
+FLOOR_MOVED: Final = 0.5
+#: A joint that stands still has little to bend under: a tenth.
+STILL: Final = 0.1
+#: Strengths are normal about zero with a scale between the one that this recording just shows, a signal-to-noise of
+#: this, and so many times the typical size; all scales of a geometric grid are alike.
+VISIBLE: Final = 5.0
+LARGEST: Final = 30.0
+GRID: Final = 3.0
+#: Signal-to-noise of a discrepancy before the data: these times two to the power 0..7.
+DISCREPANCY_SNR: Final = 5.0
+DISCREPANCY_STEPS: Final = 8
+#: Lengths, as shares of the recording, of a discrepancy's course in time.
+LENGTHS: Final = (0.5, 0.15, 0.05, 0.015)
+
+
+#: An effect, and the labels (effect and place) of the places at which it does the same.
+Drawn = tuple[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Probabilities of sets of catalogue effects.
+
+    Attributes:
+        places: for each effect the weight of each of its places (and names, as in a candidate's label) in this
+            recording.
+        weights: relative probability of each effect; one by default.
+    """
+
+    places: Mapping[str, Mapping[str, float]]
+    weights: Mapping[str, float] = field(default_factory=dict)
+
+    def log_single(self, drawn: Drawn) -> float:
+        """log probability that a cause is this effect at one of these places."""
+        effect, labels = drawn
+        total = sum(self.weights.get(name, 1.0) for name in self.places)
+        own = self.places[effect]
+        weight = self.weights.get(effect, 1.0) / total * sum(own[label] for label in labels) / sum(own.values())
+        return log(weight) if weight > 0.0 else -np.inf
+
+    def log_set(self, members: Sequence[Drawn]) -> float:
+        """log probability of a set; repeats at one place are drawn twice."""
+        size = len(members)
+        if size == 0:
+            return log(NOTHING)
+        remaining = (1.0 - NOTHING) * (1.0 - FURTHER) * FURTHER ** (size - 1)
+        arrangements = log(factorial(size)) - sum(log(factorial(many)) for many in Counter(members).values())
+        return log(remaining) + arrangements + sum(self.log_single(drawn) for drawn in members)
+
+
+def scales(length: float) -> Array:
+    """(k,) scales of an effect's strengths, in typical sizes.
+
+    Args:
+        length: whitened signal-to-noise that the effect has at its typical size, with the calibration projected out.
+    """
+    least = VISIBLE / max(length, 1e-12)
+    if least >= LARGEST:
+        return np.array([least])
+    count = int(np.floor(log(LARGEST / least) / log(GRID))) + 1
+    return np.asarray(least * GRID ** np.arange(count))
+
+
+def read_prior(path: str | os.PathLike[str]) -> dict[str, float]:
+    """The weights of a prior file: TOML with a table ``[effects]`` of relative weights, zero to leave one out.
+
+    Raises:
+        RigError: the file cannot be read, an effect is unknown, or a weight is not a number of zero or more.
+    """
+    where = Path(path)
+    try:
+        table = tomllib.loads(where.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise RigError(f"{where}: cannot be read as a prior: {str(error)[:120]}") from None
+    if set(table) != {"effects"} or not isinstance(table["effects"], dict):
+        raise RigError(f"{where}: found {', '.join(list(table)[:4]) or 'nothing'}, expected one table [effects]")
+    weights: dict[str, float] = {}
+    for name, value in table["effects"].items():
+        if name not in EFFECTS:
+            raise unknown_name(f"effect in {where}", name, EFFECTS)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < np.inf:
+            raise RigError(f"{where}: effects.{name}: found {value!r:.40}, expected a weight of zero or more")
+        weights[name] = float(value)
+    if weights and not any(weights.get(name, 1.0) > 0.0 for name in EFFECTS):
+        raise RigError(f"{where}: all weights are zero, expected at least one above it")
+    return weights
+
+
+def log_mean_exp(values: Iterable[float]) -> float:
+    """log of the mean of exponentials."""
+    array = np.fromiter(values, dtype=float)
+    return float(np.logaddexp.reduce(array) - np.log(len(array)))

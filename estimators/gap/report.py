@@ -1,0 +1,359 @@
+"""From the posterior to the diagnosis: verdict, causes, channels, closure, what is left, what cannot be told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap import by_channel, closure, marginal
+from estimators.gap.bench import Bench, project
+from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.converge import converged
+from estimators.gap.defects import Defect
+from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, Remainder, verdict_of
+from estimators.gap.discrepancy import Weighed, weighed
+from estimators.gap.evidence import linearised
+from estimators.gap.posterior import Hypothesis as Weighing
+from estimators.gap.posterior import Posterior
+from estimators.gap.prior import Prior
+from estimators.gap.rebase import around
+from estimators.gap.shift import calibration_shift
+from estimators.gap.stochastic import NoiseOffer
+from rig.channels import CHANNELS
+from rig.effects import Effect
+from rig.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Explanations that are listed: how likely, and how many.
+_LISTED, _MOST = 0.005, 50
+#: Causes that are likely enough to be told of, beside those of the likeliest explanation.
+_TOLD: Final = 0.1
+#: Hypotheses that closure is drawn from.
+_WAYS: Final = 0.002
+_NO_CLOSURE: Final = Closed(None, None, None)
+
+
+def defect_probability(defect: Defect, prior: Prior) -> float:
+    """Of a defect whose p-value is known: the bound of Sellke, Bayarri and Berger (American Statistician 55, 2001) as
+    its Bayes factor, -1/(e p log p)."""
+    log_p = max(min(defect.log_p, -1.1), -1e6)
+    place = defect.effect, defect.where
+    own = tuple(label for label in prior.places[defect.effect] if marginal.split(label) == place)
+    odds = -log_p - math.log(-log_p) - 1.0 + prior.log_single((defect.effect, own))
+    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
+
+
+def conclude(
+    recording: Recording,
+    bench: Bench,
+    posterior: Posterior,
+    defects: Sequence[Defect],
+    without: Sequence[str],
+    floor: tuple[ChannelNoise, ...],
+    source: str,
+) -> tuple[Diagnosis, list[Effect]]:
+    """The diagnosis that a posterior supports, and the mean effects of its leading explanation.
+
+    Args:
+        recording, bench: what was diagnosed; the bench with the base fit's noise, defects left out.
+        posterior: over everything but the defects.
+        defects: of single readings.
+        without: effects left out of the catalogue: their defects have no name.
+        floor: noise of each channel. source: where it comes from.
+    """
+    named = [defect for defect in defects if defect.effect not in without]
+    nameless = [defect for defect in defects if defect.effect in without]
+    certain = {(d.effect, d.where): defect_probability(d, posterior.prior) for d in named}
+    same = marginal.twins(posterior)
+    places = marginal.places(posterior, same)
+    hypotheses, masses, omitted = _listed(posterior, places, same, certain, bool(nameless))
+    leading = _reported(posterior, hypotheses, places, same)
+    rng = np.random.default_rng(0)
+    fits = _at_every_sample(leading, bench)
+    after, before, ways = _gap(posterior, leading, bench, rng)
+    effects = [fit.effect for fit in fits]
+    noise_after, noise_before = _noise_gap(leading.state.offers, named, bench, rng)
+    quiet = masses["nothing"] >= 0.5
+    has_cause = bool(fits or leading.state.offers or named)
+    closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE
+    causes = () if quiet else _causes(posterior, leading, places, same, named, certain, ways, after, before, rng)
+    kind = verdict_of(masses, hypotheses, causes)
+    settled = around(bench, leading.explanation.bench.pipeline) if effects else bench
+    other = masses["other"] >= 0.5
+    remainder = _remainder(posterior, leading, nameless, other, rng)
+    return Diagnosis(
+        recordings=(recording.name,),
+        samples=len(recording),
+        seconds=0.0,
+        verdict=kind,
+        posterior=masses,
+        omitted=omitted,
+        hypotheses=hypotheses,
+        causes=causes,
+        channels=by_channel.channels(
+            bench, settled, effects, leading.state.offers, defects, floor, quiet, other, after
+        ),
+        follows=() if quiet else _follows(posterior),
+        closed=closed,
+        closed_on="held-out blocks",
+        remainder=remainder,
+        calibration_shift=calibration_shift(recording, settled, effects, floor) if effects and not quiet else {},
+        cannot_tell=by_channel.cannot_tell(posterior, bench, without),
+        next=None,
+        floor=source,
+        names={} if bench.base.arm is None else bench.base.arm.place_names,
+        warnings=() if source == "locked recording" else ("the noise floor is estimated from the recording itself",),
+    ), effects
+
+
+def _listed(
+    posterior: Posterior,
+    places: Mapping[str, marginal.Place],
+    same: Mapping[str, str],
+    certain: Mapping[tuple[str, str], float],
+    nameless: bool,
+) -> tuple[tuple[Hypothesis, ...], dict[str, float], float]:
+    """Hypotheses with twins and states of the floor merged; the three masses; the probability that is not listed."""
+    merged: dict[tuple[tuple[tuple[str, str], ...], bool], float] = {}
+    subsets: list[tuple[tuple[tuple[str, str], ...], float]] = [((), 1.0)]
+    for cause, probability in certain.items():
+        subsets = [
+            ((*held, *extra), weight * part)
+            for held, weight in subsets
+            for extra, part in (((cause,), probability), ((), 1.0 - probability))
+            if part > 0.0
+        ]
+    for each, probability in zip(posterior.hypotheses, posterior.probabilities, strict=True):
+        own = [places[same.get(label, label)].name for label in each.labels]
+        for held, weight in subsets:
+            key = tuple(sorted([*own, *held])), each.other or nameless
+            merged[key] = merged.get(key, 0.0) + float(probability) * weight
+    masses = {"nothing": 0.0, "known": 0.0, "other": 0.0}
+    for (causes, other), mass in merged.items():
+        masses["other" if other else "known" if causes else "nothing"] += mass
+    total = sum(masses.values())
+    masses = {name: mass / total for name, mass in masses.items()}
+    ranked = sorted(merged.items(), key=lambda item: -item[1])
+    listed = [Hypothesis(causes, other, mass / total) for (causes, other), mass in ranked if mass / total >= _LISTED]
+    listed = listed[:_MOST]
+    return tuple(listed), masses, max(0.0, 1.0 - sum(one.probability for one in listed))
+
+
+def _reported(
+    posterior: Posterior,
+    hypotheses: Sequence[Hypothesis],
+    places: Mapping[str, marginal.Place],
+    same: Mapping[str, str],
+) -> Weighing:
+    """The explanation whose causes are reported: the likeliest of those that are merged into the leading one."""
+    return posterior.hypotheses[0]
+
+
+def _at_every_sample(leading: Weighing, bench: Bench) -> list:  # type: ignore[type-arg]
+    """The fits of an explanation; of means over blocks, once more with the rig evaluated at every sample."""
+    fits = leading.explanation.fits
+    if bench.block == 1 or not fits:
+        return fits
+    full = around(replace(bench, steps=leading.explanation.bench.steps), leading.explanation.bench.pipeline)
+    return converged(fits, full)[0]
+
+
+def _gap(
+    posterior: Posterior, leading: Weighing, bench: Bench, rng: np.random.Generator
+) -> tuple[Array, Array, list[closure.Way]]:
+    """Draws of the squared gap that is left and that was there; and the hypotheses they are of."""
+    rough = posterior.scanner.rough.bench
+    near = [(each, p) for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if p > _WAYS]
+    means = posterior.discrepancies.means
+    nothing = project(means.absorbed, means(posterior.scanner.fine.bench.whitened[:, None]))[:, 0]
+    known = {}
+    ways = []
+    for each, probability in near:
+        key = each.explanation.key, each.explanation.fine
+        if key not in known:
+            linear = means.linear(each.explanation.linear)
+            known[key] = linear, nothing - linear.left
+        linear, change = known[key]
+        terms = each.terms if not each.state.steps else ()
+        ways.append(closure.Way(float(probability), change, linear, terms))
+    fitted = known[leading.explanation.key, leading.explanation.fine][1]
+    after, before = closure.drawn(ways, fitted, rng)
+    if leading.explanation.members:
+        own = known[leading.explanation.key, leading.explanation.fine][0]
+        held = closure.held_out(own, fitted, rough)
+        before = held + after
+    return after, before, ways
+
+
+def _noise_gap(
+    offers: Sequence[NoiseOffer], defects: Sequence[Defect], bench: Bench, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """The same of noise and defects: whitened squares that they add, and what of these stays wrong."""
+    after, before = np.zeros(1), np.zeros(1)
+    sigma = np.array([whitener.sigma for whitener in bench.whiteners])
+    for offer in offers:
+        for index, spread in enumerate(offer.spread):
+            column = bench.columns[index] if len(offer.spread) > 1 else None
+            size = float(np.nansum(offer.added if column is None else offer.added[:, column]))
+            value = max(offer.std[index] * 0.0 + spread, 1e-300)
+            root = np.atleast_1d(np.asarray(_strength(offer), dtype=float))[index] ** 2
+            wrong = closure.of_noise(max(root, 1e-300), value, rng)
+            after = after + size * np.minimum(wrong, 1.0) ** 2
+            before = before + size
+    for defect in defects:
+        size = float(np.nansum((defect.gap / sigma) ** 2)) * bench.count
+        wrong = closure.of_noise(
+            1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))) if defect.affected.any() else 1e-3, rng
+        )
+        after = after + size * np.minimum(wrong, 1.0) ** 2
+        before = before + size
+    return after, before
+
+
+def _strength(offer: NoiseOffer) -> object:
+    (item,) = [each for each in offer.effect.parameters() if each.strength]
+    return getattr(offer.effect, item.name)
+
+
+def _causes(
+    posterior: Posterior,
+    leading: Weighing,
+    places: Mapping[str, marginal.Place],
+    same: Mapping[str, str],
+    defects: Sequence[Defect],
+    certain: Mapping[tuple[str, str], float],
+    ways: Sequence[closure.Way],
+    after: Array,
+    before: Array,
+    rng: np.random.Generator,
+) -> tuple[Cause, ...]:
+    """Those of the leading explanation, and all others that are likely."""
+    holders: dict[str, list[tuple[Weighing, float]]] = {}
+    for each, probability in zip(posterior.hypotheses, posterior.probabilities, strict=True):
+        for label in {same.get(label, label) for label in each.labels}:
+            holders.setdefault(label, []).append((each, float(probability)))
+    reported = {same.get(label, label) for label in leading.labels}
+    found = []
+    for label, own in holders.items():
+        probability = min(sum(weight for _, weight in own), 1.0)
+        if label not in reported and probability < _TOLD:
+            continue
+        place = places[label]
+        effect, where = place.name
+        equivalent = tuple(
+            {"effect": e, "where": w, "probability": probability * part} for e, w, part in place.members[1:]
+        )
+        mean = [(each, weight) for each, weight in own if label in each.explanation.key]
+        if mean:
+            estimates = marginal.parameters(label, posterior, mean)
+            closed = _closed_by(label, mean[0][0], after, before)
+        else:
+            offer = next((o for each, _ in own for o in each.state.offers if o.label == label), None)
+            if offer is None:  # a twin of what is listed elsewhere
+                continue
+            estimates, closed = _of_noise(offer), _closed_noise(offer, rng)
+        found.append(Cause(effect, where, probability, equivalent, estimates, closed))
+    for defect in defects:
+        estimates = {name: Estimate(*values) for name, values in defect.parameters.items()}
+        wrong = closure.of_noise(1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))), rng)
+        part = closure.share(np.minimum(wrong, 1.0) ** 2, np.ones(len(wrong)))
+        found.append(Cause(defect.effect, defect.where, certain[defect.effect, defect.where], (), estimates, part))
+    return tuple(sorted(found, key=lambda cause: -cause.probability))
+
+
+def _closed_by(label: str, holder: Weighing, after: Array, before: Array) -> Closed:
+    """By how much the squared gap grows, as a share of what it was, where this cause is taken out again."""
+    fits, bench = holder.explanation.fits, holder.explanation.bench
+    if len(fits) == 1:
+        return closure.share(after, before)
+    rest = [fit.effect for fit in fits if fit.candidate.label != label]
+    own = bench.whiten(bench.change([fit.effect for fit in fits]) - bench.change(rest))
+    left = project(bench.absorbed, own)
+    return closure.share(np.maximum(before - float(left @ left), 0.0), before)
+
+
+def _of_noise(offer: NoiseOffer) -> dict[str, Estimate]:
+    found = {}
+    for item in offer.effect.parameters():
+        std = (float(offer.std[0]) if item.size == 1 else tuple(map(float, offer.std))) if item.strength else None
+        found[item.name] = Estimate(getattr(offer.effect, item.name), std, item.unit)
+    return found
+
+
+def _closed_noise(offer: NoiseOffer, rng: np.random.Generator) -> Closed:
+    squares = np.atleast_1d(np.asarray(_strength(offer), dtype=float))[: offer.rank] ** 2
+    total = max(float(squares.sum()), 1e-300)
+    wrong = sum(closure.of_noise(total, float(spread), rng) ** 2 for spread in offer.spread)
+    return closure.share(np.minimum(np.asarray(wrong), 1.0), np.ones(len(np.asarray(wrong))))
+
+
+def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
+    """What the whole gap follows: for each course the share of it that the likeliest source takes along that."""
+    means = posterior.discrepancies.means
+    linear = means.linear(linearised([], posterior.scanner.fine.bench))
+    rough = posterior.scanner.rough.bench
+    found: dict[str, float] = {}
+    size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.shape[1], 1.0)
+    for each in weighed(linear, posterior.discrepancies):
+        share = _taken(each, linear.left) / size
+        found[each.term.course] = max(found.get(each.term.course, 0.0), share)
+    ranked = sorted(found.items(), key=lambda item: -item[1])
+    return tuple({"variable": name, "share": float(np.clip(share, 0.0, 1.0))} for name, share in ranked if share > 0.01)
+
+
+def _taken(each: Weighed, residual: Array) -> float:
+    """The squared gap that a term takes of a residual, shrunk by its likeliest amplitude, less what noise makes."""
+    along = each.term.along(residual[:, None])[:, 0]
+    variance = float(each.term.variances[int(np.argmax(each.gains))])
+    shrink = variance / (1.0 + variance * each.term.values)
+    return float(np.sum(shrink**2 * each.term.values * np.maximum(along**2 - each.term.values, 0.0)))
+
+
+def _remainder(
+    posterior: Posterior, leading: Weighing, nameless: Sequence[Defect], other: bool, rng: np.random.Generator
+) -> Remainder:
+    rough = posterior.scanner.rough.bench
+    hidden = closure.could_hide(posterior.discrepancies, rng)
+    follows: list[dict[str, object]] = [
+        {"source": "single readings", "course": f"{each.effect}-like", "share": 1.0} for each in nameless
+    ]
+    if other:
+        with_terms = next((each for each in posterior.hypotheses if each.terms), None)
+        gap = max(float(rough.whitened @ rough.whitened) - rough.size, 1.0)
+        seen: set[str] = set()
+        if with_terms is not None and with_terms.on_means is not None:
+            for each in with_terms.terms:
+                if (
+                    each.term.source not in seen
+                    and len(seen) < 3
+                    and each.log_mass > with_terms.terms[0].log_mass - 3.0
+                ):
+                    seen.add(each.term.source)
+                    share = float(np.clip(_taken(each, with_terms.on_means.left) / gap, 0.0, 1.0))
+                    follows.append({"source": each.term.source, "course": each.term.course, "share": share})
+        if posterior.hypotheses[0].state.other:
+            for step in posterior.hypotheses[0].state.steps:
+                added = float(np.sum(1.0 / np.maximum(step.factor, 1e-9) ** 2 - 1.0))
+                follows.append(
+                    {
+                        "source": f"noise of {CHANNELS[step.column]} by itself",
+                        "course": _band(step.factor, rough),
+                        "share": float(np.clip(added / max(added, gap), 0.0, 1.0)),
+                    }
+                )
+    return Remainder("structured" if other or nameless else "noise", tuple(follows), float(hidden))
+
+
+def _band(factor: Array, bench: Bench) -> str:
+    """The frequencies at which noise is raised most."""
+    raised = 1.0 / np.maximum(factor[1:], 1e-9) ** 2 - 1.0
+    cumulated = np.cumsum(raised) / max(float(raised.sum()), 1e-300)
+    low, high = np.searchsorted(cumulated, [0.1, 0.9])
+    unit = 0.5 * bench.samples / (bench.interval_s * len(raised))
+    return f"{max(low, 1) * unit:.2g} to {max(high, 1) * unit:.2g} Hz"

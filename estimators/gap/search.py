@@ -1,0 +1,383 @@
+"""The search for sets of mean effects that may explain a recording: a beam of growing sets, then drops and swaps.
+
+Sets are fitted on means over neighbouring samples first; the leading ones are fitted sample by sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.bench import Bench
+from estimators.gap.candidates import Candidate, Shape, all_candidates
+from estimators.gap.converge import converged
+from estimators.gap.discrepancy import Weighed
+from estimators.gap.evidence import Linear, linearised
+from estimators.gap.prior import STILL, Drawn, Prior
+from estimators.gap.rebase import around
+from estimators.gap.refine import Fitted, explained_by, started
+from estimators.gap.scan import Offer, Scanner
+from estimators.gap.score import ABSORBED, Explained, solve
+from rig.channels import CHANNELS
+from rig.effects import EFFECTS, Kind
+
+Array = NDArray[np.float64]
+
+#: Sets of each size that are extended, additions that are fitted to each, and causes at most.
+_BEAM: Final = (3, 2, 2, 1, 1, 1, 1)
+_ADDED: Final = (10, 5, 4, 4, 3, 3, 3)
+#: An addition whose score test promises less than this, beside the price of its place, is not fitted.
+_HOPELESS: Final = 1.0
+#: Log odds against the leading set beyond which a set is followed no further.
+_FAR: Final = 14.0
+#: And beyond which it is not extended.
+_PROMISING: Final = 8.0
+#: Sets of more than this are not extended where something without effects is far likelier.
+_FOLLOWED: Final = 2
+#: So many sets at most are fitted sample by sample; what means over neighbours change of an evidence, as a share.
+_FINE, _ROUGHLY = 6, 0.02
+
+Key = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Member:
+    """An effect in a set.
+
+    Attributes:
+        fit: what was fitted. searched: the price of what was searched.
+        labels: of the places at which it does the same, its own first.
+        widths: standard deviations of shapes that a fit keeps.
+    """
+
+    fit: Fitted
+    searched: float
+    labels: tuple[str, ...]
+    widths: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """Effect and place in one word."""
+        return self.fit.candidate.label
+
+    @property
+    def drawn(self) -> Drawn:
+        """As the prior knows it."""
+        return self.fit.candidate.effect.name, self.labels
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of mean effects, fitted together on a bench.
+
+    Attributes:
+        members: the effects. bench: around the calibration that fits best with them.
+        log_prior: of the set. fine: whether it was fitted sample by sample.
+    """
+
+    members: tuple[Member, ...]
+    bench: Bench
+    log_prior: float
+    fine: bool
+
+    @property
+    def key(self) -> Key:
+        """The labels, sorted."""
+        return tuple(sorted(member.label for member in self.members))
+
+    @property
+    def fits(self) -> list[Fitted]:
+        """What was fitted."""
+        return [member.fit for member in self.members]
+
+    @cached_property
+    def linear(self) -> Linear:
+        """Linearised where it was fitted."""
+        return linearised(self.fits, self.bench, sum(member.searched for member in self.members))
+
+    @cached_property
+    def log_mass(self) -> float:
+        """Log evidence and log prior; none where an effect does nothing at the fitted values."""
+        if not self.linear.felt:
+            return -np.inf
+        return self.linear.averaged[0] + self.log_prior
+
+
+@dataclass
+class Search:
+    """A search on one bench.
+
+    Attributes:
+        scanner: of the bench. candidates: what is considered. prior: their probabilities.
+        given: noise effects that are there, as the prior knows them.
+    """
+
+    scanner: Scanner
+    candidates: Sequence[Candidate]
+    prior: Prior
+    progress: Callable[[float], None] | None = None
+    given: tuple[Drawn, ...] = ()
+    found: dict[tuple[Key, bool], Explanation] = field(default_factory=dict)
+    explained: dict[tuple[Key, bool, bool], Explained] = field(default_factory=dict)
+    nothing: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def bench(self) -> Bench:
+        """Sample by sample."""
+        return self.scanner.fine.bench
+
+    @property
+    def rough(self) -> Bench:
+        """Means over neighbouring samples."""
+        return self.scanner.rough.bench
+
+    def run(
+        self, seeds: Iterable[Sequence[Member]] = (), deep: bool = True, target: float = -np.inf
+    ) -> list[Explanation]:
+        """The explanations worth weighing, fitted sample by sample, the likeliest first.
+
+        Args:
+            seeds: sets to look at besides.
+            deep: False to extend the leading set only.
+            target: log mass of the best hypothesis without effects, beyond that of nothing at all: sets far below it
+                are not extended for ever.
+        """
+        level = [self.fitted(())]
+        for seed in seeds:
+            self.fitted(seed)
+        for size, (beam, added) in enumerate(zip(_BEAM, _ADDED, strict=True)):
+            if not deep:
+                best = self._best()
+                if size < len(best.members):
+                    continue
+                level, beam, added = [best], 1, 3
+            grown: dict[Key, Explanation] = {}
+            for parent in level[:beam]:
+                for members in self.additions(parent, added):
+                    each = self.fitted(members)
+                    grown[each.key] = each
+            grown |= {each.key: each for each in self._of_size(size + 1)}
+            level = sorted(grown.values(), key=lambda each: -self.gained(each))
+            if self.progress is not None:
+                self.progress((size + 1) / len(_BEAM))
+            best = self._best()
+            if not deep and best.members and len(best.members) <= size:
+                break
+            level = [each for each in level if self.gained(each) > self.gained(best) - _PROMISING]
+            if not level or (size >= _FOLLOWED and self.gained(level[0]) < target - _FAR):
+                break
+        if deep:
+            self._improve()
+        return self._refined()
+
+    def fitted(self, members: Sequence[Member]) -> Explanation:
+        """A set, fitted together on means over neighbouring samples where all its effects outlive these."""
+        smooth = all(member.fit.candidate.smooth for member in members)
+        return self._fitted(members, self.rough if smooth else self.bench)
+
+    def _fitted(self, members: Sequence[Member], bench: Bench) -> Explanation:
+        fine = bench is self.bench
+        key = tuple(sorted(member.label for member in members)), fine
+        if key not in self.found:
+            fits, _, around_it = converged([member.fit for member in members], bench, self.rough)
+            own = tuple(replace(member, fit=fit) for member, fit in zip(members, fits, strict=True))
+            prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
+            self.found[key] = Explanation(own, around_it, prior, fine)
+        return self.found[key]
+
+    def additions(self, parent: Explanation, most: int) -> list[tuple[Member, ...]]:
+        """The set with one more effect each: the most promising ones."""
+        offers = self.offers(parent)
+        held = {label for member in parent.members for label in member.labels}
+        grouped: list[tuple[float, list[Offer]]] = []
+        for group in _alike(offers):
+            offer = group[0]
+            searched = offer.candidate.effect.searched(self.rough.base) != [{}]
+            if offer.score.rank and offer.score.strengths.size and (searched or offer.candidate.label not in held):
+                labels = tuple(each.candidate.label for each in group)
+                price = self.prior.log_single((offer.candidate.effect.name, labels)) - max(offer.spread, 0.0)
+                grouped.append((0.5 * offer.score.evidence + price, group))
+        grouped.sort(key=lambda pair: -pair[0])
+        near = [group for promise, group in grouped if promise > grouped[0][0] - max(_FAR, 0.3 * abs(grouped[0][0]))]
+        hopeful = [group for group in near if 0.5 * group[0].score.evidence > _HOPELESS]
+        return [(*parent.members, self._member(group, parent)) for group in hopeful[:most]]
+
+    def offers(self, parent: Explanation) -> list[Offer]:
+        """Every candidate's score beside a set."""
+        explained = self._left(parent, self.bench)
+        roughly = explained if self.rough is self.bench else self._left(parent, self.rough)
+        return self.scanner.scan(self.candidates, explained, roughly)
+
+    def _left(self, parent: Explanation, bench: Bench) -> Explained:
+        key = parent.key, parent.fine, bench is self.bench
+        if key not in self.explained:
+            moved = bench if not parent.members else around(bench, parent.bench.pipeline)
+            self.explained[key] = explained_by(parent.fits, moved)
+        return self.explained[key]
+
+    def _member(self, group: Sequence[Offer], parent: Explanation) -> Member:
+        offer = group[0]
+        smooth = offer.candidate.smooth and all(member.fit.candidate.smooth for member in parent.members)
+        bench = self.rough if smooth else self.bench
+        labels = tuple(each.candidate.label for each in group)
+        return Member(started(offer, bench, self._left(parent, bench)), offer.spread, labels, offer.widths)
+
+    def beside(self, parent: Explanation, weighed: Weighed) -> list[Explanation]:
+        """The set with one more effect each, by their scores beside a discrepancy."""
+        index = int(np.argmax(weighed.gains))
+        shrink = weighed.term.variances[index] / (1.0 + weighed.term.variances[index] * weighed.term.values)
+        explained = self._left(parent, self.rough)
+        own = weighed.term.along(explained.residual[:, None])
+        scored: list[tuple[float, Candidate, Shape]] = []
+        held = {member.label for member in parent.members}
+        for candidate in self.candidates:
+            if not candidate.smooth or candidate.label in held:
+                continue
+            best = max(self.scanner.rough.best(candidate, explained)[:2], key=lambda offer: offer.score.statistic)
+            columns = candidate.columns(self.rough, best.shape)
+            full = np.zeros((self.rough.size, columns.values.shape[1]))
+            full[columns.rows] = columns.values
+            full = explained.without(full)
+            along = weighed.term.along(full)
+            gram = full.T @ full - (along * shrink[:, None]).T @ along
+            moment = full.T @ explained.residual - (along * shrink[:, None]).T @ own[:, 0]
+            score = solve(gram, moment, np.linalg.norm(full, axis=0))
+            price = self.prior.log_single((candidate.effect.name, (candidate.label,)))
+            scored.append((0.5 * score.evidence + price - best.spread, candidate, best.shape))
+        scored.sort(key=lambda each: -each[0])
+        found = []
+        for promise, candidate, shape in scored[:3]:
+            if promise > -_FAR:
+                offer = next(
+                    offer for offer in self.scanner.rough.best(candidate, explained) if str(offer.shape) == str(shape)
+                )
+                if offer.score.strengths.size:
+                    found.append(self._fitted((*parent.members, self._member([offer], parent)), self.bench))
+        return found
+
+    def _improve(self) -> None:
+        """Drops and swaps of the leading set, until nothing is better."""
+        for _ in range(3):
+            best = self._best()
+            if len(best.members) < 2:
+                return
+            for index in range(len(best.members)):
+                rest = self.fitted(best.members[:index] + best.members[index + 1 :])
+                for members in self.additions(rest, 3):
+                    self.fitted(members)
+            if self._best() is best:
+                return
+
+    def gained(self, each: Explanation) -> float:
+        """Log mass beyond that of the set without effects, on the same samples."""
+        own = self.bench if each.fine else self.rough
+        if own.size not in self.nothing:
+            self.nothing[own.size] = self._fitted((), own).log_mass
+        return each.log_mass - self.nothing[own.size]
+
+    def _best(self) -> Explanation:
+        return max(self.found.values(), key=self.gained)
+
+    def _of_size(self, size: int) -> list[Explanation]:
+        return [each for each in self.found.values() if len(each.members) == size]
+
+    def _refined(self) -> list[Explanation]:
+        """The leading sets, fitted sample by sample."""
+        ranked = sorted(self.found.values(), key=lambda each: -self.gained(each))
+        if self.rough is self.bench:
+            return ranked
+        margin = _FAR + _ROUGHLY * max(self.gained(ranked[0]), 0.0)
+        # evidence on means and on single samples differ by a constant: compare each with nothing there
+        chosen = [each for each in ranked if self.gained(each) > self.gained(ranked[0]) - margin][:_FINE]
+        leading = self._fitted(chosen[0].members, self.bench)
+        leading_members = chosen[0].members
+        subsets = [leading_members[:index] + leading_members[index + 1 :] for index in range(len(leading_members))]
+        keys = {tuple(sorted(member.label for member in subset)) for subset in subsets if len(subset) > 0}
+        wanted = chosen[1:] + [
+            each for each in ranked if each.key in keys and not each.fine and not any(each is one for one in chosen)
+        ]
+        found = {each.key: each for each in (self.fine(each.members, each) for each in wanted)}
+        found |= {(): self.fine(()), leading.key: leading}
+        return sorted(found.values(), key=lambda each: -each.log_mass)
+
+    def fine(self, members: Sequence[Member], rough: Explanation | None = None) -> Explanation:
+        """A set sample by sample, where it was fitted on means: the evidence takes what is left to first order."""
+        key = tuple(sorted(member.label for member in members)), True
+        if key not in self.found:
+            if rough is None or rough.fine:
+                return self._fitted(members, self.bench)
+            self.found[key] = replace(rough, bench=around(self.bench, rough.bench.pipeline), fine=True)
+        return self.found[key]
+
+
+def _alike(offers: Sequence[Offer]) -> list[list[Offer]]:
+    """Offers in groups of one effect that does the same at several places, the likeliest place first."""
+    groups: list[list[Offer]] = []
+    of_effect: dict[str, list[list[Offer]]] = {}
+    for offer in offers:
+        own = of_effect.setdefault(offer.candidate.effect.name, [])
+        statistic = offer.score.statistic
+        group = next(
+            (each for each in own if statistic and np.isclose(each[0].score.statistic, statistic, rtol=1e-7)), None
+        )
+        if group is None:
+            group = []
+            own.append(group)
+            groups.append(group)
+        group.append(offer)
+    return groups
+
+
+def set_prior(
+    candidates: Sequence[Candidate], more: dict[str, tuple[str, ...]], bench: Bench, weights: Mapping[str, float]
+) -> Prior:
+    """The prior over what a recording can show: each effect, then its places.
+
+    Args:
+        more: places of the effects that are noise or defects.
+        weights: relative weights of effects.
+    """
+    places: dict[str, dict[str, float]] = {}
+    for candidate in candidates:
+        places.setdefault(candidate.effect.name, {})[candidate.label] = STILL if still(candidate, bench) else 1.0
+    for name, own in more.items():
+        places[name] = {f"{name}@{where}": 1.0 for where in own}
+    return Prior(places, weights)
+
+
+def unseen_places(bench: Bench, without: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Places, on this recording, of the effects that are noise or defects."""
+    there = {CHANNELS[column] for column in bench.columns} | set(bench.pipeline.sensors) | {"acquisition"}
+    found = {}
+    for effect in EFFECTS.values():
+        own = tuple(where for where in effect.places if where in there)
+        if own and effect.kind is not Kind.MEAN and effect.name not in without and not effect.lacking(bench.base):
+            found[effect.name] = own
+    return found
+
+
+def still(candidate: Candidate, bench: Bench) -> bool:
+    """Whether a candidate is an error of a joint that does not move."""
+    if not candidate.where.startswith("joint") or bench.base.q_encoder is None:
+        return False
+    return bool(np.ptp(bench.base.q_encoder[:, int(candidate.where.removeprefix("joint")) - 1]) < 1e-3)
+
+
+def visible(bench: Bench, scanner: Scanner, without: Sequence[str]) -> tuple[list[Candidate], list[Candidate]]:
+    """The candidates that this recording can show, and those that the calibration absorbs."""
+    base = Explained(scanner.rough.bench.absorbed, scanner.rough.bench.whitened)
+    shown: list[Candidate] = []
+    absorbed: list[Candidate] = []
+    for candidate in all_candidates(bench, without):
+        told = (
+            candidate.effect.tone
+            or candidate.effect.searched(bench.base) != [{}]
+            or scanner.visible(candidate, base) > ABSORBED
+        )
+        (shown if told else absorbed).append(candidate)
+    return shown, absorbed

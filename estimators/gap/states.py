@@ -1,0 +1,168 @@
+"""What the noise may be: the floor as it was learned, a floor that is slower than the poses at rest show, noise effects
+of the catalogue, or noise that has no name.
+
+Each is a further step of whitening, and a log weight: the determinant of that step, and what its parameters cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from estimators.gap.bench import Bench, Step
+from estimators.gap.floor import groups
+from estimators.gap.prior import FLOOR_MOVED, FLOOR_UNSEEN, GRID, LARGEST, OTHER, OTHER_NOISE, VISIBLE, Drawn
+from estimators.gap.score import Explained
+from estimators.gap.stochastic import NoiseOffer, noise_offers, spectrum
+
+Array = NDArray[np.float64]
+
+#: Bands of a spectrum without a name; log range of a band's excess before the data.
+_BANDS: Final = 10
+_RANGE: Final = 12.0
+#: Noise effects at once, and the log evidence at which another is looked at.
+_MOST: Final = 3
+_LOOKED_AT: Final = 0.0
+
+
+@dataclass(frozen=True)
+class NoiseState:
+    """A hypothesis of the noise.
+
+    Attributes:
+        name: in words; empty for the floor as learned.
+        offers: the noise effects of the catalogue that are part of it.
+        steps: of whitening beyond the floor's.
+        log_weight: log determinant of the steps, cost of their parameters, log prior of a floor.
+        other: whether it holds noise without a name.
+    """
+
+    name: str = ""
+    offers: tuple[NoiseOffer, ...] = ()
+    steps: tuple[Step, ...] = ()
+    log_weight: float = 0.0
+    other: bool = False
+
+    @property
+    def drawn(self) -> list[Drawn]:
+        """As the prior knows it."""
+        return [(offer.effect.name, (offer.label,)) for offer in self.offers]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Effects and places."""
+        return tuple(sorted(offer.label for offer in self.offers))
+
+
+def log_det(bench: Bench, steps: Sequence[Step]) -> float:
+    """log determinant of further steps of whitening, less half that of what they make of the calibration's information:
+    the calibration is integrated out, and coarser noise leaves it more room (Harville, Biometrika 61, 1974)."""
+    if not steps:
+        return 0.0
+    information = _stepped(bench, bench.absorbed, steps)
+    own = float(sum(np.sum(np.log(np.maximum(step.factor, 1e-300))) for step in steps))
+    return own - 0.5 * float(np.linalg.slogdet(information.T @ information)[1])
+
+
+def gain(bench: Bench, explained: Explained, steps: Sequence[Step]) -> float:
+    """By how much steps raise the log likelihood of a residual; effects are not refitted."""
+    basis = np.linalg.qr(_stepped(bench, bench.absorbed, steps))[0]
+    after = _stepped(bench, explained.residual[:, None], steps)[:, 0]
+    after = after - basis @ (basis.T @ after)
+    before = explained.residual
+    return log_det(bench, steps) + 0.5 * float(before @ before - after @ after)
+
+
+def _stepped(bench: Bench, columns: Array, steps: Sequence[Step]) -> Array:
+    """Whitened columns (c n, m) after further steps."""
+    by_channel = columns.T.reshape(columns.shape[1], len(bench.columns), bench.count).copy()
+    for step in steps:
+        index = bench.columns.index(step.column)
+        by_channel[:, index] = step(by_channel[:, index])
+    return by_channel.reshape(columns.shape[1], -1).T
+
+
+def moved_floor(bench: Bench, explained: Explained, at_rest: bool) -> NoiseState | None:
+    """The floor as the sweep itself says it is, as far as the recording at rest allows.
+
+    Args:
+        at_rest: whether there was one. Without, any spectrum may be the floor.
+    """
+    if not at_rest:
+        found = unnamed(bench, explained)
+        if found is None:
+            return None
+        cost = found.log_weight - log_det(bench, found.steps) - float(np.log(OTHER * OTHER_NOISE))
+        return NoiseState("floor", (), found.steps, log_det(bench, found.steps) + cost + float(np.log(FLOOR_UNSEEN)))
+    steps, weight = [], 0.0
+    for column in bench.columns:
+        own = spectrum(bench, explained, column)
+        point, _ = own.alone
+        before, after = own.floor.at(np.zeros(own.learned.free)), own.floor.at(point)
+        factor = np.sqrt(before / after)
+        if np.abs(np.log(factor)).max() < 1e-3:
+            continue
+        group = groups(bench.count, 1)
+        full = np.concatenate([factor[:1], factor[group]])
+        steps.append(Step(column, full, in_time=False))
+        weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
+    if not steps:
+        return None
+    return NoiseState("floor", (), tuple(steps), weight + log_det(bench, steps) + float(np.log(FLOOR_MOVED)))
+
+
+def named(bench: Bench, explained: Explained, without: Sequence[str], given: NoiseState) -> list[NoiseState]:
+    """States with one more noise effect of the catalogue each, the most evident first."""
+    held = {offer.label for offer in given.offers}
+    found = []
+    for offer in noise_offers(bench, explained, without):
+        if offer.label in held or offer.gain <= 0.0:
+            continue
+        steps = offer.steps(bench)
+        weight = given.log_weight + log_det(bench, steps) + _cost(offer)
+        found.append(NoiseState("", (*given.offers, offer), (*given.steps, *steps), weight, given.other))
+    return found
+
+
+def unnamed(bench: Bench, explained: Explained) -> NoiseState | None:
+    """Noise of each channel by itself, of any spectrum."""
+    count = bench.count
+    number = np.arange(1, count)
+    edges = np.geomspace(1.0, count, _BANDS + 1)
+    band = np.clip(np.searchsorted(edges, number, side="right") - 1, 0, _BANDS - 1)
+    steps, weight = [], float(np.log(OTHER * OTHER_NOISE))
+    for column in bench.columns:
+        alive = max(float(np.mean(bench.weights[:, column] > 0)), 1e-9)
+        power = dct(bench.channel(explained.residual, column), norm="ortho")[1:] ** 2 / alive
+        many = np.bincount(band, minlength=_BANDS).astype(float)
+        ratio = np.bincount(band, power, minlength=_BANDS) / np.maximum(many, 1.0)
+        raised = np.where(many > 0, np.maximum(ratio, 1.0), 1.0)
+        gains = 0.5 * many * (ratio - np.log(np.maximum(raised, 1e-300)) - ratio / raised)
+        price = np.log(_RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))
+        kept = gains > price
+        weight -= float(np.sum(price[kept])) + _BANDS * np.log(2.0) * 0.2
+        if kept.any():
+            factor = 1.0 / np.sqrt(np.where(kept, raised, 1.0))
+            steps.append(Step(column, np.concatenate([[1.0], factor[band]]), in_time=False))
+    if not steps:
+        return None
+    return NoiseState("noise", (), tuple(steps), weight + log_det(bench, steps), other=True)
+
+
+def _cost(offer: NoiseOffer) -> float:
+    """log of the share of the prior that the fitted strengths take: half-normal, its scale averaged over a grid."""
+    (strength,) = [item for item in offer.effect.parameters() if item.strength]
+    values = np.atleast_1d(np.asarray(getattr(offer.effect, strength.name), dtype=float))[: offer.rank]
+    spread = np.maximum(offer.spread, 1e-300)
+    least = np.sqrt(spread)  # the amplitude whose variance is as large as that
+    width = np.minimum(0.5 * spread / np.maximum(values, 1e-300), least)
+    start = VISIBLE * float(np.sqrt(np.mean(least**2)))
+    top = max(LARGEST * strength.typical, start)
+    grid = start * GRID ** np.arange(int(np.log(top / start) / np.log(GRID)) + 1)
+    each = [float(np.sum(np.log(2.0 * width / scale) - 0.5 * (values / scale) ** 2)) for scale in grid]
+    return float(np.logaddexp.reduce(each) - np.log(len(grid))) - float(np.log(offer.searched))
