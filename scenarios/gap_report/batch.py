@@ -29,7 +29,7 @@ from scenarios.processes import WorkerPool
 Progress = Callable[[float], None]
 
 #: Memory that a diagnosis takes [bytes a sample].
-BYTES_A_SAMPLE: Final = 2600.0
+BYTES_A_SAMPLE: Final = 6500.0
 
 
 @dataclass(frozen=True)
