@@ -92,6 +92,20 @@ def test_vectors_and_names_come_back_from_a_real_diagnosis(rig: Rig, here: Path,
         assert getattr(again, name) == pytest.approx(_tuple(parameter["value"]))
 
 
+def test_a_rig_that_no_scenario_can_describe_does_not_cost_the_diagnosis(rig: Rig, here: Path) -> None:
+    for run, name in zip(recorded(backlash()), ("run", "run.locked"), strict=True):
+        replace(run, units={"accelerometer": "g", "magnetometer": "uT"}).write(f"{name}.parquet")
+    result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o")
+    assert result.status == 2
+    assert result.err.startswith("rig: better.toml: not written, but the diagnosis is: ")
+    assert result.err.endswith("found accelerometer in 'g', expected V, as a scenario's board reads\n")
+    assert result.err.count("\n") == 1
+    assert "Backlash of joint 5" in result.out
+    assert "better.toml" not in result.out
+    assert listed("o") == {"run.diagnosis.json", "run.html"}
+    assert not Path("better.toml").exists()
+
+
 def _tuple(value: object) -> object:
     return tuple(value) if isinstance(value, list) else value
 

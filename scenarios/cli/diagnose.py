@@ -107,7 +107,7 @@ def diagnose(
         print_json(documents[0] if len(documents) == 1 else documents)
     else:
         _tell([result for result in results if isinstance(result, Outcome)], out, saved)
-    return _failures(tasks, results)
+    return max(_failures(tasks, results), _unsaved(results, saved))
 
 
 def _tell_averaged(tasks: Sequence[Task]) -> None:
@@ -189,7 +189,7 @@ def _tell(outcomes: Sequence[Outcome], out: Path, saved: Path | None) -> None:
     else:
         show(summary_table([outcome.diagnosis for outcome in outcomes]))
         click.echo(f"\n{out}: {len(outcomes)} recordings, for each NAME.html and NAME.diagnosis.json")
-    if saved is not None:
+    if saved is not None and outcomes[0].scenario is not None:
         click.echo(f"{saved}: written; rig sweep {saved} -o RUN.parquet simulates it")
 
 
@@ -210,6 +210,19 @@ def _failures(tasks: Sequence[Task], results: Sequence[Outcome | Exception]) -> 
         if isinstance(result, Exception):
             click.echo(f"rig: {one_line(_words(task, result))}", err=True)
             status = max(status, result.exit_status if isinstance(result, RigError) else BUG)
+    return status
+
+
+def _unsaved(results: Sequence[Outcome | Exception], saved: Path | None) -> int:
+    """One line on stderr for an improved rig that cannot be written, and the exit status; the diagnosis stands."""
+    from scenarios.cli._app import DONE
+    from scenarios.gap_report.batch import Outcome
+
+    status = DONE
+    for result in results:
+        if isinstance(result, Outcome) and result.unsaved is not None:
+            click.echo(f"rig: {one_line(f'{saved}: not written, but the diagnosis is: {result.unsaved}')}", err=True)
+            status = RigError.exit_status
     return status
 
 

@@ -20,7 +20,7 @@ from rig.recording import locked_beside, whole_or_means
 from rig.recording.columns import JOINTS_OF_ARM
 from rig.threads import one_blas_thread
 from scenarios.gap_report.advice import next_steps
-from scenarios.gap_report.improved_rig import check_units, improved_rig
+from scenarios.gap_report.improved_rig import improved_rig
 from scenarios.gap_report.next_maneuver import next_step
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import gap_residuals
@@ -69,6 +69,7 @@ class Outcome:
         units: sensor -> recorded unit.
         scenario: the improved rig, where it was wanted.
         next: the scenario that would tell the explanations apart, where the recording does not.
+        unsaved: why the improved rig cannot be written, where it was wanted and cannot.
     """
 
     diagnosis: Diagnosis
@@ -76,6 +77,7 @@ class Outcome:
     units: Mapping[str, str]
     scenario: str | None
     next: str | None = None
+    unsaved: str | None = None
 
 
 def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
@@ -90,8 +92,6 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     named = arm is not None or recording.metadata.arm in JOINTS_OF_ARM
     if not named and arm_of(recording, None, str(task.run)) is None:
         recording = replace(recording, q=None)  # the tool's poses serve: nobody knows the arm
-    if task.improved:
-        check_units(recording)
     beside = task.locked or locked_beside(task.run)
     locked = None if beside is None else whole_or_means(beside, joints, block=block)[0]
     second = None if task.maneuver2 is None else whole_or_means(task.maneuver2, joints, block=block)[0]
@@ -99,11 +99,15 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
         diagnosis, bench = examined(recording, locked, second, task.without, arm, progress, task.prior)
         residuals = gap_residuals(recording, diagnosis, locked, arm, bench)
         open_between = bool(rivals(diagnosis))
-        rig, step = None, None
-        if task.improved or (open_between and set(recording.units.values()) == {"V"}):
-            rig = improved_rig(diagnosis, residuals, locked)
+        rig, text, step, unsaved = None, None, None, None
+        if task.improved or open_between:
+            try:
+                made = improved_rig(diagnosis, residuals, locked)
+                rig, text = made.scenario, made.to_toml()
+            except RigError as error:  # never at the cost of the diagnosis
+                unsaved = str(error) if task.improved else None
         if open_between:
-            step = next_step(diagnosis, residuals, None if rig is None else rig.scenario, task.minutes)
+            step = next_step(diagnosis, residuals, rig, task.minutes)
         diagnosis = replace(diagnosis, next=None if step is None else step.words)
         diagnosis = replace(
             diagnosis, next={"maneuver": None, **(diagnosis.next or {}), "steps": next_steps(diagnosis)}
@@ -112,8 +116,9 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
             diagnosis,
             page(diagnosis, residuals, task.without),
             dict(recording.units),
-            rig.to_toml() if rig is not None and task.improved else None,
+            text if task.improved else None,
             None if step is None else step.scenario,
+            unsaved,
         )
 
 

@@ -59,7 +59,7 @@ def improved_rig(
         RigError: the readings are not in volts, or the arm cannot be named in a file.
     """
     recording = residuals.recording
-    check_units(recording)
+    _check_units(recording)
     arm = residuals.bench.base.arm
     pipeline = residuals.calibrated
     every = max(1, round(_RATE_HZ / recording.rate_Hz))
@@ -86,7 +86,7 @@ def improved_rig(
     return ImprovedRig(scenario, (played.difference, *_remarks(diagnosis, residuals, rig)))
 
 
-def check_units(recording: Recording) -> None:
+def _check_units(recording: Recording) -> None:
     """Refuse a recording whose rig no scenario can describe.
 
     Raises:
@@ -95,9 +95,7 @@ def check_units(recording: Recording) -> None:
     for sensor in recording.sensors:
         if (unit := recording.unit(sensor)) != "V":
             where = recording.origin or recording.name
-            raise RigError(
-                f"{where}: --save-scenario: found {sensor} in {unit!r}, expected V, as a scenario's board reads"
-            )
+            raise RigError(f"{where}: found {sensor} in {unit!r}, expected V, as a scenario's board reads")
 
 
 def _floor_of(residuals: GapResiduals, sensor: str) -> Array:
