@@ -51,7 +51,7 @@ bench: .venv-bench/.installed
 lock: compile = .venv/bin/uv pip compile --quiet --upgrade --python-version 3.11 --universal \
 	--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --custom-compile-command "make lock"
 lock: .venv/.installed
-	$(compile) --extra cluster --group dev --output-file requirements.lock pyproject.toml
+	$(compile) --extra cluster --extra place --group dev --output-file requirements.lock pyproject.toml
 	$(compile) --group peers --constraint requirements.lock --output-file bench.lock
 
 .venv/.installed: pyproject.toml requirements.lock

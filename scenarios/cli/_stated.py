@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from math import hypot
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def stated_options(command: Command) -> Command:
-    """``--gravity`` and ``--field``."""
+    """``--gravity`` and ``--field``, ``--at`` and ``--date``."""
     gravity = click.option(
         "--gravity",
         type=click.FloatRange(min=0, min_open=True),
@@ -28,7 +29,13 @@ def stated_options(command: Command) -> Command:
     field = click.option(
         "--field", metavar="VALUE[UNIT]", help="The magnetic field's magnitude: 0.55G, 55uT, 55000nT, or relative."
     )
-    return gravity(field(command))
+    at = click.option(
+        "--at",
+        metavar="LAT,LON,HEIGHT",
+        help="Where: normal gravity and, with --date, the IGRF's field, where not given; degrees and metres, WGS84.",
+    )
+    date = click.option("--date", metavar="YYYY-MM-DD", help="When, for the magnetic field with --at.")
+    return gravity(field(at(date(command))))
 
 
 def field_magnitude(text: str) -> tuple[float, str | None]:
@@ -53,6 +60,56 @@ def stated_metadata(gravity: float | None, field: str | None) -> dict[str, Any]:
     if field is not None:
         found["magnetic_field"], found["magnetic_field_unit"] = field_magnitude(field)
     return found
+
+
+def stated_by_place(
+    stated: dict[str, Any], at: str | None, date: str | None, scan: RecordingScan
+) -> tuple[dict[str, Any], str]:
+    """What the place adds to ``stated``, which goes before it, and this in words.
+
+    The field is in the unit that the recording states or records, in uT where that is none of the field's.
+
+    Raises:
+        RigError: no place or day, one without the other, or a library that is not installed.
+    """
+    if at is None:
+        if date is not None:
+            raise RigError("--date: found without --at, expected both: the field depends on the place as well")
+        return {}, ""
+    import datetime
+
+    from rig.place import Place
+    from rig.units import UNITS, conversion_factor
+
+    try:
+        numbers = [float(part) for part in at.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3):
+        raise RigError(f"--at: found {at!r}, expected LAT,LON,HEIGHT: two numbers in degrees and one in metres")
+    try:
+        day = None if date is None else datetime.date.fromisoformat(date)
+    except ValueError:
+        raise RigError(f"--date: found {date!r}, expected a day as in 2026-11-22") from None
+    try:
+        place = Place(*numbers)
+        found: dict[str, Any] = {}
+        words = []
+        if ACCELEROMETER in scan.sensors and "gravity_m_s2" not in stated:
+            found["gravity_m_s2"] = place.gravity()
+            words.append(f"normal gravity {found['gravity_m_s2']:.5f} m/s^2")
+        if MAGNETOMETER in scan.sensors and "magnetic_field" not in stated:
+            if day is None:
+                raise RigError("found without --date, expected both: the magnetic field changes from year to year")
+            recorded = scan.columns.units[MAGNETOMETER]
+            of_field = [unit for unit in UNITS[MAGNETOMETER] if unit not in UNITS[ACCELEROMETER]]
+            unit = scan.metadata.magnetic_field_unit or (recorded if recorded in of_field else "uT")
+            size = hypot(*place.magnetic_field_nT(day)) * conversion_factor("nT", unit)
+            found |= {"magnetic_field": size, "magnetic_field_unit": unit}
+            words.append(f"field {size:.5g} {unit} by the IGRF on {day}, without what steel and magnets nearby add")
+    except RigError as error:
+        raise RigError(f"--at {at}: {error}") from None
+    return found, f"--at {at}: {', '.join(words)}" if words else ""
 
 
 def with_assumptions(calibration: Calibration, scan: RecordingScan, stated: dict[str, Any]) -> Calibration:

@@ -21,7 +21,7 @@ from scenarios.cli._options import (
     print_json,
     progress_bar,
 )
-from scenarios.cli._stated import stated_metadata, stated_options, with_assumptions
+from scenarios.cli._stated import stated_by_place, stated_metadata, stated_options, with_assumptions
 
 if TYPE_CHECKING:
     from estimators import Calibration, NoiseFloor
@@ -90,6 +90,8 @@ def calibrate(
     coverage: Path | None,
     gravity: float | None,
     field: str | None,
+    at: str | None,
+    date: str | None,
     as_json: bool,
 ) -> int:
     """Calibrate the sensors of RUN, a recording with joint angles, tool poses or, turned by hand, neither.
@@ -104,6 +106,7 @@ def calibrate(
       rig calibrate tumble.csv --method ellipsoid --start datasheet --static-threshold 0.0016
       rig calibrate run.csv --noise 13.4,13.6,14.6 --method separate
       rig calibrate mine.parquet --arm mine.urdf --tip sensor_link --gravity 9.8029 --field 55.2uT -o cal.json
+      rig calibrate mine.parquet --at 42.28,-83.74,260 --date 2026-11-22 -o cal.json
     """
     from rig.errors import RigError, one_line
 
@@ -127,6 +130,10 @@ def calibrate(
     if unused := unused_words(scan):
         click.echo(f"rig: {unused}", err=True)
     stated = stated_metadata(gravity, field)
+    by_place, words = stated_by_place(stated, at, date, scan)
+    stated |= by_place
+    if words:
+        click.echo(f"rig: {words}", err=True)
     scan = replace(scan, metadata=replace(scan.metadata, **stated))
     attitude_free = method == "ellipsoid" or (method is None and not has_pose(scan))
     if attitude_free and (arm is not None or equal_weights):
