@@ -15,6 +15,7 @@ from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage.seen import Coverage, coverage
 from estimators.ellipsoid import read_thinned
 from estimators.goodness.by_direction import ByDirection, by_direction
+from estimators.goodness.cross_terms import SIX, CrossTerms, cross_terms
 from estimators.goodness.hold_out import HoldOut, hold_out
 from estimators.goodness.optimum import Transfer, at_optimum
 from estimators.goodness.outliers import Outliers, outliers
@@ -52,6 +53,7 @@ class Goodness:
         transfer: whether the calibration's parameters are the recording's; None where these samples cannot tell.
         coverage, by_direction, hold_out, whiteness, repeats, clipped, outliers: each test's result; None where the
             recording is too short for it.
+        cross_terms: of a fit of six parameters without attitude; None of others.
         copies: channels that are another one's readings, as of ``readings.copies``.
         left_out: outliers that the estimator says it has left out.
         samples: that were looked at.
@@ -65,6 +67,7 @@ class Goodness:
     transfer: Transfer | None
     coverage: Coverage
     by_direction: ByDirection | None
+    cross_terms: CrossTerms | None
     hold_out: HoldOut | None
     whiteness: Whiteness
     repeats: Repeats
@@ -100,6 +103,7 @@ class Goodness:
             "samples": self.samples,
             "transfer": None if self.transfer is None else self.transfer.to_json(),
             "by_direction": None if self.by_direction is None else self.by_direction.to_json(),
+            "cross_terms": None if self.cross_terms is None else self.cross_terms.to_json(),
             "hold_out": None if self.hold_out is None else self.hold_out.to_json(),
             "whiteness": self.whiteness.to_json(),
         }
@@ -212,6 +216,7 @@ def _judge(data: Data, sensor: str, calibration: SensorCalibration, arm: Arm | N
         rest = np.ones(len(recording), dtype=bool)
         rest[odd.rows] = False
         given = residuals_of(selected(recording, rest), sensor, calibration, arm)
+    without_cross_terms = data.own and not calibration.axes and len(calibration.vector_parameters) == SIX
     residuals, transfer = at_optimum(given, calibration.samples)
     goodness = Goodness(
         sensor,
@@ -222,6 +227,7 @@ def _judge(data: Data, sensor: str, calibration: SensorCalibration, arm: Arm | N
         transfer,
         coverage(residuals.directions),
         by_direction(residuals),
+        cross_terms(given, calibration.reference_magnitude) if without_cross_terms else None,
         hold_out(residuals),
         whiteness(residuals),
         repeats(data.readings, calibration.noise),

@@ -13,7 +13,7 @@ from rig.channels import CHANNELS_OF
 if TYPE_CHECKING:
     from estimators.goodness.judgement import Goodness
 
-#: A test that a good calibration fails once in ten thousand: with the four that have p-values, and the three readings
+#: A test that a good calibration fails once in ten thousand: with the five that have p-values, and the three readings
 #: tests at 1e-4 or below, a good one is called not good less than once in a thousand times.
 P_VALUE_LIMIT: Final = 1e-4
 #: Beyond this the last digits of the readings decide the answer.
@@ -70,6 +70,11 @@ def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
             f"residuals depend on the direction ({_p(found.by_direction.p_value)}), most about"
             f" {found.by_direction.worst_name}"
         )
+    if found.cross_terms is not None and found.cross_terms.p_value < P_VALUE_LIMIT:
+        told.append(
+            f"six parameters leave {found.cross_terms.ratio:.3g} times what nine do ({_p(found.cross_terms.p_value)}):"
+            " the axes are not square to each other"
+        )
     if found.hold_out is not None and found.hold_out.p_value < P_VALUE_LIMIT:
         first, last = found.hold_out.worst_s
         told.append(
@@ -98,6 +103,8 @@ def remarks(found: Goodness) -> list[str]:
         told.append("too few readings to look at them by direction")
     else:
         told.append(f"no direction stands out ({_p(found.by_direction.p_value)})")
+    if found.cross_terms is not None:
+        told.append(f"six parameters leave {found.cross_terms.ratio:.3g} times what nine do")
     if found.hold_out is None:
         told.append("no part of the recording can be held out")
     else:
