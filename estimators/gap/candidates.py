@@ -45,8 +45,8 @@ class Candidate:
 
     @property
     def smooth(self) -> bool:
-        """Whether the effect changes little from sample to sample."""
-        return not self.effect.tone and not self.effect.rapid
+        """Whether the effect changes little from sample to sample, and needs no single ones."""
+        return not self.effect.tone and not self.effect.rapid and "nodes" not in self.effect.requires
 
     @property
     def strengths(self) -> tuple[Parameter, ...]:

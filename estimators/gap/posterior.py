@@ -216,7 +216,8 @@ def explain(
     for _ in range(4):
         states: list[tuple[float, NoiseState, Scanner, Explanation]] = []
         for given, given_scanner, explanations in frontier:
-            looked_at = [explanations[0], *[each for each in explanations if not each.members][:1]]
+            smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
+            looked_at = [explanations[0], *{len(one.members): one for one in reversed(smallest_first)}.values()]
             for each in {each.key: each for each in looked_at}.values():
                 states += _states(work, given, given_scanner, each)
         frontier = []

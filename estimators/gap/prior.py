@@ -34,6 +34,8 @@ OTHER: Final = 0.1
 OTHER_NOISE: Final = 0.3
 #: Where no recording at rest was given, anything that looks like noise is the floor itself, with this probability.
 FLOOR_UNSEEN: Final = 0.6
+#: The floor is raised, then, by a factor whose logarithm has this standard deviation.
+FLOOR_RAISED: Final = 1.0
 #: With one, the probability that the floor is not quite what the poses at rest showed best.
 FLOOR_MOVED: Final = 0.5
 #: A joint that stands still has little to bend under: a tenth.

@@ -67,6 +67,8 @@ def conclude(
         without: effects left out of the catalogue: their defects have no name.
         floor: noise of each channel. source: where it comes from.
     """
+    if source != "locked recording":  # nobody knows the converter's own step: a lattice is no cause
+        defects = [defect for defect in defects if defect.effect != "adc_quantisation"]
     named = [defect for defect in defects if defect.effect not in without]
     nameless = [defect for defect in defects if defect.effect in without]
     certain = {(d.effect, d.where): defect_probability(d, posterior.prior) for d in named}

@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
+from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import Candidate, Shape, all_candidates
 from estimators.gap.converge import converged
-from estimators.gap.discrepancy import Weighed
+from estimators.gap.discrepancy import Means, Weighed
 from estimators.gap.evidence import Linear, linearised
 from estimators.gap.prior import STILL, Drawn, Prior
 from estimators.gap.rebase import around
@@ -184,7 +184,8 @@ class Search:
         fine = bench is self.bench
         key = tuple(sorted(member.label for member in members)), fine
         if key not in self.found:
-            fits, _, around_it = converged([member.fit for member in members], bench, self.rough)
+            rough = self.rough if all(member.fit.candidate.smooth for member in members) else None
+            fits, _, around_it = converged([member.fit for member in members], bench, rough)
             own = tuple(replace(member, fit=fit) for member, fit in zip(members, fits, strict=True))
             prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
             self.found[key] = Explanation(own, around_it, prior, fine)
@@ -216,8 +217,14 @@ class Search:
     def _left(self, parent: Explanation, bench: Bench) -> Explained:
         key = parent.key, parent.fine, bench is self.bench
         if key not in self.explained:
-            moved = bench if not parent.members else around(bench, parent.bench.pipeline)
-            self.explained[key] = explained_by(parent.fits, moved)
+            if bench is self.bench or all(member.fit.candidate.smooth for member in parent.members):
+                moved = bench if not parent.members else around(bench, parent.bench.pipeline)
+                self.explained[key] = explained_by(parent.fits, moved)
+            else:  # what needs single samples is not to be seen on means: it is summed up from these
+                means, fine = Means(self.bench, self.rough), self._left(parent, self.bench)
+                left = project(self.rough.absorbed, means(fine.residual[:, None]))[:, 0]
+                own = Explained(self.rough.absorbed, left)
+                self.explained[key] = own if fine.added is None else own.extended(means(fine.added))
         return self.explained[key]
 
     def _member(self, group: Sequence[Offer], parent: Explanation) -> Member:
@@ -298,9 +305,12 @@ class Search:
         leading_members = chosen[0].members
         subsets = [leading_members[:index] + leading_members[index + 1 :] for index in range(len(leading_members))]
         keys = {tuple(sorted(member.label for member in subset)) for subset in subsets if len(subset) > 0}
-        wanted = chosen[1:] + [
-            each for each in ranked if each.key in keys and not each.fine and not any(each is one for one in chosen)
-        ]
+        sizes = {len(each.members): each for each in reversed(ranked)}  # the best of each size, for other noise
+        wanted = (
+            chosen[1:]
+            + [each for each in sizes.values() if each.members and not each.fine]
+            + [each for each in ranked if each.key in keys and not each.fine and not any(each is one for one in chosen)]
+        )
         found = {each.key: each for each in (self.fine(each.members, each) for each in wanted)}
         found |= {(): self.fine(()), leading.key: leading}
         return sorted(found.values(), key=lambda each: -each.log_mass)

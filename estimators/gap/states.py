@@ -16,7 +16,17 @@ from scipy.fft import dct
 
 from estimators.gap.bench import Bench, Step
 from estimators.gap.floor import groups
-from estimators.gap.prior import FLOOR_MOVED, FLOOR_UNSEEN, GRID, LARGEST, OTHER, OTHER_NOISE, VISIBLE, Drawn
+from estimators.gap.prior import (
+    FLOOR_MOVED,
+    FLOOR_RAISED,
+    FLOOR_UNSEEN,
+    GRID,
+    LARGEST,
+    OTHER,
+    OTHER_NOISE,
+    VISIBLE,
+    Drawn,
+)
 from estimators.gap.score import Explained
 from estimators.gap.stochastic import NoiseOffer, noise_offers, spectrum
 
@@ -97,8 +107,10 @@ def moved_floor(bench: Bench, explained: Explained, at_rest: bool) -> NoiseState
         found = unnamed(bench, explained)
         if found is None:
             return None
-        cost = found.log_weight - log_det(bench, found.steps) - float(np.log(OTHER * OTHER_NOISE))
-        return NoiseState("floor", (), found.steps, log_det(bench, found.steps) + cost + float(np.log(FLOOR_UNSEEN)))
+        # what lies far above the floor that differences of neighbouring readings show is unlikely to be that floor
+        raised = max(float(np.log(np.mean(step.factor**-2.0))) for step in found.steps)
+        weight = found.log_weight - float(np.log(OTHER * OTHER_NOISE)) + float(np.log(FLOOR_UNSEEN))
+        return NoiseState("floor", (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
     steps, weight = [], 0.0
     for column in bench.columns:
         own = spectrum(bench, explained, column)

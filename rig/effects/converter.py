@@ -37,6 +37,8 @@ _FELT: Final = 0.005
 _NEIGHBOURS: Final = 3
 #: So many outliers in a channel make others likely; then those count that noise makes once in five recordings.
 _SEVERAL, _LESS = 3, 4.5
+#: From so many deviations on readings stand out a little.
+_TAIL: Final = 3.0
 #: Readings count as equal that differ by less than this share of the noise, where no converter is known.
 _ALIKE: Final = 1e-3
 
@@ -176,6 +178,8 @@ class Outliers(Effect):
             if np.count_nonzero(hit) >= _SEVERAL:  # there are spikes: those that stand out less belong to them
                 hit = np.abs(local) > _LESS * spread
             hit &= ~readings.left_out[:, column]
+            if _long_tailed(local, int(hit.sum())):  # no spikes, but noise that is not normal
+                hit[:] = False
             affected[:, column] = hit
             if hit.any():
                 sizes[column] = np.sqrt(np.sum(local[hit] ** 2)) * readings.sigma[column]
@@ -188,6 +192,15 @@ class Outliers(Effect):
         effect = cls(where=where, share=count / total, size_V=float(np.median(np.concatenate(spikes))))
         std: Mapping[str, float | None] = {"share": float(np.sqrt(count)) / total}
         return Finding(effect, std, affected, log_p, ratio, sizes / np.sqrt(len(readings.values)), _none())
+
+
+def _long_tailed(local: Array, hits: int) -> bool:
+    """Whether readings that stand out are the end of a long tail: then many stand out a little less, as spikes do not
+    make them."""
+    sizes = np.abs(local) / max(float(np.median(np.abs(local))) / float(ndtri(0.75)), 1e-300)
+    between = int(np.count_nonzero((sizes > _TAIL) & (sizes <= _LESS)))
+    expected = 2.0 * len(local) * float(ndtr(-_TAIL) - ndtr(-_LESS))
+    return hits > 0 and between > 2.0 * expected + 4.0 * np.sqrt(expected) and 2 * between > hits
 
 
 def _mixture(white: Array, hit: Mask, readings: Readings) -> float:
