@@ -139,7 +139,7 @@ BAD_METADATA = [
     ({"magnetic_field": -1}, "magnetic_field: found -1"),
     ({"rate_Hz": 0}, "rate_Hz: found 0"),
     ({"rate_hz": 100}, "unknown metadata key 'rate_hz' (nearest: 'rate_Hz')"),
-    ({"magnetic_field_unit": "T"}, "expected one of G, uT"),
+    ({"magnetic_field_unit": "T"}, "expected one of G, nT, uT"),
     ({"arm": 465}, "arm: found 465"),
     ([1], "a JSON list, expected an object"),
     ('{"gravity_m_s2": NaN}', "NaN is not JSON"),
