@@ -65,7 +65,11 @@ def page() -> str:
 
 def _recording() -> str:
     rows = [
-        (f"`{TIME}`", "s", "increasing; with still poses their number"),
+        (
+            f"`{TIME}`",
+            "s",
+            "increasing; left out at will where the metadata state `still_poses`: then their number",
+        ),
         ("`q1_rad` .. `qN_rad`", "rad", "joint angles; or `_deg`; `q3_m` of a joint that slides"),
         (f"`{', '.join(QUATERNION)}`", "1", "the tool's orientation, base <- tool, scalar first"),
         (f"`{', '.join(POSITION)}`", "m", "the tool in the base frame"),

@@ -131,7 +131,8 @@ class Columns:
         for name in names:
             _refuse_misspelt(name, present, where)
         if TIME not in present:
-            raise RigError(f"{where}: column {TIME!r} is missing{nearest(TIME, names)}")
+            near = nearest(TIME, names) or ': only with "still_poses": true in the metadata may it be left out'
+            raise RigError(f"{where}: column {TIME!r} is missing{near}")
         readings, units = _readings(recognised, where)
         columns = cls(
             joints=_joints(recognised, where),

@@ -30,6 +30,7 @@ from rig.recording.columns import (
     Columns,
 )
 from rig.recording.metadata import Metadata
+from rig.recording.numbered_table import NumberedTable
 from rig.recording.samples import Recording
 from rig.recording.table import SUFFIXES, Table
 from rig.recording.tables import TableWriter, open_table
@@ -209,6 +210,8 @@ def scan_recording(
     table = open_table(path)
     where = str(table.path)
     metadata = Metadata() if table.metadata is None else Metadata.from_json(table.metadata, where)
+    if metadata.still_poses and TIME not in table.names:
+        table = NumberedTable(table)
     expected = JOINTS_OF_ARM.get(metadata.arm) if joints is None else joints
     columns = Columns.parse(table.names, where, expected).only(PARTS if parts is None else parts)
     if not columns.readings:

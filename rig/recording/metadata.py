@@ -34,6 +34,7 @@ class Metadata:
         pose_rate_Hz: at which the poses were logged, where that is slower than the readings; None: as fast.
         accelerometer_reads: "g-a", gravity less acceleration, down at rest, as in Renk et al.; or "a-g", up at rest, as
             the common chips do.
+        still_poses: whether every row is a pose held still; then `t_s` may be left out, and their numbers stand for it.
         extra: further JSON keys, which are kept as they are.
 
     Raises:
@@ -48,6 +49,7 @@ class Metadata:
     magnetic_field_unit: str | None = None
     pose_rate_Hz: float | None = None
     accelerometer_reads: str = "g-a"
+    still_poses: bool = False
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -58,6 +60,8 @@ class Metadata:
                 object.__setattr__(self, name, _positive(name, getattr(self, name)))
         if self.accelerometer_reads not in READS:
             raise unknown_name("metadata accelerometer_reads", str(self.accelerometer_reads), READS)
+        if not isinstance(self.still_poses, bool):
+            raise RigError(f"metadata still_poses: found {shown(self.still_poses)}, expected true or false")
         if not isinstance(self.arm, str) or not self.arm:
             raise RigError(f"metadata arm: found {shown(self.arm)}, expected the name of an arm")
         if self.magnetic_field_unit is not None and self.magnetic_field_unit not in _FIELD_UNITS:
@@ -81,6 +85,8 @@ class Metadata:
         stated = {name: value for name, value in known.items() if value is not None or name not in _OPTIONAL}
         if self.accelerometer_reads == READS[0]:
             del stated["accelerometer_reads"]
+        if not self.still_poses:
+            del stated["still_poses"]
         content = {"format": FORMAT, **stated, **self.extra}
         try:
             return json.dumps(content, allow_nan=False)
