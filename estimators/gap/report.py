@@ -303,6 +303,8 @@ def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
     found: dict[str, float] = {}
     size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.shape[1], 1.0)
     for each in weighed(linear, posterior.discrepancies):
+        if each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
+            continue
         share = _taken(each, linear.left) / size
         found[each.term.course] = max(found.get(each.term.course, 0.0), share)
     ranked = sorted(found.items(), key=lambda item: -item[1])

@@ -48,7 +48,7 @@ def explanations(diagnosis: Diagnosis) -> str:
             _figure(charts.posterior_bar(diagnosis), "Probability of each answer; the three add up to one."),
             _table(("explanation", "probability"), rows, numbers=(1,)),
             '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. Of what is '
-            "said with a probability of .9, nine in ten are true.</p>",
+            "said with a probability of .9, nine in ten should be true.</p>",
         ]
     )
 
