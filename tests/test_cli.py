@@ -269,7 +269,7 @@ def test_an_interruption_is_one_line(rig: Rig, here: Path, monkeypatch: pytest.M
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_signal_in_mid_simulation_leaves_nothing_behind(here: Path) -> None:
-    (here / "long.toml").write_text(SMALL.replace("duration_s = 60.0", "duration_s = 200000.0"))
+    (here / "long.toml").write_text(SMALL.replace("duration_s = 60.0", "duration_s = 40000.0"))
     command = [sys.executable, "-m", "scenarios.cli", "sweep", "long.toml", "-o", "run.parquet", "--engine", "dynamic"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(
@@ -280,7 +280,7 @@ def test_a_signal_in_mid_simulation_leaves_nothing_behind(here: Path) -> None:
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # the shell may have it ignored
     )
     try:
-        time.sleep(3.0)  # in the midst of some ten minutes; before that, still in the imports, the answer is the same
+        time.sleep(3.0)  # in the midst of some two minutes; before that, still in the imports, the answer is the same
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=120)
     finally:
