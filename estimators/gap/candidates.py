@@ -124,3 +124,10 @@ def present(candidate: Candidate, bench: Bench) -> bool:
         return False
     # what a name asks for is not in the effect's requirements: a frame fixed in a link, a source that is not recorded
     return joints > 0 or not any(name.startswith("link") for name in candidate.names.values())
+
+
+def still(candidate: Candidate, bench: Bench) -> bool:
+    """Whether a candidate is an error of a joint that does not move."""
+    if not candidate.where.startswith("joint") or bench.base.q_encoder is None:
+        return False
+    return bool(np.ptp(bench.base.q_encoder[:, int(candidate.where.removeprefix("joint")) - 1]) < 1e-3)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -179,8 +178,3 @@ def _moments(hypothesis: Hypothesis, index: int) -> tuple[Array, Array, NDArray[
     hidden = vectors[:, values < _SHRUNK]
     felt = (hidden**2).sum(axis=1) < _SHARE
     return mean[own], covariance[np.ix_(own, own)], felt[own]
-
-
-def finite(value: float) -> float | None:
-    """JSON has no infinity."""
-    return value if math.isfinite(value) else None

@@ -20,7 +20,7 @@ from estimators.gap.rebase import around
 from estimators.gap.scan import Scanner
 from estimators.gap.score import Explained
 from estimators.gap.search import Explanation, Member, Search, set_prior, unseen_places, visible
-from estimators.gap.states import NoiseState, gain, log_det, moved_floor, named, unnamed
+from estimators.gap.states import NoiseState, gain, moved_floor, named, unnamed
 
 Array = NDArray[np.float64]
 
@@ -274,9 +274,7 @@ def _states(
     for state in found:
         prior = work.prior.log_set([*state.drawn, *held])
         fresh = state.steps[len(given.steps) :]
-        promise = (
-            each.linear.averaged[0] + prior + state.log_weight - log_det(bench, fresh) + gain(bench, explained, fresh)
-        )
+        promise = each.linear.averaged[0] + prior + state.log_weight + gain(bench, explained, fresh)
         result.append((promise, state, scanner, each))
     return result
 

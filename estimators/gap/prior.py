@@ -7,9 +7,8 @@ is prone to changes the weights of effects with a file (``read_prior``).
 from __future__ import annotations
 
 import os
-import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import factorial, log
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.documents import parse_toml, read_toml
 from rig.effects import EFFECTS
 from rig.errors import RigError, unknown_name
 
@@ -25,8 +25,7 @@ Array = NDArray[np.float64]
 
 #: Probability that nothing beyond the floor is there; a recording is diagnosed because something may be.
 NOTHING: Final = 0.35
-#: Probability of one cause, and the factor for each further one: real gaps have several, each a little less likely.
-ONE_CAUSE: Final = 0.4
+#: The factor for each further cause: real gaps have several, each a little less likely. One cause has what these leave.
 FURTHER: Final = 0.35
 #: Probability, whatever else there is, of something that the catalogue does not have. Factors of two hardly matter.
 OTHER: Final = 0.1
@@ -107,10 +106,7 @@ def read_prior(path: str | os.PathLike[str]) -> dict[str, float]:
         RigError: the file cannot be read, an effect is unknown, or a weight is not a number of zero or more.
     """
     where = Path(path)
-    try:
-        table = tomllib.loads(where.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise RigError(f"{where}: cannot be read as a prior: {str(error)[:120]}") from None
+    table = parse_toml(read_toml(where, "a prior"), str(where))
     if set(table) != {"effects"} or not isinstance(table["effects"], dict):
         raise RigError(f"{where}: found {', '.join(list(table)[:4]) or 'nothing'}, expected one table [effects]")
     weights: dict[str, float] = {}
@@ -123,9 +119,3 @@ def read_prior(path: str | os.PathLike[str]) -> dict[str, float]:
     if weights and not any(weights.get(name, 1.0) > 0.0 for name in EFFECTS):
         raise RigError(f"{where}: all weights are zero, expected at least one above it")
     return weights
-
-
-def log_mean_exp(values: Iterable[float]) -> float:
-    """log of the mean of exponentials."""
-    array = np.fromiter(values, dtype=float)
-    return float(np.logaddexp.reduce(array) - np.log(len(array)))

@@ -75,20 +75,20 @@ def conclude(
     same = marginal.twins(posterior)
     places = marginal.places(posterior, same)
     hypotheses, masses, omitted = _listed(posterior, places, same, certain, bool(nameless))
-    leading = _reported(posterior, hypotheses, places, same)
+    leading = posterior.leading
     rng = np.random.default_rng(0)
     fits = _at_every_sample(leading, bench)
-    after, before, ways = _gap(posterior, leading, bench, rng)
+    after, before = _gap(posterior, rng)
     effects = [fit.effect for fit in fits]
     noise_after, noise_before = _noise_gap(leading.state.offers, named, bench, rng)
     quiet = masses["nothing"] >= 0.5
     has_cause = bool(fits or leading.state.offers or named)
     closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE
-    causes = () if quiet else _causes(posterior, leading, places, same, named, certain, ways, after, before, rng)
+    causes = () if quiet else _causes(posterior, leading, places, same, named, certain, after, before, rng)
     kind = verdict_of(masses, hypotheses, causes)
     settled = around(bench, leading.explanation.bench.pipeline) if effects else bench
     other = masses["other"] >= 0.5
-    remainder = _remainder(posterior, leading, nameless, other, rng)
+    remainder = _remainder(posterior, nameless, other, rng)
     return Diagnosis(
         recordings=(recording.name,),
         samples=len(recording),
@@ -147,16 +147,6 @@ def _listed(
     return tuple(listed), masses, max(0.0, 1.0 - sum(one.probability for one in listed))
 
 
-def _reported(
-    posterior: Posterior,
-    hypotheses: Sequence[Hypothesis],
-    places: Mapping[str, marginal.Place],
-    same: Mapping[str, str],
-) -> Weighing:
-    """The explanation whose causes are reported: the likeliest of those that are merged into the leading one."""
-    return posterior.hypotheses[0]
-
-
 def _at_every_sample(leading: Weighing, bench: Bench) -> list:  # type: ignore[type-arg]
     """The fits of an explanation; of means over blocks, once more with the rig evaluated at every sample."""
     fits = leading.explanation.fits
@@ -166,11 +156,9 @@ def _at_every_sample(leading: Weighing, bench: Bench) -> list:  # type: ignore[t
     return converged(fits, full)[0]
 
 
-def _gap(
-    posterior: Posterior, leading: Weighing, bench: Bench, rng: np.random.Generator
-) -> tuple[Array, Array, list[closure.Way]]:
-    """Draws of the squared gap that is left and that was there; and the hypotheses they are of."""
-    rough = posterior.scanner.rough.bench
+def _gap(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Draws of the squared gap that is left and that was there."""
+    leading, rough = posterior.leading, posterior.scanner.rough.bench
     near = [(each, p) for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if p > _WAYS]
     means = posterior.discrepancies.means
     nothing = project(means.absorbed, means(posterior.scanner.fine.bench.whitened[:, None]))[:, 0]
@@ -190,7 +178,7 @@ def _gap(
         own = known[leading.explanation.key, leading.explanation.fine][0]
         held = closure.held_out(own, fitted, rough)
         before = held + after
-    return after, before, ways
+    return after, before
 
 
 def _noise_gap(
@@ -203,9 +191,8 @@ def _noise_gap(
         for index, spread in enumerate(offer.spread):
             column = bench.columns[index] if len(offer.spread) > 1 else None
             size = float(np.nansum(offer.added if column is None else offer.added[:, column]))
-            value = max(offer.std[index] * 0.0 + spread, 1e-300)
             root = np.atleast_1d(np.asarray(_strength(offer), dtype=float))[index] ** 2
-            wrong = closure.of_noise(max(root, 1e-300), value, rng)
+            wrong = closure.of_noise(max(root, 1e-300), float(spread), rng)
             after = after + size * np.minimum(wrong, 1.0) ** 2
             before = before + size
     for defect in defects:
@@ -230,7 +217,6 @@ def _causes(
     same: Mapping[str, str],
     defects: Sequence[Defect],
     certain: Mapping[tuple[str, str], float],
-    ways: Sequence[closure.Way],
     after: Array,
     before: Array,
     rng: np.random.Generator,
@@ -319,9 +305,7 @@ def _taken(each: Weighed, residual: Array) -> float:
     return float(np.sum(shrink**2 * each.term.values * np.maximum(along**2 - each.term.values, 0.0)))
 
 
-def _remainder(
-    posterior: Posterior, leading: Weighing, nameless: Sequence[Defect], other: bool, rng: np.random.Generator
-) -> Remainder:
+def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rng: np.random.Generator) -> Remainder:
     rough = posterior.scanner.rough.bench
     hidden = closure.could_hide(posterior.discrepancies, rng)
     follows: list[dict[str, object]] = [

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, Columns, Step
-from estimators.gap.candidates import Candidate, Shape
+from estimators.gap.candidates import Candidate, Shape, still
 from estimators.gap.score import Explained, Score, solve
 from estimators.gap.tones import best_tone, envelopes
 
@@ -127,7 +127,7 @@ class Scanner:
             explained, roughly: on the bench, and on its means.
         """
         offers = [self._first(candidate, explained, roughly) for candidate in candidates]
-        return sorted(offers, key=lambda offer: (-offer.evidence, _stands(offer.candidate, self.fine.bench)))
+        return sorted(offers, key=lambda offer: (-offer.evidence, still(offer.candidate, self.fine.bench)))
 
     def visible(self, candidate: Candidate, roughly: Explained) -> float:
         """The largest share of a candidate's change that the calibration leaves; not for a tone or an onset."""
@@ -165,13 +165,6 @@ class Scanner:
         raw = self._envelopes[candidate.label]
         score, frequency, tried = best_tone(candidate, bench, explained, raw, _NOTHING)
         return Offer(candidate, {"freq_Hz": frequency}, score, tried)
-
-
-def _stands(candidate: Candidate, bench: Bench) -> bool:
-    """Whether a candidate is of a joint that stands still: of places that do the same it comes last."""
-    if not candidate.where.startswith("joint") or bench.base.q_encoder is None:
-        return False
-    return bool(np.ptp(bench.base.q_encoder[:, int(candidate.where.removeprefix("joint")) - 1]) < 1e-3)
 
 
 def _possible(candidate: Candidate, score: Score) -> Score:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, project
-from estimators.gap.candidates import Candidate, Shape, all_candidates
+from estimators.gap.candidates import Candidate, Shape, all_candidates, still
 from estimators.gap.converge import converged
 from estimators.gap.discrepancy import Means, Weighed
 from estimators.gap.evidence import Linear, linearised
@@ -369,13 +369,6 @@ def unseen_places(bench: Bench, without: Sequence[str]) -> dict[str, tuple[str, 
         if own and effect.kind is not Kind.MEAN and effect.name not in without and not effect.lacking(bench.base):
             found[effect.name] = own
     return found
-
-
-def still(candidate: Candidate, bench: Bench) -> bool:
-    """Whether a candidate is an error of a joint that does not move."""
-    if not candidate.where.startswith("joint") or bench.base.q_encoder is None:
-        return False
-    return bool(np.ptp(bench.base.q_encoder[:, int(candidate.where.removeprefix("joint")) - 1]) < 1e-3)
 
 
 def visible(bench: Bench, scanner: Scanner, without: Sequence[str]) -> tuple[list[Candidate], list[Candidate]]:

@@ -35,9 +35,6 @@ Array = NDArray[np.float64]
 #: Bands of a spectrum without a name; log range of a band's excess before the data.
 _BANDS: Final = 10
 _RANGE: Final = 12.0
-#: Noise effects at once, and the log evidence at which another is looked at.
-_MOST: Final = 3
-_LOOKED_AT: Final = 0.0
 
 
 @dataclass(frozen=True)
@@ -80,12 +77,12 @@ def log_det(bench: Bench, steps: Sequence[Step]) -> float:
 
 
 def gain(bench: Bench, explained: Explained, steps: Sequence[Step]) -> float:
-    """By how much steps raise the log likelihood of a residual; effects are not refitted."""
+    """By how much steps raise the log likelihood of a residual, but for ``log_det``; effects are not refitted."""
     basis = np.linalg.qr(_stepped(bench, bench.absorbed, steps))[0]
     after = _stepped(bench, explained.residual[:, None], steps)[:, 0]
     after = after - basis @ (basis.T @ after)
     before = explained.residual
-    return log_det(bench, steps) + 0.5 * float(before @ before - after @ after)
+    return 0.5 * float(before @ before - after @ after)
 
 
 def _stepped(bench: Bench, columns: Array, steps: Sequence[Step]) -> Array:
