@@ -15,30 +15,30 @@ from blind_answers import answer
 
 import estimators.gap
 import scenarios
-import scenarios.blind.score as scoring
+import validation.blind.score as scoring
 from rig.channels import CHANNELS
 from rig.effects import Effect, make_effect
 from rig.errors import RigError
 from rig.recording import read_recording
 from rig.signals import Signals
-from scenarios.blind import answers, likeness
-from scenarios.blind.answers import Answers
-from scenarios.blind.baselines import BASELINES
-from scenarios.blind.intervals import Rate
-from scenarios.blind.laboratories import LABORATORIES
-from scenarios.blind.make import Order, _make_one, make_set
-from scenarios.blind.mechanics import MECHANISMS
-from scenarios.blind.power import crossing, half_power, ideal_power
-from scenarios.blind.report import page, write_report
-from scenarios.blind.score import is_right, score_set, summary, withheld_effect
-from scenarios.blind.seal import commitment, read_manifest, read_order, read_truth, sealed_folder
-from scenarios.blind.settings import FloorKind, draw_setting
-from scenarios.blind.solve import ANSWERS, solve_set
-from scenarios.blind.strata import FEWEST, MECHANICS, STRATA, plans, usable
-from scenarios.blind.strength import signal_to_noise
-from scenarios.blind.truth import Truth
 from scenarios.cli import _app
 from scenarios.studies.executor import Workers
+from validation.blind import answers, likeness
+from validation.blind.answers import Answers
+from validation.blind.baselines import BASELINES
+from validation.blind.intervals import Rate
+from validation.blind.laboratories import LABORATORIES
+from validation.blind.make import Order, _make_one, make_set
+from validation.blind.mechanics import MECHANISMS
+from validation.blind.power import crossing, half_power, ideal_power
+from validation.blind.report import page, write_report
+from validation.blind.score import is_right, score_set, summary, withheld_effect
+from validation.blind.seal import commitment, read_manifest, read_order, read_truth, sealed_folder
+from validation.blind.settings import FloorKind, draw_setting
+from validation.blind.solve import ANSWERS, solve_set
+from validation.blind.strata import FEWEST, MECHANICS, STRATA, plans, usable
+from validation.blind.strength import signal_to_noise
+from validation.blind.truth import Truth
 
 HERE = Workers(0)
 CASES = FEWEST

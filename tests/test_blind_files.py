@@ -11,11 +11,11 @@ from test_blind import few_candidates, made  # noqa: F401  (fixtures)
 
 import estimators.gap
 from rig.errors import RigError
-from scenarios.blind.answers import Answers
-from scenarios.blind.solve import ANSWERS, solve_set
-from scenarios.blind.strata import FEWEST
 from scenarios.cli import _app
 from scenarios.studies.executor import Workers
+from validation.blind.answers import Answers
+from validation.blind.solve import ANSWERS, solve_set
+from validation.blind.strata import FEWEST
 
 HERE = Workers(0)
 

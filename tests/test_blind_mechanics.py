@@ -14,16 +14,16 @@ import scenarios
 from rig.arm import Arm
 from rig.effects import EFFECTS
 from rig.maneuver import TorusSweep
-from scenarios.blind.mechanics import MECHANISMS, Mechanism
-from scenarios.blind.mechanics.drive import Driven, built, drive
-from scenarios.blind.mechanics.lash import LashJoint
-from scenarios.blind.mechanics.lever import OffCentreSensor
-from scenarios.blind.mechanics.magnet import MagnetOnLink
-from scenarios.blind.mechanics.rocking import RockingBase
-from scenarios.blind.mechanics.seen import see
-from scenarios.blind.mechanics.spring import SpringJoint
-from scenarios.blind.mechanics.table import VibratingTable
-from scenarios.blind.settings import draw_setting
+from validation.blind.mechanics import MECHANISMS, Mechanism
+from validation.blind.mechanics.drive import Driven, built, drive
+from validation.blind.mechanics.lash import LashJoint
+from validation.blind.mechanics.lever import OffCentreSensor
+from validation.blind.mechanics.magnet import MagnetOnLink
+from validation.blind.mechanics.rocking import RockingBase
+from validation.blind.mechanics.seen import see
+from validation.blind.mechanics.spring import SpringJoint
+from validation.blind.mechanics.table import VibratingTable
+from validation.blind.settings import draw_setting
 
 Array = NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -9.8])

@@ -12,12 +12,12 @@ from blind_answers import answer
 from rig.environment import Environment
 from rig.errors import RigError
 from rig.sensor import TriaxialSensor
-from scenarios.blind.estimates import stated
-from scenarios.blind.floors import Floor
-from scenarios.blind.outcome import judge
-from scenarios.blind.probability import LEAST, Claim, calibration_error, check_answer, claims, proper, reliability
-from scenarios.blind.score import withheld_effect
-from scenarios.blind.truth import TrueCause, Truth
+from validation.blind.estimates import stated
+from validation.blind.floors import Floor
+from validation.blind.outcome import judge
+from validation.blind.probability import LEAST, Claim, calibration_error, check_answer, claims, proper, reliability
+from validation.blind.score import withheld_effect
+from validation.blind.truth import TrueCause, Truth
 
 
 def truth_of(*causes: TrueCause, stratum: str = "one") -> Truth:

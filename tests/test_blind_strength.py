@@ -12,13 +12,13 @@ import scenarios
 from rig.effects import EFFECTS, make_effect
 from rig.effects.base import Effect
 from rig.signals import Signals
-from scenarios.blind.draws import ABSORBED, BY_BEING_THERE, draw_effect
-from scenarios.blind.floors import Colour, Floor
-from scenarios.blind.forms import FORMS
-from scenarios.blind.likeness import in_band, likenesses
-from scenarios.blind.outside import OUTSIDE
-from scenarios.blind.settings import FAST, RATE_HZ, Setting, draw_setting
-from scenarios.blind.strength import signal_to_noise, strength_for
+from validation.blind.draws import ABSORBED, BY_BEING_THERE, draw_effect
+from validation.blind.floors import Colour, Floor
+from validation.blind.forms import FORMS
+from validation.blind.likeness import in_band, likenesses
+from validation.blind.outside import OUTSIDE
+from validation.blind.settings import FAST, RATE_HZ, Setting, draw_setting
+from validation.blind.strength import signal_to_noise, strength_for
 
 Array = NDArray[np.float64]
 

@@ -321,7 +321,7 @@ def test_a_reader_that_goes_away_is_no_error(arguments: list[str]) -> None:
 def test_warnings_of_libraries_are_not_the_users() -> None:
     code = (
         "import logging, warnings, scenarios.cli._app as app\n"
-        "def run(arguments): warnings.warn('of numpy'); logging.getLogger('trimesh').warning('of trimesh'); return 0\n"
+        "def run(*arguments): warnings.warn('of numpy'); logging.getLogger('trimesh').warning('of trimesh'); return 0\n"
         "app.run = run\n"
         "app.main()"
     )

@@ -76,7 +76,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
 @pytest.fixture
 def foreign(tmp_path: Path) -> Path:
     """A folder that holds broken things under the names of ours."""
-    for name in ("models", "rig", "estimators", "scenarios"):
+    for name in ("models", "rig", "estimators", "scenarios", "validation"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise SystemExit('a decoy was imported')\n", encoding="utf-8")
     for model in ("a465.xml", "scene.xml", "a465.urdf"):
@@ -149,6 +149,19 @@ def test_a_scenario_runs_far_from_the_checkout(installed: Installed, foreign: Pa
 
     # The decoys were left alone.
     assert {path: path.read_bytes() for path in before} == before
+
+
+@pytest.mark.parametrize("command", [("blind",), ("study", "paper"), ("study", "gap")])
+def test_what_checks_the_product_stays_in_the_checkout(
+    installed: Installed, foreign: Path, command: tuple[str, ...]
+) -> None:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    call = [str(installed.scripts / "rig"), *command, "--help"]
+    done = subprocess.run(call, cwd=foreign, env=environment, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "run it from a checkout" in done.stderr
+    assert "Usage" in run(sys.executable, "-m", "validation", command[-1], "--help", cwd=ROOT)
 
 
 def locked(lock: str) -> dict[str, str]:

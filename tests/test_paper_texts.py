@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.studies.paper.published import (
+from validation.paper.published import (
     angle_table,
     camps,
     ellipsoid_table,

@@ -12,12 +12,11 @@ from matplotlib.image import imread
 import scenarios
 from rig.channels import SENSORS
 from rig.errors import RigError
-from scenarios.plots.study_gap import gap_figure
 from scenarios.plots.style import save
-from scenarios.studies.paper.dip import dip_argument
-from scenarios.studies.paper.renk_text import misfits
-from scenarios.studies.paper.twin import SCENARIO, settled, stray_fields, subsets_of_twin
-from scenarios.studies.paper.twin_page import (
+from validation.paper.dip import dip_argument
+from validation.paper.renk_text import misfits
+from validation.paper.twin import SCENARIO, settled, stray_fields, subsets_of_twin
+from validation.paper.twin_page import (
     DIAGNOSIS,
     FOLDER,
     PAGE,
@@ -29,6 +28,7 @@ from scenarios.studies.paper.twin_page import (
     spread_limits,
     spread_ratios,
 )
+from validation.plots.gap import gap_figure
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -15,12 +15,13 @@ from rig.channels import SENSORS
 from rig.errors import RigError
 from scenarios.plots.style import save
 from scenarios.studies import consistency
-from scenarios.studies.paper.camps import two_sided
-from scenarios.studies.paper.camps_rotations import told
-from scenarios.studies.paper.compare import Comparison, compare, findings
-from scenarios.studies.paper.data import FILE, document
-from scenarios.studies.paper.page import FOLDER, PICTURES, page
-from scenarios.studies.paper.published import (
+from scenarios.studies.summary import Summary
+from validation.paper.camps import two_sided
+from validation.paper.camps_rotations import told
+from validation.paper.compare import Comparison, compare, findings
+from validation.paper.data import FILE, document
+from validation.paper.page import FOLDER, PICTURES, page
+from validation.paper.published import (
     Printed,
     angle_table,
     camps,
@@ -29,12 +30,11 @@ from scenarios.studies.paper.published import (
     renk,
     spread_table,
 )
-from scenarios.studies.paper.renk import on_spread, printed_bounds, ratio_limits
-from scenarios.studies.paper.renk_text import field_chi_square, misfits
-from scenarios.studies.paper.rows import Row
-from scenarios.studies.paper.run import BLOCKS, CHECKED, PAGE, STUDY, blocks, figures, read_summary, settings
-from scenarios.studies.paper.simulated import drawn, noiseless
-from scenarios.studies.summary import Summary
+from validation.paper.renk import on_spread, printed_bounds, ratio_limits
+from validation.paper.renk_text import field_chi_square, misfits
+from validation.paper.rows import Row
+from validation.paper.run import BLOCKS, CHECKED, PAGE, STUDY, blocks, figures, read_summary, settings
+from validation.paper.simulated import drawn, noiseless
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -34,7 +34,7 @@ _COMMANDS: Final = {
     "bound": "bound",
     "plan": "plan",
     "study": "study",
-    "blind": "blind",
+    "blind": "_checkout",
     "noise": "noise",
     "live": "live",
     "replay": "live",
@@ -44,15 +44,32 @@ _COMMANDS: Final = {
 }
 
 
-_SETTINGS: Final = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+SETTINGS: Final = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
 def _command(name: str) -> Any:
     """A command by its name; ``import`` is a word of the language."""
-    return getattr(import_module(f"scenarios.cli.{_COMMANDS[name]}"), {"import": "import_"}.get(name, name))
+    attribute = {"import": "import_", "blind": "BLIND"}.get(name, name)
+    return getattr(import_module(f"scenarios.cli.{_COMMANDS[name]}"), attribute)
 
 
-class Commands(click.Group):
+class Group(click.Group):
+    """A group whose interruptions are ours to report."""
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        """Read the options, among them those that print and end."""
+        with _ending():
+            return super().make_context(info_name, args, parent, **extra)
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the command."""
+        with _ending():
+            return super().invoke(ctx)
+
+
+class Commands(Group):
     """The commands by name; a module is imported when one of its commands is wanted."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -77,18 +94,6 @@ class Commands(click.Group):
                 f"unknown command {shown(args[0])}: expected one of {', '.join(_COMMANDS)}{choices}", ctx
             )
         return super().resolve_command(ctx, args)
-
-    def make_context(
-        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
-    ) -> click.Context:
-        """Read the options, among them those that print and end."""
-        with _ending():
-            return super().make_context(info_name, args, parent, **extra)
-
-    def invoke(self, ctx: click.Context) -> object:
-        """Run the command."""
-        with _ending():
-            return super().invoke(ctx)
 
 
 class _Interrupted(Exception):
@@ -115,7 +120,7 @@ def _ending() -> Iterator[None]:
         raise _Unread from None
 
 
-@click.group(cls=Commands, invoke_without_command=True, context_settings=_SETTINGS)
+@click.group(cls=Commands, invoke_without_command=True, context_settings=SETTINGS)
 @click.version_option(package_name="torusrig", prog_name="rig", message="%(prog)s %(version)s")
 @click.pass_context
 def cli(context: click.Context) -> None:
@@ -134,20 +139,23 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-def run(arguments: Sequence[str]) -> int:
-    """Run a command line without the leading ``rig``; errors go to stderr.
+def run(arguments: Sequence[str], group: click.Group = cli, program: str = "rig") -> int:
+    """Run a command line without the leading name of the program; errors go to stderr.
 
     Returns:
         The exit status.
     """
     memory = os.environ.get(VARIABLE)
     try:
-        status = cli.main(list(arguments), prog_name="rig", standalone_mode=False)
+        status = group.main(list(arguments), prog_name=program, standalone_mode=False)
         with _ending():
             sys.stdout.flush()
         return status if isinstance(status, int) else DONE
     except RigError as error:
         return _fail(str(error), error.exit_status)
+    except click.exceptions.NoArgsIsHelpError as error:  # a group alone: its help
+        error.show()
+        return USAGE
     except click.ClickException as error:
         return _fail(_usage(error), USAGE)
     except _Interrupted as error:
@@ -175,14 +183,14 @@ def run(arguments: Sequence[str]) -> int:
             os.environ[VARIABLE] = memory
 
 
-def main() -> NoReturn:
+def main(group: click.Group = cli, program: str = "rig") -> NoReturn:
     """The console command: arguments from the command line, exit status to the shell."""
     _open_standard_streams()
     if not _debugging():  # what a library has to say to its programmer is not for the user
         warnings.simplefilter("ignore")
         logging.getLogger().addHandler(logging.NullHandler())
         os.environ.setdefault("RUST_LOG", "off")  # rerun's own log of what is reported anyway
-    status = run(sys.argv[1:])
+    status = run(sys.argv[1:], group, program)
     _signals.ended()
     if is_stuck():
         sys.stdout.flush()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from scenarios.cli._checkout import GAP, PAPER
 from scenarios.cli._options import (
     PATH,
     Choice,
@@ -40,7 +41,7 @@ def study() -> None:
     """
 
 
-def _workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
+def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """``--workers`` and ``--cluster``: where trials run."""
     cluster = click.option("--cluster", metavar="tcp://HOST:PORT", help="A Dask cluster that is there already.")
     workers = click.option(
@@ -49,7 +50,12 @@ def _workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return workers(cluster(command))
 
 
-def _workers(workers: int | None, cluster: str | None) -> Workers:
+def chosen_workers(workers: int | None, cluster: str | None) -> Workers:
+    """What the two options come to.
+
+    Raises:
+        RigError: Both are given.
+    """
     from rig.errors import RigError
     from scenarios.studies.executor import Workers
 
@@ -71,7 +77,7 @@ def _workers(workers: int | None, cluster: str | None) -> Workers:
 @click.option("--order", "orders", multiple=True, type=Choice(("first", "every-kth", "random")), help="All by default.")
 @click.option("--parameter", "parameters", multiple=True, metavar="NAME", help="To show; sensitivity1 and offset1.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of everything random.")
-@_workers_options
+@workers_options
 @json_option
 def consistency(
     scenario: str,
@@ -106,7 +112,7 @@ def consistency(
     from scenarios.studies.store import SUMMARY, StudyFolder
     from scenarios.studies.summary import RATES, Summary
 
-    where = _workers(workers, cluster)
+    where = chosen_workers(workers, cluster)
     settings = Settings.of(
         load(scenario),
         counts,
@@ -298,54 +304,5 @@ def _counted(progress: Callable[[float], None], rows: int | None) -> Callable[[i
     return count
 
 
-@study.command(short_help="Every table of both papers beside the rig.")
-@click.option("-o", "--output", type=PATH, required=True, metavar="FOLDER", help="Gets paper.md and its pictures.")
-@click.option("--draws", type=click.IntRange(min=2), default=2000, show_default=True, help="Of the consistency study.")
-@_workers_options
-@json_option
-def paper(output: Path, draws: int, workers: int | None, cluster: str | None, as_json: bool) -> None:
-    """Hold every table of Renk et al. (2005) and Camps et al. (2009) against what the rig gives.
-
-    FOLDER/paper.md says of each published row whether it agrees, or why it differs; its consistency study is kept in
-    FOLDER/paper, and not made again.
-
-    \b
-    Example:
-      rig study paper -o docs
-    """
-    from scenarios.studies.paper.run import make_paper, settings
-
-    where = _workers(workers, cluster)
-    with progress_bar("both papers") as progress:
-        made = make_paper(output, settings(draws), where, progress)
-    if as_json:
-        from scenarios.studies.paper.data import document
-
-        print_json({"files": made.files, **document(made.comparison)})
-        return
-    from scenarios.report import show
-    from scenarios.studies.report import paper_report
-
-    show(paper_report(made.comparison))
-    click.echo(f"\n{made.files[0]}: written, with {len(made.files) - 2} pictures and {made.files[-1]}")
-
-
-@study.command(short_help="A rig whose gap looks like the paper's.")
-@click.option("-o", "--output", type=PATH, required=True, metavar="FOLDER", help="Gets gap.md and its picture.")
-@json_option
-def gap(output: Path, as_json: bool) -> None:
-    """Hold the gap of Renk et al. against that of the scenario renk2005-gap: fit errors, scatter, diagnosis.
-
-    \b
-    Example:
-      rig study gap -o docs
-    """
-    from scenarios.studies.paper.twin_page import make_gap_page
-
-    with progress_bar("the paper's gap"):
-        files = make_gap_page(output)
-    if as_json:
-        print_json({"files": files})
-        return
-    for path in files:
-        click.echo(f"{path}: written")
+study.add_command(PAPER)
+study.add_command(GAP)

@@ -11,7 +11,6 @@ from rich.padding import Padding
 from rich.text import Text
 
 from scenarios.report import table, with_sigma
-from scenarios.studies.paper.compare import Comparison, findings
 from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetStudy
 from scenarios.studies.summary import Cell, Summary
 from scenarios.studies.verdict import verdicts
@@ -122,16 +121,3 @@ def _agreement(row: FieldAgreement, subsets: int) -> str:
         f" with standard deviations up to {row.uncertainty_deg:.2g}°. {row.disagreeing} of {subsets} subsets"
         " disagree at 1 %."
     )
-
-
-def paper_report(comparison: Comparison) -> RenderableType:
-    """How many rows of each table agree, and the findings."""
-    columns = ("paper", "table", "rows", "agree", "differ", "cannot be told", "the rig's truth")
-    rows = table(*columns, numbers=columns[2:])
-    for paper, name in (("renk", "Renk et al."), ("camps", "Camps et al.")):
-        for number in comparison.tables(paper):
-            own = comparison.table(paper, number)
-            words = ("agrees", "differs", "cannot be told", "is the rig's truth")
-            found = [sum(row.word == word for row in own) for word in words]
-            rows.add_row(name, number, str(len(own)), *(str(count) if count else "" for count in found))
-    return Group(rows, Text(""), *(Text(f"- {finding}") for finding in findings(comparison)))

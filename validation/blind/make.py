@@ -1,0 +1,115 @@
+"""Making a sealed set: recordings in one folder, their truth in another."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rig.errors import RigError
+from rig.files import atomic_path, own_folder, write_text
+from rig.threads import one_blas_thread
+from scenarios.loader import load
+from scenarios.studies.executor import Workers
+from validation.blind.cases import make_case
+from validation.blind.laboratories import LABORATORIES
+from validation.blind.seal import (
+    CHANGES,
+    MANIFEST,
+    TRUTH_FORMAT,
+    commitment,
+    file_hash,
+    new_salt,
+    write_manifest,
+    write_truth,
+)
+from validation.blind.strata import Plan, plans
+
+#: Samples of the paper's sweep at 4 Hz.
+SAMPLES = 6656
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to make; the same order makes the same recordings.
+
+    Attributes:
+        folder, sealed: for the recordings, and for the truth.
+        seed: of everything random. It is sealed too: who knows it can make the truth again.
+        cases, mechanics: numbers of cases.
+        samples: of each recording.
+        scenario: what the rigs are drawn around.
+    """
+
+    folder: str
+    sealed: str
+    seed: int
+    cases: int
+    mechanics: int = 0
+    samples: int = SAMPLES
+    scenario: str = "ann-arbor"
+
+    @property
+    def plans(self) -> list[Plan]:
+        """What each case is to hold."""
+        return plans(self.cases, np.random.default_rng([self.seed, 0]), self.mechanics)
+
+
+def make_set(order: Order, workers: Workers | None = None, progress: Callable[[float], None] | None = None) -> int:
+    """Make all cases and seal them.
+
+    Returns:
+        The number of cases.
+
+    Raises:
+        RigError: a folder holds a set already, or a case cannot be made.
+    """
+    folder, sealed = Path(order.folder), Path(order.sealed)
+    if (folder / MANIFEST).exists():
+        raise RigError(f"{folder}: holds a set already, expected a new folder")
+    own_folder(sealed / CHANGES)
+    own_folder(folder)
+    count = len(order.plans)
+    entries: dict[int, tuple[dict[str, str], dict[str, object]]] = {}
+    for number, entry in (workers or Workers(0)).completed(_make_one, order, range(count)):
+        entries[number] = entry
+        if progress is not None:
+            progress(len(entries) / count)
+    open_half = [entries[number][0] for number in range(count)]
+    sealed_half = {entries[number][0]["name"]: entries[number][1] for number in range(count)}
+    settings = {key: value for key, value in vars(order).items() if key not in ("folder", "sealed")}
+    write_truth(sealed, {"format": TRUTH_FORMAT, "order": settings, "cases": sealed_half})
+    write_manifest(folder, open_half)
+    return count
+
+
+def _make_one(order: Order, number: int) -> tuple[dict[str, str], dict[str, object]]:
+    """Write one case; gives its open and its sealed entry."""
+    folder, sealed = Path(order.folder), Path(order.sealed)
+    plan = order.plans[number]
+    name = f"case{number:03d}"
+    with one_blas_thread():
+        seed = np.random.SeedSequence([order.seed, 1, number])
+        case = make_case(name, plan, load(order.scenario), order.samples, seed)
+    files = {"recording": f"{name}.parquet", "locked": "" if case.locked is None else f"{name}.locked.parquet"}
+    case.recording.write(folder / files["recording"])
+    if case.locked is not None:
+        case.locked.write(folder / files["locked"])
+    model = LABORATORIES[plan.laboratory].model
+    if model is not None:
+        files["arm"] = f"{name}.urdf"
+        write_text(folder / files["arm"], model.read_text(encoding="utf-8"))
+    change = sealed / CHANGES / f"{name}.npz"
+    with atomic_path(change) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, change=case.change.astype(np.float32))
+    truth = json.loads(json.dumps(replace(case.truth, change_sha256=file_hash(change)).to_json()))
+    salt = new_salt()
+    opened = {
+        "name": name,
+        **files,
+        **{f"{key}_sha256": file_hash(folder / file) for key, file in files.items() if file},
+    }
+    return {**opened, "commitment": commitment(salt, truth)}, {"salt": salt, "truth": truth}

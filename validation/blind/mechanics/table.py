@@ -1,0 +1,55 @@
+"""A vibrating table: the base stands on a spring and an unbalanced motor shakes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from validation.blind.draws import unit
+from validation.blind.mechanics.mechanism import Mechanism, Vector
+from validation.blind.settings import Setting
+
+Array = NDArray[np.float64]
+
+_STIFFNESS_N_M = 6e5  # with the arm's 31 kg: 22 Hz
+_DAMPING = 2500.0
+_FORCE_N = 2.0
+
+
+@dataclass(frozen=True)
+class VibratingTable(Mechanism):
+    """The base can slide along one line, on a spring; a motor's imbalance pushes along it."""
+
+    effect = "vibration"
+
+    line: Vector
+    frequency_Hz: float
+    phase_rad: float
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
+        x, y, z = (float(value) for value in unit(rng))
+        return cls(1.0, (x, y, z), float(rng.uniform(8.0, 30.0)), float(rng.uniform(0.0, 6.28)))
+
+    @property
+    def where(self) -> str:
+        return "accelerometer"
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        spec.body("base").add_joint(
+            name="table",
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=list(self.line),
+            limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            stiffness=np.array([_STIFFNESS_N_M, 0.0, 0.0]),
+            damping=np.array([_DAMPING, 0.0, 0.0]),
+        )
+        motor = spec.add_actuator(name="imbalance", trntype=mujoco.mjtTrn.mjTRN_JOINT, target="table")
+        motor.set_to_motor()
+
+    def forces(self, t: Array) -> Array:
+        return _FORCE_N * self.strength * np.sin(2.0 * np.pi * self.frequency_Hz * t + self.phase_rad)[:, None]

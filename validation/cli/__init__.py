@@ -1,0 +1,23 @@
+"""The commands of ``python -m validation``; a module is imported when one of its commands is wanted."""
+
+from __future__ import annotations
+
+import click
+
+from scenarios.cli._app import SETTINGS, Group
+from scenarios.cli._checkout import BLIND, GAP, PAPER
+
+
+@click.group(cls=Group, context_settings=SETTINGS)
+def validation() -> None:
+    """Hold the rig against sealed truths (blind) and against what two papers publish (paper, gap).
+
+    \b
+    Example:
+      python -m validation blind make set1 --cases 100
+      python -m validation paper -o docs
+    """
+
+
+for _command in (BLIND, PAPER, GAP):
+    validation.add_command(_command)

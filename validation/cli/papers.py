@@ -1,0 +1,63 @@
+"""``paper`` and ``gap``: what two papers publish beside what the rig gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from scenarios.cli._options import PATH, json_option, print_json, progress_bar
+from scenarios.cli.study import chosen_workers, workers_options
+
+
+@click.command(short_help="Every table of both papers beside the rig.")
+@click.option("-o", "--output", type=PATH, required=True, metavar="FOLDER", help="Gets paper.md and its pictures.")
+@click.option("--draws", type=click.IntRange(min=2), default=2000, show_default=True, help="Of the consistency study.")
+@workers_options
+@json_option
+def paper(output: Path, draws: int, workers: int | None, cluster: str | None, as_json: bool) -> None:
+    """Hold every table of Renk et al. (2005) and Camps et al. (2009) against what the rig gives.
+
+    FOLDER/paper.md says of each published row whether it agrees, or why it differs; its consistency study is kept in
+    FOLDER/paper, and not made again.
+
+    \b
+    Example:
+      rig study paper -o docs
+    """
+    from validation.paper.run import make_paper, settings
+
+    where = chosen_workers(workers, cluster)
+    with progress_bar("both papers") as progress:
+        made = make_paper(output, settings(draws), where, progress)
+    if as_json:
+        from validation.paper.data import document
+
+        print_json({"files": made.files, **document(made.comparison)})
+        return
+    from scenarios.report import show
+    from validation.paper.report import paper_report
+
+    show(paper_report(made.comparison))
+    click.echo(f"\n{made.files[0]}: written, with {len(made.files) - 2} pictures and {made.files[-1]}")
+
+
+@click.command(short_help="A rig whose gap looks like the paper's.")
+@click.option("-o", "--output", type=PATH, required=True, metavar="FOLDER", help="Gets gap.md and its picture.")
+@json_option
+def gap(output: Path, as_json: bool) -> None:
+    """Hold the gap of Renk et al. against that of the scenario renk2005-gap: fit errors, scatter, diagnosis.
+
+    \b
+    Example:
+      rig study gap -o docs
+    """
+    from validation.paper.twin_page import make_gap_page
+
+    with progress_bar("the paper's gap"):
+        files = make_gap_page(output)
+    if as_json:
+        print_json({"files": files})
+        return
+    for path in files:
+        click.echo(f"{path}: written")
