@@ -8,8 +8,9 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.channels import CHANNELS
+from rig.channels import CHANNELS, COLUMNS_OF, SENSORS
 from rig.errors import RigError, unknown_name
+from rig.units import UNITS
 
 Pose = Literal["joints", "tool", "none"]
 POSES: Final[tuple[Pose, ...]] = ("joints", "tool", "none")
@@ -28,6 +29,9 @@ class Acquisition:
         decimation: every so many samples of the maneuver are kept (25: 100 Hz become 4 Hz).
         pose: what is recorded of the pose: joint angles, the tool's pose as a tracking system gives it, or nothing.
             A maneuver without joints has no joint angles: there "joints" records nothing.
+        units: of the accelerometer's and of the magnetometer's readings: "V", or that of a sensor with a digital
+            output, whose readings, sensitivity, offset, noise and effects are then in it. Range and converter are of
+            sensors in volts.
     """
 
     noise_V: tuple[float, ...] = (0.0,) * 6
@@ -36,6 +40,7 @@ class Acquisition:
     full_scale_V: float = 10.0
     decimation: int = 25
     pose: Pose = "joints"
+    units: tuple[str, str] = ("V", "V")
 
     def __post_init__(self) -> None:
         noise = np.asarray(self.noise_V, dtype=float)
@@ -54,8 +59,16 @@ class Acquisition:
             raise RigError(f"acquisition.full_scale_V: found {self.full_scale_V}, expected a positive voltage")
         if self.pose not in POSES:
             raise unknown_name("acquisition.pose", str(self.pose), POSES)
+        for sensor, unit in zip(SENSORS, self.units, strict=True):
+            if unit not in UNITS[sensor]:
+                raise unknown_name(f"unit of the {sensor} in acquisition.units", str(unit), UNITS[sensor])
         if self.decimation < 1:
             raise RigError(f"acquisition.decimation: found {self.decimation}, expected 1 or more")
+
+    @property
+    def unit_of(self) -> dict[str, str]:
+        """Sensor -> unit of its readings."""
+        return dict(zip(SENSORS, self.units, strict=True))
 
     @property
     def step_V(self) -> float:
@@ -70,8 +83,11 @@ class Acquisition:
 
     def convert(self, volts: Array) -> Array:
         """Voltages (n, 6) [V] as the converter gives them: clipped to the range, rounded to its steps."""
-        if self.range_V is not None:
-            volts = np.clip(volts, *self.range_V)
-        if self.bits is not None:
-            volts = np.round(volts / self.step_V) * self.step_V
-        return volts
+        converted = volts.copy()
+        for sensor, unit in self.unit_of.items():
+            own = converted[:, COLUMNS_OF[sensor]]
+            if unit == "V" and self.range_V is not None:
+                np.clip(own, *self.range_V, out=own)
+            if unit == "V" and self.bits is not None:
+                own[:] = np.round(own / self.step_V) * self.step_V
+        return converted

@@ -108,7 +108,7 @@ class Rig:
             tool_position=None if logged is None else logged.position[kept],
             accelerometer=None if self.accelerometer is None else volts[:, COLUMNS_OF[ACCELEROMETER]],
             magnetometer=None if self.magnetometer is None else volts[:, COLUMNS_OF[MAGNETOMETER]],
-            units=dict.fromkeys(self.pipeline.sensors, "V"),
+            units={name: unit for name, unit in self.acquisition.unit_of.items() if name in self.pipeline.sensors},
             temperature=signals.temperature,
             metadata=Metadata(
                 gravity_m_s2=self.environment.gravity_m_s2,

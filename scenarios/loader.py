@@ -101,6 +101,7 @@ def from_toml(text: str, file: str) -> Scenario:
         motion=run.motion,
         locked=_fitted(LockedPoses, top.sub("locked"), arm),
         seed=run.seed,
+        fitted_to=run.fitted_to,
         magnetic_field_unit=unit,
         datasheets={name: sensor.datasheet for name, sensor in sensors.items() if sensor.datasheet},
         nominal={

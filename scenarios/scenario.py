@@ -96,6 +96,7 @@ class Scenario:
         magnetic_field_unit: unit of the environment's magnetic field; None: relative, as in Renk et al.
         datasheets: sensor -> data sheet in models/sensors.
         nominal: sensor -> stated sensitivity [V per m/s^2 or field unit] and offset [V].
+        fitted_to: fingerprints of the recordings that its calibration and effects were fitted to.
     """
 
     name: str
@@ -111,6 +112,7 @@ class Scenario:
     magnetic_field_unit: FieldUnit | None = None
     datasheets: Mapping[str, str] = field(default_factory=dict)
     nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    fitted_to: tuple[str, ...] = ()
 
     @property
     def truth(self) -> Truth:
@@ -209,7 +211,8 @@ class Scenario:
 def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
     texts = {key: getattr(scenario, key) for key in ("title", "description", "source")}
     run = {"engine": scenario.engine, "motion": scenario.motion, "seed": scenario.seed}
-    yield "", {**{key: text for key, text in texts.items() if text}, **run}
+    fitted = {"fitted_to": scenario.fitted_to} if scenario.fitted_to else {}
+    yield "", {**{key: text for key, text in texts.items() if text}, **fitted, **run}
     yield "[arm]", set_fields(ArmTable.of(scenario.rig.arm)) or {"model": "a465"}
     if not scenario.kind:
         kind = type(scenario.maneuver).__name__

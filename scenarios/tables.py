@@ -29,6 +29,8 @@ class RunTable:
 
     Attributes:
         title, description, source: one line, what is to be seen, where the numbers come from.
+        fitted_to: fingerprints of the recordings that calibration and effects were fitted to, as rig diagnose writes
+            them: no recording is judged by a rig that it chose.
         engine, motion: as in ``rig.simulate.Rig.simulate``.
         seed: where a simulation names none.
     """
@@ -36,6 +38,7 @@ class RunTable:
     title: str = ""
     description: str = ""
     source: str = ""
+    fitted_to: tuple[str, ...] = ()
     engine: Engine = "kinematic"
     motion: Motion = "quasi-static"
     seed: int = 0

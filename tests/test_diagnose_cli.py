@@ -92,13 +92,28 @@ def test_vectors_and_names_come_back_from_a_real_diagnosis(rig: Rig, here: Path,
         assert getattr(again, name) == pytest.approx(_tuple(parameter["value"]))
 
 
-def test_a_rig_that_no_scenario_can_describe_does_not_cost_the_diagnosis(rig: Rig, here: Path) -> None:
+def test_a_digital_sensors_rig_is_written_and_runs(rig: Rig, here: Path) -> None:
     for run, name in zip(recorded(backlash()), ("run", "run.locked"), strict=True):
         replace(run, units={"accelerometer": "g", "magnetometer": "uT"}).write(f"{name}.parquet")
     result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o")
+    assert result.status == 0
+    assert "better.toml: written" in result.out
+    rig.done("sweep", "better.toml", "-o", "again.parquet")
+    assert read_recording("again.parquet").units == {"accelerometer": "g", "magnetometer": "uT"}
+
+
+def test_a_rig_that_no_scenario_can_describe_does_not_cost_the_diagnosis(
+    rig: Rig, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise RigError("arm mine cannot be written: expected one that was read from a file")
+
+    monkeypatch.setattr("scenarios.gap_report.batch.improved_rig", refused)
+    write_small(here, backlash())
+    result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o")
     assert result.status == 2
     assert result.err.startswith("rig: better.toml: not written, but the diagnosis is: ")
-    assert result.err.endswith("found accelerometer in 'g', expected V, as a scenario's board reads\n")
+    assert result.err.endswith("arm mine cannot be written: expected one that was read from a file\n")
     assert result.err.count("\n") == 1
     assert "Backlash of joint 5" in result.out
     assert "better.toml" not in result.out

@@ -12,7 +12,6 @@ from diagnosed_recordings import backlash, by_hand, cause, recorded, scenario
 from rig.arm import Arm
 from rig.assets import model_path
 from rig.effects import make_effect
-from rig.errors import RigError
 from rig.maneuver import HandTumble, StaticPoses, TorusSweep
 from rig.recording import Recording
 from rig.simulate import quaternions
@@ -185,16 +184,26 @@ def test_an_arm_of_ones_own_is_named_by_its_file(tmp_path: Path) -> None:
     assert made.rig.arm.dof == 6
 
 
-def test_readings_that_are_no_volts_are_refused() -> None:
-    run, locked = recorded()
-    scaled = [
-        replace(
-            each,
-            accelerometer=1e3 * each.accelerometer,  # type: ignore[operator]
-            magnetometer=1e3 * each.magnetometer,  # type: ignore[operator]
-            units={"accelerometer": "mV", "magnetometer": "mV"},
-        )
+def test_a_sensor_with_a_digital_output_has_a_rig_in_its_own_unit() -> None:
+    run, locked = recorded(backlash())
+    in_uT = [
+        replace(each, magnetometer=1e2 * each.magnetometer, units={"accelerometer": "V", "magnetometer": "uT"})  # type: ignore[operator]
         for each in (run, locked)
     ]
-    with pytest.raises(RigError, match="'mV', expected V"):
-        improved(*scaled)
+    made = from_toml(improved(*in_uT, *by_hand().causes), "digital.toml")
+    assert made.rig.acquisition.units == ("V", "uT")
+    again = made.simulate(seed=3)
+    assert again.units == {"accelerometer": "V", "magnetometer": "uT"}
+    assert again.magnetometer is not None
+    assert again.magnetometer.max() > 5.0  # no board clips it
+    same = from_toml(improved(run, locked, *by_hand().causes), "volts.toml")
+    # The same rig but for the unit: six of the Cramer-Rao bound, as above
+    ratio = np.asarray(made.rig.magnetometer.sensitivity) / same.rig.magnetometer.sensitivity  # type: ignore[union-attr]
+    np.testing.assert_allclose(ratio, 1e2, rtol=0.02)
+
+
+def test_a_fitted_rig_knows_the_recording_that_chose_it() -> None:
+    run, locked = recorded(backlash())
+    made = from_toml(improved(run, locked, *by_hand().causes), "better.toml")
+    assert made.fitted_to == (run.fingerprint,)
+    assert recorded(backlash(), seed=1)[0].fingerprint != run.fingerprint

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -131,6 +132,14 @@ class Recording:
         if len(self) < 2:
             raise RigError(f"{self.origin or self.name}: one sample has no rate, expected rate_Hz in the metadata")
         return (len(self) - 1) / self.duration_s
+
+    @property
+    def fingerprint(self) -> str:
+        """16 hexadecimal digits that only the same times and readings have (SHA-256)."""
+        digest = hashlib.sha256(np.ascontiguousarray(self.t).tobytes())
+        for sensor in self.sensors:
+            digest.update(np.ascontiguousarray(self.readings(sensor)).tobytes())
+        return digest.hexdigest()[:16]
 
     def readings(self, sensor: str) -> Array:
         """(n, 3) in the recorded unit.

@@ -176,6 +176,8 @@ def _clipped(scenario: Scenario, recording: Recording) -> dict[str, float]:
     step = scenario.rig.acquisition.step_V
     shares: dict[str, float] = {}
     for sensor in recording.sensors if ends is not None else ():
+        if recording.unit(sensor) != "V":
+            continue
         low, high = np.asarray(ends)
         values = recording.readings(sensor)
         share = ((values <= low + step / 2) | (values >= high - step / 2)).mean(axis=0)

@@ -13,10 +13,9 @@ from estimators.gap.basefit import all_readings
 from estimators.gap.defects import lattice
 from estimators.gap.diagnosis import Diagnosis, chance
 from rig.acquisition import Acquisition
-from rig.channels import CHANNELS, COLUMNS_OF
+from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect
 from rig.environment import Environment
-from rig.errors import RigError
 from rig.maneuver import HandTumble
 from rig.recording import Recording
 from rig.simulate import Rig
@@ -56,10 +55,9 @@ def improved_rig(
         locked: the locked recording, whose converter step is the rig's.
 
     Raises:
-        RigError: the readings are not in volts, or the arm cannot be named in a file.
+        RigError: the arm cannot be named in a file.
     """
     recording = residuals.recording
-    _check_units(recording)
     arm = residuals.bench.base.arm
     pipeline = residuals.calibrated
     every = max(1, round(_RATE_HZ / recording.rate_Hz))
@@ -82,20 +80,10 @@ def improved_rig(
         title=f"The rig of {diagnosis.recording} with the causes of its gap",
         description=sentence(diagnosis),
         source=f"Calibration and effects fitted to {recording.name} by rig diagnose.",
+        fitted_to=(recording.fingerprint,),
+        magnetic_field_unit=recording.metadata.magnetic_field_unit,  # type: ignore[arg-type]
     )
     return ImprovedRig(scenario, (played.difference, *_remarks(diagnosis, residuals, rig)))
-
-
-def _check_units(recording: Recording) -> None:
-    """Refuse a recording whose rig no scenario can describe.
-
-    Raises:
-        RigError: the readings are not in volts.
-    """
-    for sensor in recording.sensors:
-        if (unit := recording.unit(sensor)) != "V":
-            where = recording.origin or recording.name
-            raise RigError(f"{where}: found {sensor} in {unit!r}, expected V, as a scenario's board reads")
 
 
 def _floor_of(residuals: GapResiduals, sensor: str) -> Array:
@@ -123,20 +111,29 @@ def _acquisition(residuals: GapResiduals, locked: Recording | None, every: int) 
     noise = np.zeros(len(CHANNELS))
     for sensor in recording.sensors:
         noise[COLUMNS_OF[sensor]] = _floor_of(residuals, sensor)
-    steps = lattice(all_readings(recording if locked is None else locked))
+    in_volts = [CHANNELS.index(name) for name in residuals.channels if _unit_of(recording, name) == "V"]
+    steps = lattice(all_readings(recording if locked is None else locked))[in_volts]
     steps = steps[steps > 0.0]
-    readings = all_readings(recording)
+    readings = all_readings(recording)[:, in_volts]
     standard = Acquisition()
     low, high = standard.range_V or (-np.inf, np.inf)
     bits = standard.bits if len(steps) else None
+    within = readings.size > 0 and low <= readings.min() and readings.max() <= high
     return Acquisition(
         noise_V=tuple(float(value) for value in noise),
-        range_V=standard.range_V if low <= np.nanmin(readings) and np.nanmax(readings) <= high else None,
+        range_V=standard.range_V if within else None,
         bits=bits,
         full_scale_V=standard.full_scale_V if bits is None else float(f"{np.median(steps) * 2.0 ** (bits - 1):.6g}"),
         decimation=every,
         pose="joints" if residuals.bench.base.arm is not None else "tool",
+        units=(recording.units.get(ACCELEROMETER, "V"), recording.units.get(MAGNETOMETER, "V")),
     )
+
+
+def _unit_of(recording: Recording, channel: str) -> str:
+    """The recorded unit of a channel."""
+    (unit,) = [recording.unit(sensor) for sensor in recording.sensors if channel in CHANNELS_OF[sensor]]
+    return unit
 
 
 def _warming(environment: Environment, recording: Recording) -> Environment:
@@ -175,6 +172,8 @@ def _remarks(diagnosis: Diagnosis, residuals: GapResiduals, rig: Rig) -> list[st
     coloured = [CHANNELS[column] for column in residuals.bench.columns if residuals.floor[column].parts]
     if coloured:
         remarks.append(f"The noise floor of {', '.join(coloured)} is coloured; here it is white noise of the same RMS.")
+    if residuals.recording.metadata.accelerometer_reads == "a-g":
+        remarks.append("The accelerometer reads a - g: its axes are given for g - a, opposite to the chip's.")
     temperature = residuals.recording.temperature
     if temperature is not None:
         off = temperature - rig.environment.temperature(residuals.recording.t - residuals.recording.t[0])
