@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import re
 import shutil
@@ -98,6 +99,12 @@ def write_text(path: str | os.PathLike[str], text: str, mode: int | None = None)
     """Write a UTF-8 text file whole or not at all; arguments and errors as of ``atomic_path``."""
     with atomic_path(path, mode) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check_not_input(output: Path, *inputs: Path | None) -> None:

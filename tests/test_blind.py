@@ -22,7 +22,7 @@ from rig.errors import RigError
 from rig.recording import read_recording
 from rig.signals import Signals
 from scenarios.cli import _app
-from scenarios.studies.executor import Workers
+from scenarios.workers import Workers
 from validation.blind import answers, likeness
 from validation.blind.answers import Answers
 from validation.blind.baselines import BASELINES

@@ -12,7 +12,7 @@ from test_blind import few_candidates, made  # noqa: F401  (fixtures)
 import estimators.gap
 from rig.errors import RigError
 from scenarios.cli import _app
-from scenarios.studies.executor import Workers
+from scenarios.workers import Workers
 from validation.blind.answers import Answers
 from validation.blind.solve import ANSWERS, solve_set
 from validation.blind.strata import FEWEST

@@ -24,6 +24,7 @@ from rig.recording import Recording, read_recording
 from scenarios.causes import read_causes
 from scenarios.gap_report import batch
 from scenarios.gap_report.batch import Outcome, Task, outcomes
+from scenarios.workers import Workers
 
 KEYS = {"format", "recordings", "samples", "seconds", "verdict", "causes", "where", "closed", "remainder"}
 KEYS |= {"posterior", "omitted", "hypotheses", "calibration_shift", "cannot_tell", "next"}
@@ -253,20 +254,20 @@ def test_files_are_written_all_or_none(rig: Rig, here: Path, monkeypatch: pytest
     assert not Path("better.toml").exists()
 
 
-def outcome_or_death(task: Task, progress: object = None) -> str:
+def outcome_or_death(task: Task, progress: object = None) -> str | RefusedFit:
     """Stands for a diagnosis in a worker: one is killed, one fails, the others answer."""
     if task.run.name == "killed":
         os.kill(os.getpid(), signal.SIGKILL)
     if task.run.name == "fails":
-        raise RefusedFit("no answer")
+        return RefusedFit("no answer")
     return task.run.name
 
 
 def test_a_killed_process_costs_its_own_recording_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch, "carry_out", outcome_or_death)
+    monkeypatch.setattr(batch, "_attempt", outcome_or_death)
     names = ["a", "killed", "fails", "b", "c"]
     shares: list[float] = []
-    found = dict(outcomes([Task(Path(name)) for name in names], 2, shares.append))
+    found = dict(outcomes([Task(Path(name)) for name in names], Workers(2), shares.append))
     assert [found[number] for number in (0, 3, 4)] == ["a", "b", "c"]
     assert isinstance(found[2], RefusedFit)
     assert isinstance(found[1], RigError)
@@ -276,14 +277,14 @@ def test_a_killed_process_costs_its_own_recording_only(monkeypatch: pytest.Monke
 
 
 def test_an_interrupt_ends_the_workers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch, "carry_out", outcome_or_death)
+    monkeypatch.setattr(batch, "_attempt", outcome_or_death)
 
     def interrupt(share: float) -> None:
         raise KeyboardInterrupt
 
     before = {child.pid for child in active_children()}  # of other tests of this process
     with pytest.raises(KeyboardInterrupt):
-        list(outcomes([Task(Path(name)) for name in "abcd"], 2, interrupt))
+        list(outcomes([Task(Path(name)) for name in "abcd"], Workers(2), interrupt))
     for child in [each for each in active_children() if each.pid not in before]:
         child.join(10.0)
         with pytest.raises(ProcessLookupError):  # is_alive() cannot tell where the pool's own thread saw the end

@@ -78,13 +78,15 @@ def diagnose(
     from estimators.gap.prior import read_prior
     from rig.recording import scan_recording
     from scenarios.gap_report.batch import Outcome, Task, outcomes
+    from scenarios.workers import Workers
 
     weights = None if prior is None else read_prior(prior)
     arm = chosen_arm(arm_file, tip)
     for path in (locked, maneuver2):  # a file for all recordings is not to be refused once for each
         if path is not None:
             scan_recording(path, joints=None if arm is None else arm.dof)
-    together = min(jobs or _processors(), len(chosen))
+    workers = Workers(jobs)
+    together = workers.at_once(len(chosen))
     tasks = [
         Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes, together, weights)
         for run in chosen
@@ -93,7 +95,7 @@ def diagnose(
     found: dict[int, Outcome | Exception] = {}
     words = str(chosen[0]) if len(chosen) == 1 else f"{len(chosen)} recordings"
     with progress_bar(f"diagnosing {words}") as progress:
-        for number, result in outcomes(tasks, jobs or _processors(), progress):
+        for number, result in outcomes(tasks, workers, progress):
             if isinstance(result, Outcome):
                 _write(result, out, saved)
             elif _debugging() or (len(tasks) == 1 and not isinstance(result, RigError)):
@@ -235,8 +237,3 @@ def _words(task: Task, error: Exception) -> str:
 
 def _debugging() -> bool:
     return os.environ.get("RIG_DEBUG", "") not in ("", "0")
-
-
-def _processors() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

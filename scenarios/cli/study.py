@@ -23,8 +23,8 @@ from scenarios.cli._options import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from scenarios.studies.executor import Workers
     from scenarios.studies.summary import Summary
+    from scenarios.workers import Workers
 
 
 @click.group(short_help="Consistency, subsets, and both papers table by table.")
@@ -57,7 +57,7 @@ def chosen_workers(workers: int | None, cluster: str | None) -> Workers:
         RigError: Both are given.
     """
     from rig.errors import RigError
-    from scenarios.studies.executor import Workers
+    from scenarios.workers import Workers
 
     if workers is not None and cluster is not None:
         raise RigError("--workers and --cluster: found both, expected one of them")

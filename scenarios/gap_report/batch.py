@@ -1,12 +1,10 @@
-"""Many recordings diagnosed in parallel processes; whoever asked writes the files."""
+"""Many recordings diagnosed side by side; whoever asked writes the files."""
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from multiprocessing import active_children
 from pathlib import Path
 from typing import Final
 
@@ -24,7 +22,7 @@ from scenarios.gap_report.improved_rig import improved_rig
 from scenarios.gap_report.next_maneuver import next_step
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import gap_residuals
-from scenarios.processes import WorkerPool
+from scenarios.workers import Workers
 
 Progress = Callable[[float], None]
 
@@ -123,33 +121,37 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
 
 
 def outcomes(
-    tasks: Sequence[Task], jobs: int, progress: Progress = lambda share: None
+    tasks: Sequence[Task], workers: Workers, progress: Progress = lambda share: None
 ) -> Iterator[tuple[int, Outcome | Exception]]:
     """The number of each task with its outcome, or with what stopped it, as they are done.
 
     Args:
-        jobs: processes; with one, or for a single task, this process does the work.
+        workers: where; a single task, or one after the other, in this process if it is this machine.
         progress: called with the share of all tasks that is done.
+
+    Raises:
+        RigError: as of ``Workers.completed``; a recording at which a worker dies is an outcome.
     """
-    if jobs == 1 or len(tasks) == 1:
+    if workers.cluster is None and workers.at_once(len(tasks)) == 1:
         yield from _here(tasks, progress)
         return
-    killed = []
-    done = 0
-    for number, result in _pooled(dict(enumerate(tasks)), jobs):
-        if isinstance(result, BrokenProcessPool):  # one of the recordings did it: which, alone tells
-            killed.append(number)
-            continue
-        done += 1
+
+    def lost(number: int) -> Outcome | Exception:
+        return RigError(f"{tasks[number].run}: its process was killed (out of memory?), expected it to end")
+
+    for done, (number, result) in enumerate(workers.each(_attempt, tasks, lost), start=1):
         progress(done / len(tasks))
         yield number, result
-    for number in killed:
-        for _, result in _pooled({number: tasks[number]}, 1):
-            done += 1
-            progress(done / len(tasks))
-            if isinstance(result, BrokenProcessPool):
-                result = RigError(f"{tasks[number].run}: its process was killed (out of memory?), expected it to end")
-            yield number, result
+
+
+def _attempt(task: Task, progress: Progress | None = None) -> Outcome | Exception:
+    """The outcome, or what stopped it: one recording does not stop the others."""
+    try:
+        return carry_out(task, progress)
+    except Exception as error:
+        if not isinstance(error, RigError):
+            error.add_note(traceback.format_exc())  # which does not come along from another process
+        return error
 
 
 def _here(tasks: Sequence[Task], progress: Progress) -> Iterator[tuple[int, Outcome | Exception]]:
@@ -158,29 +160,6 @@ def _here(tasks: Sequence[Task], progress: Progress) -> Iterator[tuple[int, Outc
         def share(part: float, before: int = number) -> None:
             progress((before + part) / len(tasks))
 
-        try:
-            result: Outcome | Exception = carry_out(task, share)
-        except Exception as error:
-            result = error
+        result = _attempt(task, share)
         share(1.0)
         yield number, result
-
-
-def _pooled(tasks: Mapping[int, Task], jobs: int) -> Iterator[tuple[int, Outcome | Exception]]:
-    """In processes of their own, which end with the loop over the results, whatever ends it."""
-    others = set(active_children())
-    pool = WorkerPool(min(jobs, len(tasks)))
-    finished = False
-    try:
-        futures = {pool.submit(carry_out, task): number for number, task in tasks.items()}
-        for future in as_completed(futures):
-            error = future.exception()
-            if error is not None and not isinstance(error, Exception):
-                raise error
-            yield futures.pop(future), error if error is not None else future.result()
-        finished = True
-    finally:
-        if not finished:
-            for process in set(active_children()) - others:
-                process.terminate()
-        pool.shutdown(wait=finished, cancel_futures=True)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from estimators.gap.diagnosis import Diagnosis, chance
 from scenarios.gap_report import sections
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import VERDICTS, alternatives, closed_words, consequences, headline
+from scenarios.workers import package_version
 
 #: Nothing may be loaded from anywhere; the style is the page's own.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -114,15 +114,8 @@ def _foot(diagnosis: Diagnosis) -> str:
         "misses beyond the floor, RMS. <b>Before</b>: that rig. <b>After</b>: the same rig with the causes in the "
         "simulator and the calibration refitted. <b>Closed</b>: 1 − (gap after / gap before)². <b>Probability</b>: "
         "after this recording, from 0 to 1, of all explanations that were weighed.",
-        f"torusrig {escape(_version())}, {diagnosis.seconds:.1f} s. All numbers: "
+        f"torusrig {escape(package_version())}, {diagnosis.seconds:.1f} s. All numbers: "
         f"<code>{escape(diagnosis.recording)}.diagnosis.json</code>. To simulate a rig with these causes: "
         f"<code>rig sweep SCENARIO --with {escape(diagnosis.recording)}.diagnosis.json -o RUN.parquet</code>",
     )
     return "<footer>" + "".join(f"<p>{line}</p>" for line in lines) + "</footer>"
-
-
-def _version() -> str:
-    try:
-        return version("torusrig")
-    except PackageNotFoundError:
-        return "from its sources"

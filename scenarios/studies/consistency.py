@@ -17,9 +17,9 @@ from estimators.batch import fit_many
 from estimators.model import METHODS
 from rig.threads import one_blas_thread
 from scenarios.studies.coordinates import Coordinates, coordinate_names
-from scenarios.studies.executor import Workers
 from scenarios.studies.settings import Settings, expected, increments
 from scenarios.studies.store import StudyFolder
+from scenarios.workers import Workers
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import types
 import typing
 from collections.abc import Iterator, Mapping
@@ -15,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rig.errors import RigError, one_line, shown
-from rig.files import atomic_path
+from rig.files import atomic_path, file_hash
 
 Row = TypeVar("Row")
 
@@ -66,12 +65,6 @@ def opened_table(path: Path) -> Iterator[pq.ParquetFile]:
             yield file
     except (pa.ArrowException, OSError, ValueError, KeyError, OverflowError) as error:
         raise RigError(f"{path}: is damaged ({one_line(str(error), 100)}): run the study again to mend it") from error
-
-
-def file_hash(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def rows_of(kind: type[Row], table: pa.Table) -> list[Row]:

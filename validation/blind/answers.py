@@ -12,8 +12,7 @@ from typing import Any, Final
 
 from rig.documents import read_json
 from rig.errors import RigError
-from rig.files import child, own_folder, write_text
-from validation.blind.seal import file_hash
+from rig.files import child, file_hash, own_folder, write_text
 
 _SOLVER: Final = "solver.json"
 _FORMAT: Final = "rig-blind-answers/1"

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from rig.errors import RigError
-from rig.files import atomic_path, own_folder, write_text
+from rig.files import atomic_path, file_hash, own_folder, write_text
 from rig.threads import one_blas_thread
 from scenarios.loader import load
-from scenarios.studies.executor import Workers
+from scenarios.workers import Workers
 from validation.blind.cases import make_case
 from validation.blind.laboratories import LABORATORIES
 from validation.blind.seal import (
@@ -21,7 +21,6 @@ from validation.blind.seal import (
     MANIFEST,
     TRUTH_FORMAT,
     commitment,
-    file_hash,
     new_salt,
     write_manifest,
     write_truth,

@@ -20,7 +20,7 @@ from rig.effects import Effect
 from rig.errors import RigError
 from rig.threads import one_blas_thread
 from scenarios.loader import load
-from scenarios.studies.executor import Workers
+from scenarios.workers import Workers
 from validation.blind.draws import draw_effect
 from validation.blind.intervals import Rate
 from validation.blind.likeness import columns_at

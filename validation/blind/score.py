@@ -19,11 +19,11 @@ import numpy as np
 from rig.arm import Arm
 from rig.channels import CHANNELS
 from rig.errors import RigError
-from rig.files import child, write_text
+from rig.files import child, file_hash, write_text
 from rig.recording import read_recording
 from rig.threads import one_blas_thread
-from scenarios.studies.executor import Workers
 from scenarios.studies.tables import fitting_together
+from scenarios.workers import Workers
 from validation.blind.answers import Answers
 from validation.blind.baselines import BASELINES, baseline_answers
 from validation.blind.closure import Closure, closure
@@ -31,7 +31,7 @@ from validation.blind.estimates import Stated, stated
 from validation.blind.laboratories import TIP
 from validation.blind.outcome import CONFIDENT, Outcome, judge
 from validation.blind.probability import Claim, Proper, check_answer, claims, proper
-from validation.blind.seal import CHANGES, TRUTH, check_recording, file_hash, read_manifest, read_truth
+from validation.blind.seal import CHANGES, TRUTH, check_recording, read_manifest, read_truth
 from validation.blind.solve import ANSWERS, solve_cases
 from validation.blind.strata import MECHANICS
 from validation.blind.truth import Truth

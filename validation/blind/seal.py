@@ -19,7 +19,7 @@ from typing import Any, Final
 from estimators._json import Reader
 from rig.documents import read_json
 from rig.errors import RigError, shown
-from rig.files import child, write_text
+from rig.files import child, file_hash, write_text
 
 SET_FORMAT: Final = "rig-blind/1"
 TRUTH_FORMAT: Final = "rig-blind-truth/1"
@@ -42,12 +42,6 @@ def commitment(salt: str, truth: Mapping[str, Any]) -> str:
     """SHA-256 of the salt and the truth, in hexadecimal."""
     text = json.dumps(truth, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(f"{salt}\n{text}".encode()).hexdigest()
-
-
-def file_hash(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sealed_folder(folder: Path) -> Path:

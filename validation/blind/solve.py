@@ -14,7 +14,7 @@ from rig.arm import Arm
 from rig.errors import RigError
 from rig.files import write_text
 from rig.threads import one_blas_thread
-from scenarios.studies.executor import Workers
+from scenarios.workers import Workers
 from validation.blind.answers import Answers
 from validation.blind.laboratories import TIP
 from validation.blind.probability import FORMAT

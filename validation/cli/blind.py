@@ -78,7 +78,7 @@ def solve(folder: Path, jobs: int | None, as_json: bool) -> None:
       rig blind solve set1
       rig blind solve set1 --jobs 2
     """
-    from scenarios.studies.executor import Workers
+    from scenarios.workers import Workers
     from validation.blind.solve import ANSWERS, solve_set
 
     with progress_bar(f"diagnosing {folder}") as progress:
@@ -148,7 +148,7 @@ def run(
       rig blind run set1 --cases 400 --mechanics 24 --seed 1 --power 20 -o docs/blind.md
     """
     check_output(output, (".md",))
-    from scenarios.studies.executor import Workers
+    from scenarios.workers import Workers
     from validation.blind.seal import MANIFEST
     from validation.blind.solve import solve_set
 
@@ -169,7 +169,7 @@ def _make(
     seed: int | None,
     jobs: int | None,
 ) -> tuple[Path, int]:
-    from scenarios.studies.executor import Workers
+    from scenarios.workers import Workers
     from validation.blind.make import Order, make_set
     from validation.blind.seal import sealed_folder
 
@@ -183,7 +183,7 @@ def _make(
 def _score(
     folder: Path, sealed: Path | None, output: Path | None, withheld: bool, draws: int, jobs: int | None, as_json: bool
 ) -> None:
-    from scenarios.studies.executor import Workers
+    from scenarios.workers import Workers
     from validation.blind.answers import Answers
     from validation.blind.power import PowerStudy, power
     from validation.blind.report import page, write_report

@@ -21,10 +21,11 @@ from study_trials import always_dying, dying, failing, squares
 
 import scenarios
 from rig.errors import RigError
-from scenarios.studies import consistency, executor
-from scenarios.studies.executor import Workers
+from scenarios import workers as where
+from scenarios.studies import consistency
 from scenarios.studies.settings import Settings
 from scenarios.studies.store import TABLE, StudyFolder
+from scenarios.workers import Workers
 
 ROOT = Path(__file__).parents[1]
 
@@ -83,9 +84,8 @@ def test_a_killed_process_is_replaced(tmp_path: Path) -> None:
     assert all(table.equals(squares(0, number)) for number, table in found.items())
 
 
-def test_processes_that_keep_dying_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executor, "_RESTARTS", 1)
-    with pytest.raises(RigError, match=r"a process died 2 times .* run the same command again"):
+def test_a_trial_that_no_process_survives_is_an_error() -> None:
+    with pytest.raises(RigError, match=r"trial 0: its process was killed twice .* run the same command again"):
         list(Workers(1).completed(always_dying, 0, range(2)))
 
 
@@ -151,8 +151,8 @@ def test_a_study_killed_in_the_middle_goes_on(
     path, log = tmp_path / "study", tmp_path / "log"
     program = (
         "import sys, time; sys.path.insert(0, 'tests'); from pathlib import Path\n"
-        "from test_study_executor import small; from scenarios.studies import consistency\n"
-        "from scenarios.studies.executor import Workers; from scenarios.studies.store import StudyFolder\n"
+        "from test_workers import small; from scenarios.studies import consistency\n"
+        "from scenarios.workers import Workers; from scenarios.studies.store import StudyFolder\n"
         "def trial(settings, number):\n"
         f"    found = consistency.trial(settings, number); open({str(log)!r}, 'a').write(f'{{number}}\\n')\n"
         "    time.sleep(0.05); return found\n"
@@ -181,7 +181,7 @@ def test_orphaned_processes_end(tmp_path: Path) -> None:
     """The processes of a study that was killed do not wait for work for ever."""
     program = (
         "import os, sys, time; sys.path.insert(0, 'tests'); from pathlib import Path\n"
-        "from study_trials import squares; from scenarios.studies.executor import Workers\n"
+        "from study_trials import squares; from scenarios.workers import Workers\n"
         "import multiprocessing\n"
         "if __name__ == '__main__':\n"
         "    results = Workers(1).completed(squares, 0, range(50)); next(results)\n"
@@ -270,7 +270,7 @@ def test_a_dask_cluster_with_a_worker_killed_gives_the_same_table(reference: byt
 
 def test_a_cluster_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="Dask is not installed (the extra torusrig[cluster])")
-    monkeypatch.setattr(executor, "_CLUSTER_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(where, "_CLUSTER_TIMEOUT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense://x", "nonsense", "tcp://127.0.0.1"):
         with pytest.raises(RigError, match=f"cluster {address}: no Dask scheduler answers"):
             list(Workers(cluster=address).completed(squares, 0, range(2)))
