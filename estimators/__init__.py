@@ -10,7 +10,7 @@ from estimators import coverage, ellipsoid, stillness
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage import Coverage
 from estimators.fields import apply
-from estimators.goodness import Goodness, is_it_good, judged, robust_calibrate
+from estimators.goodness import Goodness, is_it_good, judged, judged_together, robust_calibrate
 from estimators.noise import NoiseFloor, noise_floor
 from estimators.pipeline import calibrate
 from estimators.statistics import Statistics
@@ -34,6 +34,7 @@ __all__ = [
     "ellipsoid",
     "is_it_good",
     "judged",
+    "judged_together",
     "noise_floor",
     "robust_calibrate",
     "still_poses",

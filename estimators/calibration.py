@@ -257,7 +257,8 @@ class Calibration:
         sensors: "accelerometer", "magnetometer" -> its calibration.
         recording: the name of the recording it comes from.
         arm: the arm whose kinematics gave the orientations; None from tool poses.
-        extra: further JSON keys, which are kept as they are.
+        extra: further JSON keys, which are kept as they are; ``recordings``, of several calibrated together: sensor ->
+            what each of them adds (``estimators.together.contributions``).
     """
 
     sensors: Mapping[str, SensorCalibration]

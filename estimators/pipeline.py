@@ -31,7 +31,7 @@ FieldPoints = str | Sequence[float] | Mapping[str, str | Sequence[float]]
 Noise = NoiseFloor | Mapping[str, ArrayLike] | ArrayLike | Literal["residuals"]
 
 #: In which the directions are looked for that a refused fit has missed.
-_UP_AT_REST: Final = (
+UP_AT_REST: Final = (
     "the accelerometer reads a - g: its axes are given for g - a, the opposite of how they lie on the chip"
 )
 _SAMPLES_OF_A_REFUSAL: Final = 20_000
@@ -39,7 +39,7 @@ _POINTS: Final = {"down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
 
 
 def calibrate(
-    run: Recording | PathLike,
+    run: Recording | PathLike | Sequence[Recording | PathLike],
     method: Method | Literal["ellipsoid"] | None = None,
     noise: Noise | None = None,
     arm: Arm | None = None,
@@ -50,10 +50,11 @@ def calibrate(
     attitude_free: Options | None = None,
     stated: Mapping[str, Any] | None = None,
 ) -> Calibration:
-    """Calibrate the sensors of a recording.
+    """Calibrate the sensors of a recording, or of several at once.
 
     Args:
-        run: a recording; a path is read in batches, so that its length does not matter.
+        run: a recording; a path is read in batches, so that its length does not matter. Several: one calibration holds
+            for all of them (``estimators.together``); by attitude only.
         method: "simultaneous": one field direction a sensor, Renk (15), (21); "separate": one a channel, (14), (20);
             "ellipsoid": without the attitude, from the constant magnitude of the fields, Camps et al. None:
             simultaneous, or ellipsoid where the recording has no pose.
@@ -77,15 +78,21 @@ def calibrate(
             there are fewer samples than parameters.
         RefusedFit: the poses cannot determine the parameters, two solutions fit alike, or a channel does not respond.
     """
+    if not isinstance(run, Recording | str | os.PathLike):
+        from estimators.together import calibrate_together
+
+        if method == "ellipsoid":
+            raise RigError("several recordings: found method 'ellipsoid', expected simultaneous or separate")
+        return calibrate_together(run, method, noise, arm, field_points, weighting, sensors, progress, stated)
     from_file = not isinstance(run, Recording)
-    source: Recording | RecordingScan = run if isinstance(run, Recording) else _scan(run, arm)
+    source: Recording | RecordingScan = run if isinstance(run, Recording) else scanned(run, arm)
     if stated:
         source = replace(source, metadata=replace(source.metadata, **stated))
-    chosen = _chosen(source.sensors, sensors)
+    chosen = chosen_sensors(source.sensors, sensors)
     if method is None:
         method = "simultaneous" if has_pose(source) else "ellipsoid"
-    points = {sensor: _points(field_points, sensor) for sensor in chosen}
-    floors = _floors(run if from_file else None, noise)
+    points = {sensor: points_of(field_points, sensor) for sensor in chosen}
+    floors = floors_of(run if from_file else None, noise)
     if method == "ellipsoid":
         from estimators.ellipsoid import Options, calibrate_attitude_free
 
@@ -118,7 +125,7 @@ def calibrate(
             field_points=points[sensor],
         )
     if (own := results.get(ACCELEROMETER)) is not None and summed.metadata.accelerometer_reads == "a-g":
-        quality = replace(own.quality, warnings=(*own.quality.warnings, _UP_AT_REST))
+        quality = replace(own.quality, warnings=(*own.quality.warnings, UP_AT_REST))
         results[ACCELEROMETER] = replace(own, quality=quality)
     return Calibration(results, source.name, summed.arm)
 
@@ -213,11 +220,17 @@ def magnitude_of(metadata: Metadata, sensor: str) -> float:
     return metadata.gravity_m_s2 if sensor == ACCELEROMETER else metadata.magnetic_field
 
 
-def _scan(path: PathLike, arm: Arm | None) -> RecordingScan:
+def scanned(path: PathLike, arm: Arm | None) -> RecordingScan:
+    """The recording of a file, for an arm with so many joints."""
     return scan_recording(path, joints=None if arm is None else arm.dof)
 
 
-def _chosen(recorded: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
+def chosen_sensors(recorded: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
+    """The sensors to calibrate.
+
+    Raises:
+        RigError: one that was not recorded.
+    """
     if wanted is None:
         return tuple(recorded)
     for sensor in wanted:
@@ -226,7 +239,12 @@ def _chosen(recorded: Sequence[str], wanted: Sequence[str] | None) -> tuple[str,
     return tuple(sensor for sensor in SENSORS if sensor in wanted)
 
 
-def _points(given: FieldPoints, sensor: str) -> tuple[float, float, float]:
+def points_of(given: FieldPoints, sensor: str) -> tuple[float, float, float]:
+    """The vector near which a sensor's field points.
+
+    Raises:
+        RigError: neither a name nor three numbers.
+    """
     wanted = given.get(sensor, "down") if isinstance(given, Mapping) else given
     if isinstance(wanted, str):
         if wanted not in _POINTS:
@@ -239,14 +257,19 @@ def _points(given: FieldPoints, sensor: str) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True)
-class _Floors:
-    """The noise by sensor, from wherever it is known."""
+class Floors:
+    """The noise by sensor, from wherever it is known.
+
+    Attributes:
+        source: "locked recording", "given" or "residuals". measured, given: one of them, or neither.
+    """
 
     source: str = "residuals"
     measured: NoiseFloor | None = None
     given: Mapping[str, Array] | None = None
 
     def of(self, sensor: str, unit: str) -> tuple[Array, Array] | None:
+        """(3,) standard deviation of a reading, and (3,) of that [unit]; None where it is not known."""
         if self.measured is not None:
             return self.measured.of(sensor, unit)
         if self.given is not None and sensor in self.given:
@@ -254,22 +277,21 @@ class _Floors:
         return None
 
 
-def _floors(path: PathLike | Recording | None, noise: Noise | None) -> _Floors:
+def floors_of(path: PathLike | Recording | None, noise: Noise | None) -> Floors:
+    """The noise as it is given, or of the locked recording beside a path."""
     if isinstance(noise, NoiseFloor):
-        return _Floors("locked recording", measured=noise)
+        return Floors("locked recording", measured=noise)
     if isinstance(noise, str):
         if noise != "residuals":
             raise unknown_name("noise", noise, ("residuals",))
-        return _Floors()
+        return Floors()
     if noise is not None:
-        return _Floors("given", given=given_floor(noise))
+        return Floors("given", given=given_floor(noise))
     if path is None or isinstance(path, Recording):
-        return _Floors()
+        return Floors()
     locked = locked_beside(Path(path))
     return (
-        _Floors()
-        if locked is None
-        else _Floors("locked recording", measured=noise_floor(whole_or_beginning(locked)[0]))
+        Floors() if locked is None else Floors("locked recording", measured=noise_floor(whole_or_beginning(locked)[0]))
     )
 
 

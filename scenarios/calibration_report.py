@@ -22,11 +22,25 @@ def calibration_report(calibration: Calibration, magnetic_field_unit: str | None
     parts: list[RenderableType] = []
     for name, sensor in calibration.sensors.items():
         parts += [*_sensor(name, sensor, magnetic_field_unit), Text("")]
+        if told := calibration.extra.get("recordings", {}).get(name):
+            parts += [_recordings(told, sensor.unit), Text("")]
     if alignment := calibration.extra.get("alignment"):
         return Group(*parts, *_alignment(alignment))
     if searched := calibration.extra.get("fminunc"):
         return Group(*parts, *_searched(searched))
     return Group(*parts[:-1])
+
+
+def _recordings(told: Iterable[Mapping[str, Any]], unit: str) -> Table:
+    """What each of several recordings adds, and whether it agrees with the others."""
+    columns = ("samples", f"noise [{'mV' if unit == 'V' else unit}]", "share of what is told [%]", "agrees, p")
+    result = table("recording", *columns, numbers=columns)
+    for each in told:
+        noise = ", ".join(f"{1e3 * value if unit == 'V' else value:.4g}" for value in each["noise"])
+        agreement = each["agreement"]
+        p = f"{agreement['p_value']:.2g}" if agreement["degrees_of_freedom"] else "no other tells"
+        result.add_row(each["recording"], f"{each['samples']:,}", noise, f"{100.0 * each['share']:.1f}", p)
+    return result
 
 
 def _searched(ends: Mapping[str, Any]) -> Iterable[RenderableType]:

@@ -9,6 +9,7 @@ from estimators.goodness.readings import Clipped, Repeats, clipped, repeats
 from estimators.goodness.residuals import Residuals, residuals_of
 from estimators.goodness.robust import Rejection, reject_outliers, robust_calibrate
 from estimators.goodness.sampling import thinned, whole_or_thinned
+from estimators.goodness.several import as_one, judged_together
 from estimators.goodness.whiteness import Whiteness, whiteness
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "Residuals",
     "Transfer",
     "Whiteness",
+    "as_one",
     "at_optimum",
     "by_direction",
     "clipped",
@@ -29,6 +31,7 @@ __all__ = [
     "hold_out",
     "is_it_good",
     "judged",
+    "judged_together",
     "outliers",
     "reject_outliers",
     "repeats",

@@ -123,7 +123,7 @@ def selected(recording: Recording, rows: NDArray[np.bool_]) -> Recording:
     part = recording.select(rows)
     if counts is None:
         return part
-    extra = {**recording.metadata.extra, "pose_samples": [int(count) for count in counts[rows]]}
+    extra = {**recording.metadata.extra, "pose_samples": counts[rows].tolist()}
     return replace(part, metadata=replace(part.metadata, extra=extra))
 
 

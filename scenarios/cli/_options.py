@@ -136,6 +136,12 @@ def arm_options(command: Command) -> Command:
     return file(tip(command))
 
 
+def without_locked(runs: Sequence[Path]) -> list[Path]:
+    """The recordings without those that are another's locked one, as a pattern like *.parquet names both."""
+    stems = {run.with_name(run.stem) for run in runs}
+    return [run for run in runs if not run.stem.endswith(".locked") or run.with_name(run.stem[:-7]) not in stems]
+
+
 def maneuver_option(command: Command) -> Command:
     """``--maneuver``: another kind of maneuver, made to fit the arm."""
     text = "Another maneuver than the scenario's, made to fit the arm: torus-sweep, static-poses, locked-poses."

@@ -20,6 +20,7 @@ from scenarios.cli._options import (
     memory_option,
     print_json,
     progress_bar,
+    without_locked,
 )
 from scenarios.cli._stated import stated_by_place, stated_metadata, stated_options, with_assumptions
 
@@ -35,8 +36,8 @@ _DRAWN: Final = 100_000
 _ROBUST: Final = 1000.0
 
 
-@click.command(short_help="Calibrate the sensors of a recording.")
-@click.argument("run", type=PATH)
+@click.command(short_help="Calibrate the sensors of one recording or several.")
+@click.argument("runs", type=PATH, nargs=-1, required=True, metavar="RUN...")
 @click.option("-o", "--output", type=PATH, metavar="CAL", help="Write the calibration: .json.")
 @click.option(
     "--method",
@@ -72,7 +73,7 @@ _ROBUST: Final = 1000.0
 @stated_options
 @json_option
 def calibrate(
-    run: Path,
+    runs: tuple[Path, ...],
     output: Path | None,
     method: Any,
     parameters: str | None,
@@ -97,11 +98,13 @@ def calibrate(
     """Calibrate the sensors of RUN, a recording with joint angles, tool poses or, turned by hand, neither.
 
     A RUN.locked.parquet beside RUN.parquet is taken as the noise floor; without one the noise comes from the residuals.
-    The verdict says whether the calibration is good and, if it is not, why.
+    The verdict says whether the calibration is good and, if it is not, why. Several RUNs, poses and sweeps, of whatever
+    days, give one calibration, each by its own noise; what each adds and whether it agrees is said.
 
     \b
     Example:
       rig calibrate run.parquet -o cal.json
+      rig calibrate poses.parquet monday.parquet tuesday.parquet -o cal.json
       rig calibrate tumble.csv --method ellipsoid --parameters 6 --coverage tumble.png
       rig calibrate tumble.csv --method ellipsoid --start datasheet --static-threshold 0.0016
       rig calibrate run.csv --noise 13.4,13.6,14.6 --method separate
@@ -110,10 +113,12 @@ def calibrate(
     """
     from rig.errors import RigError, one_line
 
+    several = without_locked(runs)
+    run = several[0]
     if output is not None:
-        check_output(output, (".json",), run, locked, arm_file)
+        check_output(output, (".json",), *several, locked, arm_file)
     if coverage is not None:
-        check_output(coverage, (".png", ".svg", ".pdf"), run, locked, arm_file)
+        check_output(coverage, (".png", ".svg", ".pdf"), *several, locked, arm_file)
     if locked is not None and noise is not None:
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
@@ -136,6 +141,10 @@ def calibrate(
         click.echo(f"rig: {words}", err=True)
     scan = replace(scan, metadata=replace(scan.metadata, **stated))
     attitude_free = method == "ellipsoid" or (method is None and not has_pose(scan))
+    if len(several) > 1:
+        single = {"--robust": robust, "--fminunc": fminunc, "--method ellipsoid": attitude_free}
+        for option in (option for option, wanted in single.items() if wanted):
+            raise RigError(f"{option}: found {len(several)} recordings, expected one")
     if attitude_free and (arm is not None or equal_weights):
         option = "--equal-weights" if arm is None else "--arm"
         raise RigError(f"{option}: {run} is calibrated without the attitude, expected simultaneous or separate")
@@ -152,13 +161,18 @@ def calibrate(
     floor = _floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None
     points = field_points or "down"
     weighting: Weighting = "equal" if equal_weights else "likelihood"
-    with progress_bar(f"calibrating {run}") as progress:
+    with progress_bar(f"calibrating {run if len(several) == 1 else f'{len(several)} recordings'}") as progress:
         source: Path | Recording = run
-        if still:
+        if still and len(several) == 1:
             from estimators.stillness.at_rest import at_rest_samples
 
             source = at_rest_samples(scan.read())
-        if robust and not attitude_free:
+        if len(several) > 1:
+            from scenarios.cli._together import calibrated
+
+            judged, source = calibrated(several, method, floor, arm, points, weighting, still, stated)
+            calibration = with_assumptions(judged, scan, stated)
+        elif robust and not attitude_free:
             recording, thinned = (source, "") if isinstance(source, Recording) else whole_or_thinned(scan, _ROBUST)
             if thinned:
                 click.echo(one_line(thinned), err=True)
@@ -182,7 +196,8 @@ def calibrate(
                 progress=_counted(progress, scan.rows),
                 stated=stated,
             )
-        calibration = with_assumptions(estimators.judged(source, calibration, arm), scan, stated)
+        if len(several) == 1:
+            calibration = with_assumptions(estimators.judged(source, calibration, arm), scan, stated)
         if fminunc:
             from estimators.as_renk import as_renk
 

@@ -20,6 +20,7 @@ from scenarios.cli._options import (
     memory_option,
     print_json,
     progress_bar,
+    without_locked,
 )
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def diagnose(
         rig diagnose run.parquet --prior our-arm.toml
     rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
     """
-    chosen = _to_diagnose(runs)
+    chosen = without_locked(runs)
     _check(chosen, without, saved, out)
     from estimators.gap.prior import read_prior
     from rig.recording import scan_recording
@@ -123,12 +124,6 @@ def _tell_averaged(tasks: Sequence[Task]) -> None:
             if block > 1:
                 words = f"{task.run}: means over blocks of {block} samples are diagnosed: memory allows no more"
                 click.echo(one_line(words), err=True)
-
-
-def _to_diagnose(runs: Sequence[Path]) -> list[Path]:
-    """The recordings without those that are another's locked one, as a pattern like *.parquet names both."""
-    stems = {run.with_name(run.stem) for run in runs}
-    return [run for run in runs if not run.stem.endswith(".locked") or run.with_name(run.stem[:-7]) not in stems]
 
 
 def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out: Path) -> None:
