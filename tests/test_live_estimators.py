@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 import estimators
 import scenarios
 from estimators.coverage import direction_name
-from estimators.ellipsoid.fit import fit_ellipsoid
-from estimators.ellipsoid.quartic import QuarticSums, fit_sums
+from estimators.ellipsoid import Options as EllipsoidOptions
+from estimators.ellipsoid.thinned import Thinned
 from estimators.live import PROCEDURES, Calibrator, Cloud, Guide, Options, SlidingSum, StillStream
 from estimators.statistics import Statistics
-from rig.errors import RefusedFit, RigError
+from rig.errors import RigError
 from rig.recording import Recording
 
 Array = NDArray[np.float64]
@@ -82,57 +82,6 @@ def test_old_parts_are_dropped_and_never_subtracted() -> None:
     assert window.total.gram[0, 0] == np.round(window.total.gram[0, 0]) <= 107.0
 
 
-@pytest.mark.parametrize("parameters", [6, 9])
-def test_quartic_sums_add_to_rounding(parameters: int) -> None:
-    readings = tumbled(20_000, seed=1)
-    whole = QuarticSums.of(readings, readings[0])
-    parts = QuarticSums.of(readings[:0], readings[0])
-    for first in range(0, len(readings), 333):
-        parts = parts + QuarticSums.of(readings[first : first + 333], readings[0])
-    one, other = (fit_sums(s, readings[::100], 9.8, parameters=parameters) for s in (whole, parts))
-    np.testing.assert_allclose(one.values, other.values, rtol=1e-11)
-    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-8)
-
-
-def test_quartic_sums_do_not_depend_on_where_they_are_taken_about() -> None:
-    readings = tumbled(5_000, seed=2)
-    one, other = (fit_sums(QuarticSums.of(readings, origin), readings, 9.8) for origin in (readings[0], OFFSET))
-    np.testing.assert_allclose(one.values, other.values, rtol=1e-9)
-
-
-def test_quartic_sums_are_the_offline_estimate_but_for_its_weights() -> None:
-    """Equal noise on axes whose gains differ by 4 %: weights differ by 8 %, estimates by some 4 % of their sigma (RMS);
-    the offline fit finds the channels' noise, known to 1 %, besides. Ten of these are half a sigma."""
-    for seed in range(5):
-        readings = tumbled(20_000, seed=10 + seed)
-        live = fit_sums(QuarticSums.of(readings, readings[0]), readings[::50], 9.8)
-        offline = fit_ellipsoid(readings, 9.8)
-        assert np.abs((live.values - offline.values) / offline.std).max() < 0.5
-        np.testing.assert_allclose(live.std, offline.std, rtol=0.05)
-
-
-def test_quartic_intervals_hold() -> None:
-    """Of 100 sets of nine estimates 900 normal errors over sigma: their mean square is 1 +- 0.047 (one sigma; the
-    errors of a set are hardly correlated), so within four sigma but for one in 10,000 runs."""
-    truth = np.concatenate([np.diagonal(GAIN), [GAIN[0, 1], GAIN[0, 2], GAIN[1, 2]], OFFSET])
-    square = 0.0
-    for seed in range(100):
-        readings = tumbled(1_000, seed=100 + seed)
-        found = fit_sums(QuarticSums.of(readings, readings[0]), readings, 9.8)
-        square += float(np.square((found.values - truth) / found.std).mean())
-    assert abs(square / 100.0 - 1.0) < 4.0 * 0.06
-
-
-def test_quartic_sums_refuse_what_is_no_ellipsoid() -> None:
-    readings = tumbled(500, seed=3)
-    with pytest.raises(RefusedFit, match="more than the 9 parameters"):
-        fit_sums(QuarticSums.of(readings[:9], readings[0]), readings[:9])
-    with pytest.raises(RefusedFit, match="no ellipsoid"):
-        fit_sums(QuarticSums.of(np.tile(OFFSET, (50, 1)), OFFSET), OFFSET[None])
-    with pytest.raises(RigError, match="origins"):
-        _ = QuarticSums.of(readings, OFFSET) + QuarticSums.of(readings, readings[0])
-
-
 def held(poses: int, seed: int) -> tuple[Array, Array, Array]:
     """Times, readings and the poses' true means: 3 s still, 1 s of motion, again and again at 100 Hz."""
     rng = np.random.default_rng(seed)
@@ -164,15 +113,47 @@ def test_still_poses_are_found_as_they_come_without_motion(piece: int) -> None:
     assert stream.delay_s == pytest.approx(0.5)
 
 
-def test_an_accelerometer_by_hand_is_fitted_by_its_poses_as_offline() -> None:
-    t, readings, _ = held(40, seed=5)
-    run = Recording(t=t, accelerometer=readings)
-    stream = fed(run, Options(attitude=False), 50)
-    found, still = stream.estimate("accelerometer"), stream.still("accelerometer")
-    assert still is not None
-    offline = fit_ellipsoid(still.means, 9.8, counts=still.counts)
-    assert found.poses == len(still)
-    assert np.array_equal(found.matrix, offline.matrix)
+@pytest.mark.parametrize("piece", [7, 1000])
+def test_without_a_pose_the_stream_says_what_the_offline_fit_says(piece: int) -> None:
+    t, accelerometer, _ = held(40, seed=5)
+    magnetometer = tumbled(len(t), seed=6) * [1.0, 1.3, 0.8]
+    magnetometer[[50, 7000]] += 1.0  # outliers
+    run = Recording(t=t, accelerometer=accelerometer, magnetometer=magnetometer)
+    stream = fed(run, Options(attitude=False), piece)
+    offline = estimators.calibrate(run, method="ellipsoid", noise="residuals", attitude_free=EllipsoidOptions())
+    for sensor in run.sensors:
+        live, whole = stream.estimate(sensor), offline[sensor]
+        assert live.names == whole.parameters
+        assert live.samples == whole.samples
+        # the same samples by the same steps
+        assert np.array_equal(live.values, whole.values)
+        np.testing.assert_allclose(live.std, np.sqrt(np.diagonal(whole.covariance)), rtol=1e-12)
+    assert stream.estimate("accelerometer").poses == 40
+
+
+def test_what_is_kept_depends_on_the_number_of_samples_alone() -> None:
+    """Of 10,000 rows a limit of 1,000 leaves those that sixteen divides, however they came."""
+    run = Recording(t=0.01 * np.arange(10_000), magnetometer=tumbled(10_000, seed=7))
+    for pieces in ([1] * 100 + [33] * 300, [10_000], [2_500] * 4):
+        kept, row = Thinned(1_000), 0
+        for piece in pieces:
+            kept.add(run.select(slice(row, row + piece)))
+            row += piece
+        assert row == len(run)
+        assert np.array_equal(kept.recording().t, run.t[::16])
+        assert np.array_equal(kept.recording().readings("magnetometer"), run.readings("magnetometer")[::16])
+
+
+def test_of_a_sliding_window_the_last_seconds_are_kept() -> None:
+    run = Recording(t=0.01 * np.arange(10_000), magnetometer=tumbled(10_000, seed=8))
+    kept = Thinned(1_000, span_s=5.0)
+    for row in range(0, len(run), 30):
+        kept.add(run.select(slice(row, min(row + 30, len(run)))))
+    assert np.array_equal(kept.recording().t, run.t[run.t >= run.t[-1] - 5.0])
+    few = Thinned(100, span_s=5.0)
+    for row in range(0, len(run), 30):
+        few.add(run.select(slice(row, min(row + 30, len(run)))))
+    assert np.array_equal(few.recording().t, [t for t in run.t[::8] if t >= run.t[-1] - 5.0])
 
 
 def test_the_cloud_is_bounded_and_keeps_every_reading() -> None:

@@ -56,26 +56,13 @@ def first_ellipsoid(
     away /= spread
     multiply_out(rows[1:])
     gram = rows @ rows.T if counts is None else (rows * counts) @ rows.T
-    return from_products(gram, rows.sum(axis=1), frame, variances, parameters)
-
-
-def from_products(gram: Array, sums: Array, frame: Ellipsoid, variances: Array, parameters: int) -> Ellipsoid | None:
-    """The same from the summed products of monomials.
-
-    Args:
-        gram: (10, 10) of the monomials in frame.whitening (V - frame.center), a multiple of the unit matrix.
-        sums: (10,) of the monomials.
-        frame: about the mean of the readings.
-        variances: (3,) of a sample's noise, up to a common factor [recorded unit squared].
-        parameters: 6 or 9.
-    """
     used = slice(0, FREE[parameters].stop)
     gram = gram[used, used]
     plain = solve(gram[1:, 1:], gram[1:, 0])
     found = None if plain is None else Quadric.of(frame, -1.0, plain)
     if found is None:
         first = np.zeros(TERMS)
-        first[used] = sums[used]
+        first[used] = rows.sum(axis=1)[used]
         noise = np.zeros(6)
         noise[:3] = variances * frame.whitening[0, 0] ** 2
         found = _ellipsoid(frame, adjusted(gram, noise_in_products(noise, first, 0.0)[0][used, used]))

@@ -162,32 +162,32 @@ def fit_ellipsoid(
         dropped = Dropped(dropped.repeated, dropped.zero, len(values) - len(found.kept))
         values = values[found.kept]
         used = found.kept if used is None else used[found.kept]
-    fit = fit_of(found, values, magnitude, parameters, given is not None, dropped, used)
+    fit = _fit_of(found, values, magnitude, parameters, given is not None, dropped, used)
     if fit.problem is not None and refuse:
         raise RefusedFit(f"{name}: {fit.problem}")
     return fit
 
 
-def fit_of(
+def _fit_of(
     found: Estimate,
     values: Array,
     magnitude: float,
     parameters: Parameters,
     noise_given: bool,
     dropped: Dropped,
-    used: NDArray[np.intp] | None = None,
+    used: NDArray[np.intp] | None,
 ) -> EllipsoidFit:
     """The fit that an optimum is.
 
     Args:
-        found: the optimum, of ``found.moments.rows`` readings.
-        values: (m, 3) these readings, or as many of them as show where they lie [recorded unit].
+        found: the optimum.
+        values: (n, 3) the readings that were fitted [recorded unit].
         magnitude: of the field.
         parameters: 6 or 9.
         noise_given: whether the noise was known.
         dropped, used: as of ``EllipsoidFit``.
     """
-    optimum, samples = found.optimum, found.moments.rows
+    optimum, samples = found.optimum, len(values)
     spread = Spread.of(found.moments)
     scale = 1.0 if noise_given else optimum.variance
     return EllipsoidFit(

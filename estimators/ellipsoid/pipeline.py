@@ -14,6 +14,7 @@ from estimators.ellipsoid.alignment import Alignment, align
 from estimators.ellipsoid.assembly import assemble
 from estimators.ellipsoid.fit import EllipsoidFit, Parameters, fit_ellipsoid
 from estimators.ellipsoid.levenberg import Start
+from estimators.ellipsoid.thinned import Thinned
 from estimators.stillness import average_poses, find_still
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RefusedFit, RigError, unknown_name
@@ -109,45 +110,74 @@ def calibrate_attitude_free(
     """
     chosen = Options() if options is None else options
     recording = source if isinstance(source, Recording) else read_thinned(source, progress)
-    where = recording.origin or recording.name
-    counts = _counts(recording)
-    notes: dict[str, tuple[str, ...]] = {}
-    still: tuple[Recording, Array] | None = None
-    if ACCELEROMETER in sensors and counts is None and chosen.rest != "all":
-        still, note = _at_rest(recording, chosen)
-        notes[ACCELEROMETER] = note
-    fits: dict[str, EllipsoidFit] = {}
-    results: dict[str, SensorCalibration] = {}
-    for sensor in sensors:
-        used, number = (recording, counts) if still is None or sensor != ACCELEROMETER else still
-        floor = None if floors is None else floors.get(sensor)
-        fits[sensor] = fit_ellipsoid(
-            used.readings(sensor),
-            1.0 if chosen.relative else _magnitude(recording.metadata, sensor),
-            parameters=chosen.parameters,
-            noise=None if floor is None else floor[0],
-            counts=None if sensor in chosen.start else number,
-            start=chosen.start.get(sensor),
-            robust=chosen.robust,
-            name=f"{where}: {sensor}",
-        )
-    aligned, extra = _aligned(fits, recording if still is None else still[0], chosen)
+    given = {} if floors is None else floors
+    fitted = {sensor: fit_attitude_free(recording, sensor, given.get(sensor), chosen) for sensor in sensors}
+    aligned, extra = _aligned(fitted, recording, chosen)
     if progress is not None and isinstance(source, Recording):
         progress(len(source))
-    for sensor, fit in fits.items():
-        used, number = (recording, counts) if still is None or sensor != ACCELEROMETER else still
-        floor = None if floors is None else floors.get(sensor)
+    results: dict[str, SensorCalibration] = {}
+    for sensor, own in fitted.items():
+        floor = given.get(sensor)
         made = assemble(
-            fit,
-            used.readings(sensor),
+            own.fit,
+            own.used.readings(sensor),
             unit=recording.units[sensor],
             noise_source=noise_source,
             floor_std=None if floor is None else floor[1],
-            counts=None if sensor in chosen.start else number,
+            counts=own.counts,
             R_common_own=None if aligned is None or sensor != MAGNETOMETER else aligned.R_accelerometer_magnetometer,
         )
-        results[sensor] = _noted(made, notes.get(sensor, ()))
+        results[sensor] = _noted(made, own.notes)
     return AttitudeFree(results, extra)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The fit of one sensor, and what it was made of.
+
+    Attributes:
+        fit: the fit.
+        used: the samples, or the means over poses.
+        counts: (n,) samples behind each mean; None: single samples.
+        notes: what to say about it.
+    """
+
+    fit: EllipsoidFit
+    used: Recording
+    counts: Array | None
+    notes: tuple[str, ...] = ()
+
+
+def fit_attitude_free(
+    recording: Recording, sensor: str, floor: Floor | None, options: Options, refuse: bool = True
+) -> Fitted:
+    """The fit of one sensor of a recording: of an accelerometer by the poses in which it rests, if there are enough.
+
+    Args:
+        recording, sensor, floor, options: as of ``calibrate_attitude_free``.
+        refuse: as of ``fit_ellipsoid``.
+
+    Raises:
+        RigError, RefusedFit: as ``calibrate_attitude_free``.
+    """
+    used, counts = recording, _counts(recording)
+    notes: tuple[str, ...] = ()
+    if sensor == ACCELEROMETER and counts is None and options.rest != "all":
+        still, notes = _at_rest(recording, options)
+        used, counts = (recording, None) if still is None else still
+    counts = None if sensor in options.start else counts
+    fit = fit_ellipsoid(
+        used.readings(sensor),
+        1.0 if options.relative else _magnitude(recording.metadata, sensor),
+        parameters=options.parameters,
+        noise=None if floor is None else floor[0],
+        counts=counts,
+        start=options.start.get(sensor),
+        robust=options.robust,
+        refuse=refuse,
+        name=f"{recording.origin or recording.name}: {sensor}",
+    )
+    return Fitted(fit, used, counts, notes)
 
 
 def _magnitude(metadata: Metadata, sensor: str) -> float:
@@ -188,18 +218,18 @@ def _at_rest(recording: Recording, options: Options) -> tuple[tuple[Recording, A
 
 
 def _aligned(
-    fits: Mapping[str, EllipsoidFit], recording: Recording, options: Options
+    fitted: Mapping[str, Fitted], recording: Recording, options: Options
 ) -> tuple[Alignment | None, dict[str, Any]]:
     """The alignment of both sensors' frames, and what to say about it."""
-    if not options.common_frame or set(fits) != {ACCELEROMETER, MAGNETOMETER}:
+    if not options.common_frame or set(fitted) != {ACCELEROMETER, MAGNETOMETER}:
         return None, {}
-    accelerometer, magnetometer = fits[ACCELEROMETER], fits[MAGNETOMETER]
+    at_rest = fitted[ACCELEROMETER].used
     try:
         found = align(
-            accelerometer,
-            magnetometer,
-            recording.readings(ACCELEROMETER),
-            recording.readings(MAGNETOMETER),
+            fitted[ACCELEROMETER].fit,
+            fitted[MAGNETOMETER].fit,
+            at_rest.readings(ACCELEROMETER),
+            at_rest.readings(MAGNETOMETER),
             options.field_points,
         )
     except RefusedFit as refused:
@@ -218,36 +248,9 @@ def read_thinned(
     scan: RecordingScan, progress: Callable[[int], None] | None = None, at_most: int | None = None
 ) -> Recording:
     """Time and readings of a file in memory: all of it, or every so many samples of more than ``at_most``."""
-    most = MOST_SAMPLES if at_most is None else at_most
-    kept: list[Recording] = []
-    step = 1
-    total = row = 0
+    kept = Thinned(MOST_SAMPLES if at_most is None else at_most)
     for batch in scan:
-        first = -row % step
-        if first < len(batch):
-            kept.append(batch.select(slice(first, None, step)))
-            total += len(kept[-1])
-        row += len(batch)
+        kept.add(batch)
         if progress is not None:
             progress(len(batch))
-        if total > most:
-            kept = [_joined(kept, 2)]
-            total, step = len(kept[0]), 2 * step
-    joined = _joined(kept, 1)
-    rate = joined.metadata.rate_Hz
-    return replace(joined, metadata=replace(joined.metadata, rate_Hz=None if rate is None else rate / step))
-
-
-def _joined(parts: list[Recording], step: int) -> Recording:
-    """Time and readings of successive recordings, every ``step``-th sample."""
-    first = parts[0]
-    readings = {sensor: np.concatenate([part.readings(sensor) for part in parts])[::step] for sensor in first.sensors}
-    return Recording(
-        t=np.concatenate([part.t for part in parts])[::step],
-        accelerometer=readings.get(ACCELEROMETER),
-        magnetometer=readings.get(MAGNETOMETER),
-        units=first.units,
-        metadata=first.metadata,
-        name=first.name,
-        origin=first.origin,
-    )
+    return kept.recording()

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from estimators.coverage import Enough, direction_name
 from estimators.ellipsoid.fit import Parameters
+from estimators.ellipsoid.pipeline import Options as EllipsoidOptions
+from estimators.ellipsoid.thinned import Thinned
 from estimators.live.estimate import AttitudeFree, AttitudeKnown, SensorEstimate
 from estimators.live.stillness import StillStream
 from estimators.pipeline import arm_of, has_pose, magnitude_of, statistics_of
@@ -26,6 +28,9 @@ Array = NDArray[np.float64]
 
 #: No direction may be farther from one that was seen, without attitude [deg]: of six faces none is farther than 55.
 HOLE_DEG: Final = 65.0
+#: Of longer streams without attitude every second sample is used, or every fourth, .., live and at the end, so that
+#: memory does not grow.
+MOST_SAMPLES: Final = 1 << 17
 _DOWN: Final = np.array([0.0, 0.0, -1.0])
 
 
@@ -111,6 +116,7 @@ class Calibrator:
         self._units = dict(first.units)
         self._known: dict[str, AttitudeKnown] = {}
         self._free: dict[str, AttitudeFree] = {}
+        self._kept = Thinned(MOST_SAMPLES, options.forget_s)
         points = options.field_points or {}
         for sensor in first.sensors:
             magnitude = magnitude_of(first.metadata, sensor)
@@ -118,9 +124,8 @@ class Calibrator:
                 down = np.asarray(points.get(sensor, _DOWN), dtype=float)
                 self._known[sensor] = AttitudeKnown(sensor, magnitude, options.forget_s, down)
             else:
-                rests = sensor == ACCELEROMETER
-                still = StillStream(first.rate_Hz, span_s=options.forget_s) if rests else None
-                self._free[sensor] = AttitudeFree(sensor, magnitude, options.forget_s, options.parameters, still)
+                own = EllipsoidOptions(parameters=options.parameters)
+                self._free[sensor] = AttitudeFree(sensor, magnitude, options.forget_s, own, first.rate_Hz)
 
     def add(self, batch: Recording) -> None:
         """Take samples up.
@@ -137,6 +142,8 @@ class Calibrator:
             for place, sensor in enumerate(self.sensors):
                 part = total.select(slice(3 * place, 3 * place + 3))
                 self._known[sensor].add(t_s, part, batch.readings(sensor))
+            return
+        self._kept.add(batch)
         for sensor, stream in self._free.items():
             stream.add(batch.t, batch.readings(sensor))
 
@@ -144,27 +151,23 @@ class Calibrator:
         """The detector of a sensor that has to stand still."""
         return self._free[sensor].still if sensor in self._free else None
 
-    @property
-    def absurd(self) -> int:
-        """Readings so far off that they were not taken up."""
-        return sum(stream.absurd for stream in self._free.values())
-
-    def estimate(self, sensor: str) -> SensorEstimate:
-        """What is known of a sensor now.
+    def estimate(self, sensor: str, fresh: bool = True) -> SensorEstimate:
+        """What is known of a sensor now; without ``fresh``, of one that has to rest, when it last rested anew.
 
         Raises:
             RefusedFit, RigError: nothing yet.
         """
-        stream: AttitudeKnown | AttitudeFree = self._known[sensor] if self.posed else self._free[sensor]
         with one_blas_thread():
-            return stream.estimate()
+            if self.posed:
+                return self._known[sensor].estimate()
+            return self._free[sensor].estimate(self._kept, fresh)
 
     def state(self, sensor: str, last: SensorState | None = None) -> SensorState:
         """Where a sensor stands, with the stop rule: that of ``last``, if there is one, which takes longer to ask."""
         try:
-            estimate = self.estimate(sensor)
+            estimate = self.estimate(sensor, fresh=last is None)
         except RigError as error:
-            return SensorState(sensor, None, str(error).split(": ", 1)[-1], None, False, self._begin(sensor))
+            return SensorState(sensor, None, str(error).split(f"{sensor}: ", 1)[-1], None, False, self._begin(sensor))
         if not np.isfinite(estimate.matrix).all() or not len(estimate.readings):
             return SensorState(sensor, estimate, estimate.problem, None, False, self._begin(sensor))
         if last is not None and last.rule is not None:
@@ -191,7 +194,7 @@ class Calibrator:
         if self.posed:
             return f"bring the field along {direction_name(direction)} of frame 6"
         if sensor == ACCELEROMETER:
-            return f"point {direction_name(self.up(sensor, direction))} up"
+            return f"point {direction_name(self.up(sensor, direction))} up and hold it still"
         return f"point {direction_name(direction)} along the field"
 
     def _begin(self, sensor: str) -> str:

@@ -1,8 +1,7 @@
-"""The calibration of one sensor from everything that has come so far, brought up to date in constant time and memory.
+"""The calibration of one sensor from everything that has come so far, by the estimators that are used offline.
 
-With a pose: the sufficient statistics of the known-angle model, of which the fit is the one made offline. Without: the
-quartic sums of all readings; or, of an accelerometer that has stood still often enough, the means of its poses, which
-are fitted as offline.
+With a pose: the sufficient statistics of the known-angle model, brought up to date in constant time and memory.
+Without: the ellipsoid of the samples that are kept, all of them up to a bounded number (``ellipsoid.thinned``).
 """
 
 from __future__ import annotations
@@ -16,21 +15,23 @@ from scipy.special import stdtrit
 
 from estimators.coverage import Enough, Targets, enough_attitude_free, enough_known_angles
 from estimators.ellipsoid.assembly import sensitivities_and_angles
-from estimators.ellipsoid.fit import EllipsoidFit, Parameters, fit_ellipsoid
-from estimators.ellipsoid.quartic import QuarticSums, fit_sums
+from estimators.ellipsoid.fit import EllipsoidFit
+from estimators.ellipsoid.pipeline import Options, fit_attitude_free
+from estimators.ellipsoid.thinned import Thinned
 from estimators.kinematic import SensorFit, fit_sensor
 from estimators.live.cloud import Cloud
 from estimators.live.stillness import StillStream
 from estimators.live.window import SlidingSum
 from estimators.reported import report
 from estimators.statistics import Statistics
+from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 
 Array = NDArray[np.float64]
 
 #: Of the intervals that are shown and that the stop rule asks for.
 LEVEL = 0.95
-#: Beyond so many standard deviations of a field no reading is taken up without attitude: it is no measurement.
+#: A reading of a field so many times too large shows no direction: it is no measurement.
 _FARTHEST = 3.0
 
 
@@ -145,27 +146,23 @@ class AttitudeKnown:
 
 
 class AttitudeFree:
-    """One sensor turned by hand."""
+    """One sensor turned by hand: the offline fit of the samples that are kept."""
 
-    def __init__(
-        self, sensor: str, magnitude: float, span_s: float | None, parameters: Parameters, still: StillStream | None
-    ) -> None:
+    def __init__(self, sensor: str, magnitude: float, span_s: float | None, options: Options, rate_Hz: float) -> None:
         """Args:
-        still: of an accelerometer, which feels motion too; None: all readings count.
+        options: of the offline fit.
+        rate_Hz: of the samples.
         """
-        self.sensor, self._magnitude, self._parameters = sensor, magnitude, parameters
-        self.still = still
-        self.sums: SlidingSum[QuarticSums] = SlidingSum(span_s)
+        self.sensor, self._magnitude, self._options = sensor, magnitude, options
+        #: An accelerometer feels motion too, so that it has to stand still; None: all readings count.
+        self.still = StillStream(rate_Hz, span_s=span_s) if sensor == ACCELEROMETER else None
         self.cloud = Cloud(span_s)
-        self.absurd = 0
-        self._origin: Array | None = None
         self._before: Array | None = None
         self._known: SensorEstimate | None = None
+        self._pieces = -1
 
     def add(self, t: Array, readings: Array) -> None:
-        """Samples (n, 3) at times (n,) [s]; repeated ones are not measurements of their own."""
-        if self._origin is None:
-            self._origin = readings[0].copy()
+        """Samples (n, 3) at times (n,) [s]; repeated and absurd ones show no direction."""
         if self.still is not None:
             self.still.add(t, readings)
         used = readings
@@ -176,46 +173,35 @@ class AttitudeFree:
         self._before = readings[-1].copy()
         if self._known is not None and self._known.told:
             field = (used - self._known.bias) @ self._known.matrix.T
-            length = np.sqrt(np.square(field).sum(axis=1)) / self._magnitude
-            sane = length < _FARTHEST
-            if not sane.all():
-                self.absurd += int(len(sane) - sane.sum())
-                used = used[sane]
-        if not len(used):
-            return
-        t_s = float(t[-1])
-        self.sums.add(t_s, QuarticSums.of(used, self._origin))
-        self.cloud.add(t_s, used)
+            used = used[np.square(field).sum(axis=1) < (_FARTHEST * self._magnitude) ** 2]
+        if len(used):
+            self.cloud.add(float(t[-1]), used)
 
-    def estimate(self) -> SensorEstimate:
-        """Raises: RefusedFit, RigError: there is none yet."""
-        if self.still is not None and len(self.still) > self._parameters:
-            means, counts = self.still.means, self.still.counts
-            fit = fit_ellipsoid(
-                means, self._magnitude, parameters=self._parameters, counts=counts, refuse=False, name=self.sensor
-            )
-            found = self._of(fit, means, counts, len(self.still), int(counts.sum()))
-        else:
-            total = self.sums.total
-            if total is None:
-                raise RigError(f"{self.sensor}: no samples yet")
-            means, counts = self.cloud.means, self.cloud.counts
-            fit = fit_sums(total, means, self._magnitude, parameters=self._parameters, name=self.sensor)
-            found = self._of(fit, means, counts, None, total.count)
-        self._known = found
-        return found
+    def estimate(self, kept: Thinned, fresh: bool) -> SensorEstimate:
+        """Args:
+        kept: the samples that count.
+        fresh: of a sensor that has to rest; otherwise what was found last will do until its detector has decided more.
 
-    def _of(self, fit: EllipsoidFit, readings: Array, counts: Array, poses: int | None, samples: int) -> SensorEstimate:
+        Raises:
+            RefusedFit, RigError: there is none yet.
+        """
+        pieces = -1 if self.still is None else self.still.pieces
+        if self._known is not None and self._known.poses and not fresh and pieces == self._pieces:
+            return self._known
+        if not len(kept):
+            raise RigError(f"{self.sensor}: no samples yet")
+        fitted = fit_attitude_free(kept.recording(), self.sensor, None, self._options, refuse=False)
+        fit, counts = fitted.fit, fitted.counts
         names, values, derivative = sensitivities_and_angles(fit)
         covariance = derivative @ fit.covariance @ derivative.T
         problem = fit.problem
-        if problem is None and self.still is not None and poses is None:
-            problem = f"stood still in {len(self.still)} poses, expected more than {self._parameters}"
-        return SensorEstimate(
+        if problem is None and self.still is not None and counts is None:
+            problem = f"stood still in {len(self.still)} poses, expected more than {self._options.parameters}"
+        self._known = SensorEstimate(
             self.sensor,
             "ellipsoid",
-            poses,
-            samples,
+            None if counts is None else len(counts),
+            fit.samples if counts is None else int(counts.sum()),
             names,
             values,
             np.sqrt(np.maximum(np.diagonal(covariance), 0.0)),
@@ -226,6 +212,8 @@ class AttitudeFree:
             float(fit.degrees_of_freedom),
             self._magnitude,
             fit,
-            readings,
-            counts,
+            self.cloud.means if counts is None else fitted.used.readings(self.sensor),
+            self.cloud.counts if counts is None else counts,
         )
+        self._pieces = pieces
+        return self._known

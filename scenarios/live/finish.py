@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,14 +15,11 @@ from estimators.ellipsoid import Options as EllipsoidOptions
 from estimators.ellipsoid import read_thinned
 from estimators.live import Options
 from estimators.live.alarm import Alarm
+from estimators.live.calibrator import MOST_SAMPLES
 from rig.recording import Recording, scan_recording
 
 if TYPE_CHECKING:
     from rig.arm import Arm
-
-#: Of longer streams without attitude every so many samples are fitted at the end, and of any so many are judged, so
-#: that memory does not grow.
-MOST_SAMPLES: Final = 1 << 17
 
 
 def calibrated(path: Path, options: Options, arm: Arm | None, alarms: Sequence[Alarm]) -> Calibration:
