@@ -28,6 +28,8 @@ _LOCK: Final = "lock"
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _YOUNG_S: Final = 60.0
 _swept: set[tuple[int, Path]] = set()
+#: The temporary files that are being written here.
+_own: set[Path] = set()
 
 
 def _umask() -> int:
@@ -46,7 +48,7 @@ def atomic_path(path: str | os.PathLike[str], mode: int | None = None) -> Iterat
 
     The suffix is kept, so that writers which look at it do the same as for ``path`` itself. The file is on the disk
     before it gets its name, and the name before the block is left. What an earlier process, killed, has left of its own
-    in that folder is removed.
+    in that folder is removed. A writer that is given such a temporary path writes to it as it is.
 
     Args:
         path: of the file.
@@ -57,9 +59,14 @@ def atomic_path(path: str | os.PathLike[str], mode: int | None = None) -> Iterat
             disk is full.
     """
     target = Path(path)
+    if target in _own:  # its name is not yet given, and another file in its place would not be locked
+        yield target
+        return
     check_writable(target)
     with ExitStack() as opened:
         temporary = opened.enter_context(_temporary(target))
+        _own.add(temporary)
+        opened.callback(_own.discard, temporary)
         try:
             yield temporary
             os.chmod(temporary, _mode(target) if mode is None else mode)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -173,15 +173,16 @@ def _write(
         "directions seen": folder / f"{name}-coverage.png",
         "all of it, moving, for the rerun viewer": folder / f"{name}.rrd",
     }
-    recorded, still, found, errors, sweep, residuals, coverage, view = files.values()
-    with atomic_path(still) as first, atomic_path(recorded) as second:
-        locked.write(first)
-        recording.write(second)
-    calibration.write(found)
-    laid = overlays(recording, calibration, arm)
-    plots.save(plots.errors_figure(compared), errors)
-    plots.save(plots.sweep_figure(recording, arm), sweep)
-    plots.save(plots.residuals_figure(recording.t, laid), residuals)
-    plots.save(plots.coverage_figure(recording.t, laid), coverage)
-    write_view(recording, calibration, view, arm)
+    with ExitStack() as opened:  # all of them or none: a recording is never beside another's calibration
+        own = [opened.enter_context(atomic_path(path)) for path in files.values()]
+        recorded, still, found, errors, sweep, residuals, coverage, view = own
+        locked.write(still)
+        recording.write(recorded)
+        calibration.write(found)
+        laid = overlays(recording, calibration, arm)
+        plots.save(plots.errors_figure(compared), errors)
+        plots.save(plots.sweep_figure(recording, arm), sweep)
+        plots.save(plots.residuals_figure(recording.t, laid), residuals)
+        plots.save(plots.coverage_figure(recording.t, laid), coverage)
+        write_view(recording, calibration, view, arm)
     return files

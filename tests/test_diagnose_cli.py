@@ -17,7 +17,7 @@ from cli_support import SMALL, Rig
 from diagnosed_recordings import backlash, recorded, write_small
 
 import scenarios
-from estimators.gap import Diagnosis
+from estimators.gap import Diagnosis, diagnose
 from rig.effects import make_effect
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, read_recording
@@ -179,6 +179,10 @@ def clip(run: Recording) -> Recording:
     return replace(run, magnetometer=np.clip(run.magnetometer, 2.45, 2.46))  # type: ignore[arg-type, type-var]
 
 
+def copy(run: Recording) -> Recording:
+    return replace(run, accelerometer=np.asarray(run.accelerometer)[:, [0, 0, 2]])
+
+
 def nan_channel(path: Path) -> None:
     run, _ = recorded()
     run.write(path)
@@ -197,6 +201,7 @@ BAD = {
     "clipped throughout": ("run.parquet", spoilt(clip), 1, "readings|clipped|respond"),
     "NaN channel": ("run.csv", nan_channel, 2, "mag2_V.*NaN"),
     "no recording": ("run.parquet", lambda path: path.write_text("hello"), 2, "run.parquet"),
+    "a copied axis": ("run.parquet", spoilt(copy), 1, "accel1 equals accel2: one of them is a copy"),
     "in degrees": ("run.parquet", spoilt(lambda run: replace(run, q=np.degrees(run.q))), 2, "joint.*deg"),  # type: ignore[arg-type]
 }
 
@@ -226,6 +231,11 @@ WRONG = {
     "prior with a negative weight": (["--prior", "negative.toml"], "effects.backlash"),
     "no prior": (["--prior", "small.toml"], "[effects]"),
     "a tip without its arm": (["--tip", "imu"], "--arm"),
+    "the prior written over": (["--prior", "p.toml", "--save-scenario", "p.toml"], "p.toml: is the file"),
+    "the arm written over": (["--arm", "arm.toml", "--save-scenario", "x/../arm.toml"], "arm.toml: is the file"),
+    "the prior in the results": (["--prior", "x/run.next.toml", "--out", "x"], "run.next.toml: is the file"),
+    "the scenario in the next one": (["--out", "x", "--save-scenario", "x/run.next.toml"], "expected another name"),
+    "results that cannot be written": (["--out", "blocked"], "run.html: is a folder"),
 }
 
 
@@ -239,6 +249,10 @@ def test_wrong_calls_are_refused_before_any_work(
     monkeypatch.setattr(batch, "outcomes", work)
     (here / "wrong.toml").write_text("[effects]\nbacklsh = 2\n")
     (here / "negative.toml").write_text("[effects]\nbacklash = -1\n")
+    (here / "x").mkdir()
+    (here / "blocked" / "run.html").mkdir(parents=True)
+    for name in ("p.toml", "arm.toml", "x/run.next.toml"):
+        (here / name).write_text("[effects]\nbacklash = 2\n")
     options, words = WRONG[case]
     assert words in rig.refused("diagnose", "run.parquet", *options)
 
@@ -261,6 +275,16 @@ def outcome_or_death(task: Task, progress: object = None) -> str | RefusedFit:
     if task.run.name == "fails":
         return RefusedFit("no answer")
     return task.run.name
+
+
+def test_only_the_next_maneuver_of_an_earlier_diagnosis_is_removed(rig: Rig, here: Path) -> None:
+    write_small(here)
+    (here / "o").mkdir()
+    (here / "o" / "run.next.toml").write_text("mine")
+    rig.done("diagnose", "run.parquet", "--out", "o")
+    assert (here / "o" / "run.next.toml").read_text() == "mine"
+    rig.done("diagnose", "run.parquet", "--out", "o")
+    assert listed("o") == {"run.diagnosis.json", "run.html"}
 
 
 def test_a_killed_process_costs_its_own_recording_only(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,3 +330,5 @@ def test_an_arm_that_nobody_knows_is_not_taken_for_the_a465(rig: Rig, here: Path
     run = scenarios.load("renk2005-table2").simulate(0)
     replace(run, metadata=replace(run.metadata, arm="ur5e")).write("foreign.parquet")
     assert "arm 'ur5e' is not built in, expected its model (--arm FILE)" in rig.refused("diagnose", "foreign.parquet")
+    with pytest.raises(RigError, match="arm 'ur5e' is not built in"):
+        diagnose("foreign.parquet")

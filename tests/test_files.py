@@ -115,6 +115,17 @@ def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path) -> No
             process.communicate()
 
 
+def test_a_writer_inside_another_leaves_its_file_locked(tmp_path: Path) -> None:
+    """Else another command, which cleans up the folder, would take it for a dead process's."""
+    with atomic_path(tmp_path / "cal.json") as temporary:
+        write_text(temporary, "whole")
+        program = "import sys; from rig.files import *; write_text(sys.argv[1], 'another')"
+        subprocess.run([sys.executable, "-c", program, str(tmp_path / "other.json")], check=True)
+        assert temporary.read_text() == "whole"
+    found = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert found == {"cal.json": "whole", "other.json": "another"}
+
+
 def test_an_empty_scratch_folder_without_a_lock_is_removed_when_it_is_old(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,8 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import SMALL, Rig
+from diagnosed_recordings import recorded, scenario
 
 import scenarios
+from estimators import calibrate
+from estimators.gap.basefit import fitted_model
 from rig.errors import RigError
 from rig.memory import VARIABLE, limit_bytes, parsed
 from rig.recording import Recording, block_means, scan_recording, whole_or_beginning, whole_or_means
@@ -91,6 +94,24 @@ def test_means_over_blocks(long: Path) -> None:
         np.testing.assert_allclose(found.rotations(None), middle, atol=1e-5)  # the angle's step squared, 9e-8, and more
     with pytest.raises(RigError, match="fewer than 30000 samples"):
         block_means(scan_recording(long), 30_000)
+
+
+def test_means_while_the_arm_moves_are_those_of_its_noise(tmp_path: Path) -> None:
+    """The mean reading of a turn is not the reading at its middle: with a fitted model no more than noise is left.
+
+    Of 360 means: their mean square is that of noise within 5 standard deviations, 5 sqrt(2 / 360) of it.
+    """
+    run, _ = recorded()
+    run.write(tmp_path / "run.parquet")
+    scan = scan_recording(tmp_path / "run.parquet")
+    left = {}
+    for name, model in (("as they are", None), ("beside a model", fitted_model(scan, None))):
+        found = block_means(scan, 10, model)
+        calibration = calibrate(found)
+        rms = np.concatenate([calibration[sensor].fit_rms for sensor in found.sensors])
+        left[name] = float(np.mean(np.square(rms / np.array(scenario().rig.acquisition.noise_V)) * 10.0))
+    assert abs(left["beside a model"] - 1.0) < 5.0 * np.sqrt(2.0 / 360.0)
+    assert left["as they are"] > 4.0  # and not by chance
 
 
 def test_what_does_not_fit_is_averaged_or_cut(long: Path, monkeypatch: pytest.MonkeyPatch) -> None:

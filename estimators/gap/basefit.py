@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,14 +12,16 @@ from estimators.calibration import Calibration
 from estimators.gap.bench import Bench, known
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.colour import fit_floor, held
+from estimators.goodness.residuals import residuals_of
 from estimators.noise import held_poses
-from estimators.pipeline import calibrate
+from estimators.pipeline import arm_of, calibrate
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.environment import Environment
 from rig.errors import RigError
 from rig.pipeline import Pipeline
-from rig.recording import Recording
+from rig.recording import Recording, RecordingScan
+from rig.recording.columns import JOINTS_OF_ARM
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals
 
@@ -93,6 +95,40 @@ def signals_of(recording: Recording, arm: Arm | None) -> Signals:
         currents=recording.currents,
         supply=recording.supply,
     )
+
+
+def posed(recording: Recording, arm: Arm | None) -> tuple[Recording, Arm | None]:
+    """A recording with the arm that its joint angles are of, the A465 where the metadata name it.
+
+    Where nobody knows the arm but the tool's poses were recorded, these serve, and the angles are left out.
+
+    Raises:
+        RigError: no pose, or nothing but joint angles of an arm that is not known.
+    """
+    if arm is not None or recording.q is None:
+        return recording, arm
+    if recording.metadata.arm in JOINTS_OF_ARM:
+        return recording, Arm.a465()
+    arm_of(recording, None, recording.origin or recording.name)
+    return replace(recording, q=None), None
+
+
+def fitted_model(scan: RecordingScan, arm: Arm | None) -> Callable[[Recording], Mapping[str, Array]]:
+    """What the base model, fitted to all of a recording, makes of the poses of a part of it: sensor -> (n, 3).
+
+    Raises:
+        RigError, RefusedFit: as ``calibrate``.
+    """
+    calibration = calibrate(scan.path, noise="residuals", arm=arm)
+
+    def readings(part: Recording) -> Mapping[str, Array]:
+        own, its_arm = posed(part, arm)
+        return {
+            sensor: part.readings(sensor) - residuals_of(own, sensor, calibration[sensor], its_arm).values
+            for sensor in part.sensors
+        }
+
+    return readings
 
 
 def set_up(recording: Recording, floor: tuple[ChannelNoise, ...], arm: Arm | None) -> Bench:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.basefit import all_readings, estimated_floor, learn_floor, set_up
+from estimators.gap.basefit import all_readings, estimated_floor, learn_floor, posed, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.blocks import block_size
 from estimators.gap.channel_noise import ChannelNoise
@@ -23,6 +23,8 @@ from estimators.gap.fast_tones import fast_tones
 from estimators.gap.posterior import explain
 from estimators.gap.report import conclude
 from estimators.gap.states import NoiseState
+from estimators.goodness.readings import copies
+from estimators.goodness.words import copied
 from rig.effects import EFFECTS
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Recording, locked_beside, read_recording
@@ -58,13 +60,14 @@ def diagnose(
             the recording itself, and marked so.
         maneuver2: another maneuver of the same rig, on which the gap's closing is judged as well.
         without: effects to leave out of the catalogue.
-        arm: None: the A465 where the recording has joint angles.
+        arm: None: the A465 where the recording's metadata name it, else the recorded poses of the tool.
         progress: called with the share done, 0 to 1.
         prior: relative weights of effects, by name; one by default (``estimators.gap.prior.read_prior``).
 
     Raises:
-        RigError: the recording is too short, has no pose, a channel that does not respond, or an effect is unknown.
-        RefusedFit: the base model cannot be fitted.
+        RigError: the recording is too short, has no pose, or joint angles of an unknown arm alone; or an effect is
+            unknown.
+        RefusedFit: a channel does not respond or is another's copy, or the base model cannot be fitted.
     """
     return examined(run, locked, maneuver2, without, arm, progress, prior)[0]
 
@@ -84,10 +87,8 @@ def examined(
     recording = run if isinstance(run, Recording) else read_recording(run, joints=None if arm is None else arm.dof)
     check(recording)
     check_names(without)
-    if arm is None and recording.q is not None:
-        from rig.arm import Arm as Arms
-
-        arm = Arms.a465()
+    given = arm
+    recording, arm = posed(recording, given)
     rest = _locked(run, locked)
     floor, step, source = _floor(recording, rest, arm)
     bench = set_up(recording, floor, arm)
@@ -108,7 +109,8 @@ def examined(
     if maneuver2 is not None and effects:
         second = maneuver2 if isinstance(maneuver2, Recording) else read_recording(maneuver2)
         check(second)
-        other = _averaged(set_up(second, _floor(second, _locked(maneuver2, None) or rest, arm)[0], arm))
+        second, its_arm = posed(second, given)
+        other = _averaged(set_up(second, _floor(second, _locked(maneuver2, None) or rest, its_arm)[0], its_arm))
         share = elsewhere(other, other.change(effects))
         result = replace(result, closed_on="both", closed_elsewhere=share)
     return replace(result, seconds=time.perf_counter() - begun), bench
@@ -146,7 +148,8 @@ def check(recording: Recording) -> None:
     """Refuse what no diagnosis can come of.
 
     Raises:
-        RigError: too short, without a pose, or with a channel that does not respond.
+        RigError: too short, or without a pose.
+        RefusedFit: with a channel that does not respond, or that is another's copy.
     """
     where = recording.origin or recording.name
     if len(recording) < FEWEST:
@@ -159,6 +162,8 @@ def check(recording: Recording) -> None:
             if len(levels) < 8:
                 found = f"only {len(levels)} different readings" if len(levels) > 1 else f"the constant {values[0]:g}"
                 raise RefusedFit(f"{where}: {sensor} axis {number}: found {found}, expected a channel that responds")
+        if same := copied(sensor, copies(recording.readings(sensor))):
+            raise RefusedFit(f"{where}: {same[0]}, expected three axes' own readings")
 
 
 def _locked(run: Recording | PathLike, locked: Recording | PathLike | None) -> Recording | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,13 +24,19 @@ INFLATION_LIMIT: Final = 1.02
 _EQUAL: Final = 1e-6
 
 
-def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
-    """Why it is not good."""
-    told: list[str] = []
-    for one, other, factor in found.copies:
-        names = CHANNELS_OF[found.sensor]
+def copied(sensor: str, copies: Sequence[tuple[int, int, float]]) -> list[str]:
+    """A sensor's channels that are another one's readings, as of ``estimators.goodness.readings.copies``, in words."""
+    names = CHANNELS_OF[sensor]
+    told = []
+    for one, other, factor in copies:
         how = "equals" if abs(factor - 1.0) < _EQUAL else f"is {1.0 / factor:.6g} times"
         told.append(f"{names[one]} {how} {names[other]}: one of them is a copy")
+    return told
+
+
+def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
+    """Why it is not good."""
+    told = copied(found.sensor, found.copies)
     untold = [name for name, told in calibration.identifiable.items() if told is not True and "deg" not in name]
     if untold or not np.isfinite(calibration.covariance.diagonal()).any():
         told.append(f"{', '.join(untold) or 'the parameters'} cannot be told from these orientations")

@@ -3,26 +3,36 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
 from rig.memory import limit_bytes
 from rig.recording.files import RecordingScan, scan_recording
 from rig.recording.samples import Recording
 
 Array = NDArray[np.float64]
+#: What a model of the rig makes of a recording's poses: sensor -> (n, 3) [recorded unit].
+Model = Callable[[Recording], Mapping[str, Array]]
 
 #: A line of a CSV file with two columns or more takes so much at least [bytes].
 _SHORTEST_LINE: Final = 4
+#: Of the memory that may be taken, the samples get so much at least.
+_LEAST: Final = 0.2
 
 
 def whole_or_means(
-    path: str | os.PathLike[str], joints: int | None = None, bytes_a_sample: float = 600.0, block: int | None = None
+    path: str | os.PathLike[str],
+    joints: int | None = None,
+    bytes_a_sample: float = 600.0,
+    block: int | None = None,
+    fitted: Callable[[RecordingScan], Model] | None = None,
+    fixed: float = 0.0,
 ) -> tuple[Recording, int]:
     """A recording whole, or as means over blocks of samples where it would take more memory than there may be taken.
 
@@ -31,6 +41,8 @@ def whole_or_means(
         joints: how many joints the arm has; None: as of ``scan_recording``.
         bytes_a_sample: what is to be done with it takes so much memory.
         block: samples of a block, where that is known: a locked recording is averaged like the one it belongs to.
+        fitted: makes the model of ``block_means``; called where means are needed.
+        fixed: memory that is taken besides, however short the recording [bytes].
 
     Returns:
         The recording, and how many samples each of its own stands for.
@@ -40,16 +52,19 @@ def whole_or_means(
     """
     scan = scan_recording(path, joints=joints)
     if block is None:
-        block = block_length(scan, bytes_a_sample)
-    return (scan.read() if block == 1 else block_means(scan, block)), block
+        block = block_length(scan, bytes_a_sample, fixed)
+    if block == 1:
+        return scan.read(), 1
+    return block_means(scan, block, None if fitted is None else fitted(scan)), block
 
 
-def block_length(scan: RecordingScan, bytes_a_sample: float) -> int:
+def block_length(scan: RecordingScan, bytes_a_sample: float, fixed: float = 0.0) -> int:
     """How many samples have to be averaged for a recording to fit into the memory that may be taken; 1: none."""
     rows = scan.rows
     if rows is None:
         rows = scan.path.stat().st_size // max(2 * len(scan.table.names), _SHORTEST_LINE)
-    return max(1, int(np.ceil(rows * bytes_a_sample / limit_bytes())))
+    limit = limit_bytes()
+    return max(1, int(np.ceil(rows * bytes_a_sample / max(limit - fixed, _LEAST * limit))))
 
 
 def whole_or_beginning(path: str | os.PathLike[str], bytes_a_sample: float = 450.0) -> tuple[Recording, str]:
@@ -78,11 +93,16 @@ def whole_or_beginning(path: str | os.PathLike[str], bytes_a_sample: float = 450
     return joined(parts), ""
 
 
-def block_means(scan: RecordingScan, block: int) -> Recording:
+def block_means(scan: RecordingScan, block: int, model: Model | None = None) -> Recording:
     """Means over blocks of so many successive samples, in constant memory but for the result.
 
     Times, joint angles, readings and all else are averaged; of a tool's quaternion the mean is made a rotation again.
     What is left over at the end, less than a block, is dropped. The stated rate is divided by the block's length.
+
+    Args:
+        scan, block: of what, and how many samples.
+        model: the readings of a moving sensor, averaged, are not those at its mean pose. With a model of them, what the
+            single readings differ from it is averaged, and added to what it says of the pose and time in the middle.
 
     Raises:
         RigError: no whole block, or as of reading.
@@ -94,7 +114,8 @@ def block_means(scan: RecordingScan, block: int) -> Recording:
         whole = len(together) // block * block
         rest = together.select(slice(whole, None)) if whole < len(together) else None
         if whole:
-            parts.append(_means(together.select(slice(0, whole)), block))
+            own = together.select(slice(0, whole))
+            parts.append(_means(own, block) if model is None else _at_middle_poses(own, block, model))
     if not parts:
         raise RigError(f"{scan.path}: has fewer than {block} samples, expected a block of them")
     found = joined(parts)
@@ -105,6 +126,25 @@ def block_means(scan: RecordingScan, block: int) -> Recording:
 def joined(parts: list[Recording]) -> Recording:
     """One recording of several that follow one another in time and have the same columns."""
     return parts[0] if len(parts) == 1 else _made(parts, np.concatenate)
+
+
+def _at_middle_poses(recording: Recording, block: int, model: Model) -> Recording:
+    middle = recording.select(slice(block // 2, None, block))
+    single, there = model(recording), model(middle)
+    means = _means(recording, block)
+    readings = {
+        sensor: means.readings(sensor) - single[sensor].reshape(-1, block, 3).mean(axis=1) + there[sensor]
+        for sensor in means.sensors
+    }
+    return replace(
+        means,
+        t=middle.t,
+        q=middle.q,
+        tool_quaternion=middle.tool_quaternion,
+        tool_position=middle.tool_position,
+        accelerometer=readings.get(ACCELEROMETER),
+        magnetometer=readings.get(MAGNETOMETER),
+    )
 
 
 def _means(recording: Recording, block: int) -> Recording:

@@ -75,7 +75,7 @@ def diagnose(
     rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
     """
     chosen = without_locked(runs)
-    _check(chosen, without, saved, out)
+    _check(chosen, without, saved, out, [path for path in (locked, maneuver2, prior, arm_file) if path is not None])
     from estimators.gap.prior import read_prior
     from rig.recording import scan_recording
     from scenarios.gap_report.batch import Outcome, Task, outcomes
@@ -116,19 +116,28 @@ def diagnose(
 def _tell_averaged(tasks: Sequence[Task]) -> None:
     """One line for each recording that is too long for the memory."""
     from rig.recording import block_length, scan_recording
-    from scenarios.gap_report.batch import BYTES_A_SAMPLE
+    from scenarios.gap_report.batch import BYTES_A_SAMPLE, BYTES_ANYWAY
 
     for task in tasks:
         with suppress(RigError, OSError):  # which its own turn will tell
-            block = block_length(scan_recording(task.run), BYTES_A_SAMPLE * task.together)
+            together = task.together
+            block = block_length(scan_recording(task.run), BYTES_A_SAMPLE * together, BYTES_ANYWAY * together)
             if block > 1:
-                words = f"{task.run}: means over blocks of {block} samples are diagnosed: memory allows no more"
+                words = (
+                    f"{task.run}: means over blocks of {block} samples are diagnosed, as memory allows no more: what is"
+                    " faster, such as mains hum, and single spoilt readings cannot be seen (--memory)"
+                )
                 click.echo(one_line(words), err=True)
 
 
-def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out: Path) -> None:
-    """Refuse, before any work, what could not end well."""
+def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out: Path, others: Sequence[Path]) -> None:
+    """Refuse, before any work, what could not end well.
+
+    Args:
+        others: what is read beside the recordings.
+    """
     from rig.effects import EFFECTS
+    from rig.recording import locked_beside
 
     for name in without:
         if name not in EFFECTS:
@@ -141,7 +150,7 @@ def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out
             )
         named[run.stem] = run
     if saved is not None:
-        check_output(saved, (".toml",))
+        check_output(saved, (".toml",), *runs, *map(locked_beside, runs), *others)
         if len(runs) > 1:
             raise RigError(f"--save-scenario: found {len(runs)} recordings, expected one, whose rig it is")
     existing = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
@@ -149,6 +158,16 @@ def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out
         raise RigError(f"{out}: {existing} is a file, expected a folder for the results")
     if not os.access(existing, os.W_OK):
         raise RigError(f"{out}: folder {existing} cannot be written to")
+    for run in runs:
+        for written in _outputs(run.stem, out) if out.is_dir() else ():
+            check_output(written, (written.suffix,), run, locked_beside(run), *others)
+            if saved is not None and saved.absolute() == written.absolute():
+                raise RigError(f"--save-scenario {saved}: is the next maneuver's file, expected another name")
+
+
+def _outputs(name: str, out: Path) -> tuple[Path, Path, Path]:
+    """The page, the diagnosis and the next maneuver of a recording."""
+    return out / f"{name}.html", out / f"{name}.diagnosis.json", out / f"{name}.next.toml"
 
 
 def _write(outcome: Outcome, out: Path, saved: Path | None) -> None:
@@ -156,18 +175,18 @@ def _write(outcome: Outcome, out: Path, saved: Path | None) -> None:
     from rig.files import atomic_path, write_text
 
     out.mkdir(parents=True, exist_ok=True)
-    name = outcome.diagnosis.recording
-    with atomic_path(out / f"{name}.html") as page, atomic_path(out / f"{name}.diagnosis.json") as document:
+    shown, said, proposal = _outputs(outcome.diagnosis.recording, out)
+    again = said.exists()
+    with atomic_path(shown) as page, atomic_path(said) as document:
         page.write_text(outcome.page, encoding="utf-8", errors="backslashreplace")
         outcome.diagnosis.write(document)
         if saved is not None and outcome.scenario is not None:
             with atomic_path(saved) as scenario:
                 scenario.write_text(outcome.scenario, encoding="utf-8")
-    proposal = out / f"{name}.next.toml"
-    if outcome.next is None:
-        proposal.unlink(missing_ok=True)  # of an earlier diagnosis
-    else:
+    if outcome.next is not None:
         write_text(proposal, outcome.next)
+    elif again:
+        proposal.unlink(missing_ok=True)  # of the earlier diagnosis
 
 
 def _tell(outcomes: Sequence[Outcome], out: Path, saved: Path | None) -> None:

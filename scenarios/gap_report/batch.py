@@ -5,17 +5,17 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from estimators.gap import Diagnosis
+from estimators.gap.basefit import fitted_model, posed
 from estimators.gap.diagnose import examined
 from estimators.gap.separation import rivals
-from estimators.pipeline import arm_of
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.recording import locked_beside, whole_or_means
-from rig.recording.columns import JOINTS_OF_ARM
 from rig.threads import one_blas_thread
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.improved_rig import improved_rig
@@ -26,8 +26,9 @@ from scenarios.workers import Workers
 
 Progress = Callable[[float], None]
 
-#: Memory that a diagnosis takes [bytes a sample].
+#: Memory that a diagnosis takes [bytes a sample], and the program by itself [bytes].
 BYTES_A_SAMPLE: Final = 6500.0
+BYTES_ANYWAY: Final = 400e6
 
 
 @dataclass(frozen=True)
@@ -86,13 +87,18 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     """
     arm = None if task.arm_file is None else Arm.from_file(task.arm_file, task.tip)
     joints = None if arm is None else arm.dof
-    recording, block = whole_or_means(task.run, joints, BYTES_A_SAMPLE * task.together)
-    named = arm is not None or recording.metadata.arm in JOINTS_OF_ARM
-    if not named and arm_of(recording, None, str(task.run)) is None:
-        recording = replace(recording, q=None)  # the tool's poses serve: nobody knows the arm
+    means = partial(
+        whole_or_means,
+        joints=joints,
+        bytes_a_sample=BYTES_A_SAMPLE * task.together,
+        fixed=BYTES_ANYWAY * task.together,
+    )
+    fitted = partial(fitted_model, arm=arm)
+    recording, block = means(task.run, fitted=fitted)
+    recording = posed(recording, arm)[0]
     beside = task.locked or locked_beside(task.run)
-    locked = None if beside is None else whole_or_means(beside, joints, block=block)[0]
-    second = None if task.maneuver2 is None else whole_or_means(task.maneuver2, joints, block=block)[0]
+    locked = None if beside is None else means(beside, block=block)[0]
+    second = None if task.maneuver2 is None else means(task.maneuver2, block=block, fitted=fitted)[0]
     with one_blas_thread():
         diagnosis, bench = examined(recording, locked, second, task.without, arm, progress, task.prior)
         residuals = gap_residuals(recording, diagnosis, locked, arm, bench)

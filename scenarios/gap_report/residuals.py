@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.basefit import all_readings, estimated_floor, fitted_pipeline, learn_floor, set_up
+from estimators.gap.basefit import all_readings, estimated_floor, fitted_pipeline, learn_floor, posed, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import find_defects, lattice, masked
@@ -73,15 +73,14 @@ def gap_residuals(
 
     Args:
         locked: the locked recording that the diagnosis took its floor from; None: the floor is estimated as there.
-        arm: None: the A465 where the recording has joint angles.
+        arm: None: as ``estimators.gap.diagnose`` has it.
         bench: the recording's, as the diagnosis left it; made anew by default.
 
     Raises:
         RigError, RefusedFit: as ``estimators.gap.diagnose``.
     """
     if bench is None:
-        if arm is None and recording.q is not None:
-            arm = Arm.a465()
+        recording, arm = posed(recording, arm)
         bench = set_up(recording, channel_floor(recording, locked, arm), arm)
     floor = bench.floor
     causes = diagnosed_effects(diagnosis)
