@@ -80,10 +80,10 @@ def test_a_strong_cause_and_the_calibration_are_fitted_together(arm: Arm) -> Non
 
 
 def test_convergence_leaves_a_good_bench_alone(bench: Bench) -> None:
-    fits, explained, same = converged([], bench)
-    assert same is bench
-    assert fits == []
-    np.testing.assert_array_equal(explained.residual, bench.whitened)
+    found = converged([], bench)
+    assert found.bench is bench
+    assert found.fits == []
+    np.testing.assert_array_equal(found.explained.residual, bench.whitened)
 
 
 def test_a_tone_faster_than_the_means_is_found_in_the_samples(arm: Arm) -> None:

@@ -47,7 +47,7 @@ def test_a_refit_reaches_the_minimum_of_least_squares(arm: Arm) -> None:
     """Within the chi-square at which it stops, of what scipy finds with derivatives at every step."""
     bench = benched(1, arm, DIPOLE)
     fit = first_fit(bench, "base_dipole@base")
-    _, explained = refit([fit], bench)
+    explained = refit([fit], bench).explained
 
     def left(point: np.ndarray) -> np.ndarray:
         change = bench.change([replace(fit, values=point * fit.scale).effect])
@@ -61,7 +61,7 @@ def test_what_the_calibration_absorbs_is_not_fitted(arm: Arm) -> None:
     """Iron in link 1, which turns about the vertical: the trace across it is a change of sensitivity."""
     iron = make_effect("link_soft_iron", {"where": "link1", "chi": (0.05, 0.0, -0.05, 0.03, 0.0, 0.02)})
     bench = benched(2, arm, iron)
-    (fit,), _ = refit([first_fit(bench, "link_soft_iron@link1")], bench)
+    (fit,) = refit([first_fit(bench, "link_soft_iron@link1")], bench).fits
     tangent = fit.tangent(bench)
     length = np.linalg.norm(tangent, axis=0)
     seen = project(bench.absorbed, tangent / length)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ from rig.pipeline import Pipeline
 from rig.signals import Signals
 
 Array = NDArray[np.float64]
+
+#: Least eigenvalue of columns' Gram matrix, their lengths one, above which Cholesky's factor orthogonalises them.
+_WELL: Final = 1e-8
 
 
 @dataclass(frozen=True)
@@ -330,6 +334,13 @@ def orthonormal(columns: Array, tolerance: float = 1e-7) -> Array:
     length = np.linalg.norm(columns, axis=0)
     columns = columns[:, length > 0] / length[length > 0]
     if columns.shape[1] == 0:
+        return columns
+    gram = columns.T @ columns
+    if np.linalg.eigvalsh(gram)[0] > _WELL:  # Cholesky QR, twice: Yamamoto et al., ETNA 44 (2015)
+        for _ in range(2):
+            root = np.linalg.inv(np.linalg.cholesky(gram))
+            columns = (root @ columns.T).T
+            gram = columns.T @ columns
         return columns
     q, r, _ = qr(columns, mode="economic", pivoting=True, check_finite=False)
     rank = int(np.sum(np.abs(np.diag(r)) > tolerance))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, project
 from estimators.gap.prior import scales
-from estimators.gap.refine import Fitted, tangents
+from estimators.gap.refine import Fitted, Refit
 
 Array = NDArray[np.float64]
 
@@ -139,17 +139,17 @@ class Linear:
         return total - self.searched, np.asarray(chosen)
 
 
-def linearised(fits: Sequence[Fitted], bench: Bench, searched: float = 0.0) -> Linear:
-    """Fitted effects on a bench.
+def linearised(refitted: Refit, searched: float = 0.0) -> Linear:
+    """Fitted effects, linearised where they were fitted.
 
     Args:
         searched: see ``Linear``.
     """
+    fits, bench = refitted.fits, refitted.bench
     if not fits:
         none = np.zeros(0)
         return Linear(bench.whitened, np.zeros((bench.size, 0)), none, none > 0, none, np.zeros(0, dtype=np.intp))
-    left = bench.whitened - project(bench.absorbed, bench.whiten(bench.change([fit.effect for fit in fits])))
-    tangent = project(bench.absorbed, np.hstack(tangents(fits, bench)))
+    left, tangent = (project(bench.absorbed, each) for each in (refitted.left, refitted.columns))
     point = np.concatenate([fit.values / fit.scale for fit in fits])
     strength = np.concatenate([np.full(item.size, item.strength) for fit in fits for item in fit.free])
     width = np.concatenate(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,8 +132,38 @@ def _tries(offer: Offer) -> list[dict[str, Value]]:
     return [{"phase_rad": float(phase)} for phase in _PHASES]
 
 
-def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> tuple[list[Fitted], Explained]:
-    """All parameters of all effects together by nonlinear least squares; and what they leave.
+@dataclass(frozen=True)
+class Refit:
+    """Effects fitted together.
+
+    Attributes:
+        fits: the effects. bench: where.
+        left: (c count,) what they leave of the whitened residual; the calibration is not projected out.
+        columns: (c count, p) their whitened derivatives there, each for a typical size.
+    """
+
+    fits: list[Fitted]
+    bench: Bench
+    left: Array
+    columns: Array
+
+    @property
+    def misfit(self) -> float:
+        """Chi-square, the calibration projected out."""
+        taken = self.bench.absorbed.T @ self.left
+        return float(self.left @ self.left - taken @ taken)
+
+    @cached_property
+    def explained(self) -> Explained:
+        """What they leave, with their tangents explained."""
+        absorbed = self.bench.absorbed
+        if not self.fits:
+            return Explained(absorbed, self.bench.whitened)
+        return Explained(absorbed, project(absorbed, self.left)).extended(self.columns)
+
+
+def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> Refit:
+    """All parameters of all effects together by nonlinear least squares.
 
     The calibration moves along its tangent, which is projected out. The derivatives, which cost most, are taken anew
     only where the misfit does not fall as they foretold (Levenberg-Marquardt with a chord: Nocedal and Wright,
@@ -143,7 +174,7 @@ def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> tuple[list[Fi
     """
     fits = list(fits)
     if not fits:
-        return fits, Explained(bench.absorbed, bench.whitened)
+        return at(fits, bench)
     scale = np.concatenate([each.scale for each in fits])
     held = _HELD * np.concatenate([np.full(item.size, float(item.strength)) for each in fits for item in each.free])
     problem = _Problem(fits, bench, held**2)
@@ -163,7 +194,7 @@ def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> tuple[list[Fi
             slopes = problem.slopes(here)
     if slopes.at is not here.point:
         slopes = problem.slopes(here)
-    return here.fits, Explained(bench.absorbed, project(bench.absorbed, here.left)).extended(slopes.columns)
+    return Refit(here.fits, bench, here.left, slopes.columns)
 
 
 @dataclass(frozen=True)
@@ -239,10 +270,14 @@ def tangents(fits: Sequence[Fitted], bench: Bench) -> list[Array]:
     return [each.tangent(bench, rest) for each, rest in zip(fits, others, strict=True)]
 
 
+def at(fits: Sequence[Fitted], bench: Bench) -> Refit:
+    """Effects as they were fitted elsewhere, on a bench."""
+    if not fits:
+        return Refit([], bench, bench.whitened, np.zeros((bench.size, 0)))
+    left = bench.whiten(bench.residual - bench.change([each.effect for each in fits]))
+    return Refit(list(fits), bench, left, np.hstack(tangents(fits, bench)))
+
+
 def explained_by(fits: Sequence[Fitted], bench: Bench) -> Explained:
     """What fitted effects leave of the residual on a bench, with their tangents explained."""
-    calibrated = Explained(bench.absorbed, bench.whitened)
-    if not fits:
-        return calibrated
-    left = bench.whitened - project(bench.absorbed, bench.whiten(bench.change([each.effect for each in fits])))
-    return Explained(bench.absorbed, left).extended(np.hstack(tangents(fits, bench)))
+    return at(fits, bench).explained

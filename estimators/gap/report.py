@@ -22,6 +22,7 @@ from estimators.gap.posterior import Hypothesis as Weighing
 from estimators.gap.posterior import Posterior
 from estimators.gap.prior import Prior
 from estimators.gap.rebase import around
+from estimators.gap.refine import at
 from estimators.gap.shift import calibration_shift
 from estimators.gap.stochastic import NoiseOffer
 from rig.channels import CHANNELS
@@ -153,7 +154,7 @@ def _at_every_sample(leading: Weighing, bench: Bench) -> list:  # type: ignore[t
     if bench.block == 1 or not fits:
         return fits
     full = around(replace(bench, steps=leading.explanation.bench.steps), leading.explanation.bench.pipeline)
-    return converged(fits, full)[0]
+    return converged(fits, full).fits
 
 
 def _gap(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -284,7 +285,7 @@ def _closed_noise(offer: NoiseOffer, rng: np.random.Generator) -> Closed:
 def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
     """What the whole gap follows: for each course the share of it that the likeliest source takes along that."""
     means = posterior.discrepancies.means
-    linear = means.linear(linearised([], posterior.scanner.fine.bench))
+    linear = means.linear(linearised(at([], posterior.scanner.fine.bench)))
     rough = posterior.scanner.rough.bench
     found: dict[str, float] = {}
     size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.shape[1], 1.0)

@@ -20,7 +20,7 @@ from estimators.gap.discrepancy import Means, Weighed
 from estimators.gap.evidence import Linear, linearised
 from estimators.gap.prior import STILL, Drawn, Prior
 from estimators.gap.rebase import around
-from estimators.gap.refine import Fitted, explained_by, started
+from estimators.gap.refine import Fitted, Refit, at, explained_by, started
 from estimators.gap.scan import Offer, Scanner
 from estimators.gap.score import ABSORBED, Explained, solve
 from rig.channels import CHANNELS
@@ -78,12 +78,14 @@ class Explanation:
     Attributes:
         members: the effects. bench: around the calibration that fits best with them.
         log_prior: of the set. fine: whether it was fitted sample by sample.
+        refitted: the fit on this very bench, where there was one.
     """
 
     members: tuple[Member, ...]
     bench: Bench
     log_prior: float
     fine: bool
+    refitted: Refit | None = None
 
     @property
     def key(self) -> Key:
@@ -98,7 +100,8 @@ class Explanation:
     @cached_property
     def linear(self) -> Linear:
         """Linearised where it was fitted."""
-        return linearised(self.fits, self.bench, sum(member.searched for member in self.members))
+        refitted = self.refitted or at(self.fits, self.bench)
+        return linearised(refitted, sum(member.searched for member in self.members))
 
     @cached_property
     def log_mass(self) -> float:
@@ -185,10 +188,10 @@ class Search:
         key = tuple(sorted(member.label for member in members)), fine
         if key not in self.found:
             rough = self.rough if all(member.fit.candidate.smooth for member in members) else None
-            fits, _, around_it = converged([member.fit for member in members], bench, rough)
-            own = tuple(replace(member, fit=fit) for member, fit in zip(members, fits, strict=True))
+            refitted = converged([member.fit for member in members], bench, rough)
+            own = tuple(replace(member, fit=fit) for member, fit in zip(members, refitted.fits, strict=True))
             prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
-            self.found[key] = Explanation(own, around_it, prior, fine)
+            self.found[key] = Explanation(own, refitted.bench, prior, fine, refitted)
         return self.found[key]
 
     def additions(self, parent: Explanation, most: int) -> list[tuple[Member, ...]]:
@@ -321,7 +324,8 @@ class Search:
         if key not in self.found:
             if rough is None or rough.fine:
                 return self._fitted(members, self.bench)
-            self.found[key] = replace(rough, bench=around(self.bench, rough.bench.pipeline), fine=True)
+            moved = around(self.bench, rough.bench.pipeline)
+            self.found[key] = replace(rough, bench=moved, fine=True, refitted=None)
         return self.found[key]
 
 

@@ -159,13 +159,13 @@ def _fitted(causes: Causes, diagnosis: Diagnosis, bench: Bench, scanner: Scanner
         else:
             told.remove(cause)
             fits.append(fitted_cause(cause))
-    fits, explained = refit(fits, bench)
+    found = refit(fits, bench)
     for name in missing:
-        offers = scanner.scan(_named(bench, *name), explained, explained_by(fits, scanner.rough.bench))
+        offers = scanner.scan(_named(bench, *name), found.explained, explained_by(found.fits, scanner.rough.bench))
         if not offers or not offers[0].score.rank:
             return ()
-        fits, explained = refit([*fits, started(offers[0], bench, explained)], bench)
-    return tuple(fits)
+        found = refit([*found.fits, started(offers[0], bench, found.explained)], bench)
+    return tuple(found.fits)
 
 
 def fitted_cause(cause: Cause) -> Fitted:
@@ -274,8 +274,8 @@ class Trial:
         left = left + tangent @ true.hidden @ nearest
         effects = true.moved(true.hidden @ nearest).effects
         made = replace(self.bench, readings=self.bench.base.volts + self.bench.change(list(effects)))
-        _, explained = refit(other.fits, made)
-        size = float(explained.residual @ explained.residual)
+        left_over = refit(other.fits, made).explained.residual
+        size = float(left_over @ left_over)
         gradient = 2.0 * tangent.T @ left
         fitted = float(gradient @ true.covariance @ gradient)
         # the difference of two residual sums of squares: chi-square of the rival less that of the truth
@@ -296,5 +296,5 @@ def _left_over(gram: Array, explained: slice, length: Array) -> Array:
 
 def measured(bench: Bench, truth: Explanation, rival: Explanation) -> float:
     """The chi-square by which the rival fits a recording worse than the truth, both refitted to it."""
-    (_, mine), (_, others) = refit(truth.fits, bench), refit(rival.fits, bench)
-    return float(others.residual @ others.residual - mine.residual @ mine.residual)
+    mine, others = (refit(each.fits, bench).explained.residual for each in (truth, rival))
+    return float(others @ others - mine @ mine)

@@ -78,11 +78,12 @@ def log_det(bench: Bench, steps: Sequence[Step]) -> float:
 
 def gain(bench: Bench, explained: Explained, steps: Sequence[Step]) -> float:
     """By how much steps raise the log likelihood of a residual, but for ``log_det``; effects are not refitted."""
-    basis = np.linalg.qr(_stepped(bench, bench.absorbed, steps))[0]
+    stepped = _stepped(bench, bench.absorbed, steps)
     after = _stepped(bench, explained.residual[:, None], steps)[:, 0]
-    after = after - basis @ (basis.T @ after)
+    moment = stepped.T @ after
+    taken = moment @ np.linalg.solve(stepped.T @ stepped, moment)
     before = explained.residual
-    return 0.5 * float(before @ before - after @ after)
+    return 0.5 * float(before @ before - after @ after + taken)
 
 
 def _stepped(bench: Bench, columns: Array, steps: Sequence[Step]) -> Array:
