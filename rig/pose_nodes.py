@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
-from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation, Slerp
+
+from rig.read_times import read_times
 
 Array = NDArray[np.float64]
 
@@ -28,10 +29,6 @@ _AROUND: Final = 9
 _FEWEST: Final = 8
 #: Chords through the nodes must meet the path to this share of the kinks' height, or it is not made of chords.
 _CHORD: Final = 0.05
-#: So many nodes on either side tell when one was read.
-_NEIGHBOURS: Final = 6
-#: Stamps that scatter by less than this share of the interval are taken as they are.
-_EVEN: Final = 0.01
 #: A longer gap than this many intervals is filled with nodes: on a straight line there are no kinks.
 _GAP: Final = 1.5
 
@@ -67,19 +64,9 @@ class PoseNodes:
 
     @cached_property
     def read_s(self) -> Array:
-        """(m,) [s] when the poses were read: evenly, as a controller does, though they were stamped as they arrived.
-
-        The times of nodes counted by the usual interval, by local straight lines; as they are where they are even.
-        """
-        width = 2 * _NEIGHBOURS + 1
-        if len(self.t) < width:
-            return self.t
-        count = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.round(np.diff(self.t) / self.interval_s)))])
-        slope = float(np.polyfit(count, self.t, 1)[0])
-        even = slope * count + savgol_filter(self.t - slope * count, width, 1)
-        scatter = float(np.median(np.abs(self.t - even)))
-        rising = bool(np.all(np.diff(even) > 0.0))
-        return np.asarray(even) if rising and scatter > _EVEN * self.interval_s else self.t
+        """(m,) [s] when the poses were read, by the stamps and by how smooth the path is."""
+        turns = 2.0 * self.quaternion  # [rad]
+        return read_times(self.t, [turns, self.position] if self.position.size else [turns])
 
     @cached_property
     def _splines(self) -> tuple[CubicSpline, CubicSpline | None]:

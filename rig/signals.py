@@ -45,6 +45,8 @@ class Signals:
         temperature: (n,) [degC], currents: joint number -> (n,) [A], supply: (n,) [V]; where recorded.
         known_links: the link poses of one array ``q``, so that effects which leave it alone need not compute them
         again.
+        known_nodes: the nodes of the poses as they were logged, where these were looked for: effects that change the
+        poses, and samples of them, keep these.
     """
 
     t: Array
@@ -64,6 +66,7 @@ class Signals:
     currents: Mapping[int, Array] = field(default_factory=dict)
     supply: Array | None = None
     known_links: tuple[Array, LinkPoses] | None = None
+    known_nodes: tuple[PoseNodes | None] | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -91,6 +94,8 @@ class Signals:
     @cached_property
     def pose_nodes(self) -> PoseNodes | None:
         """The nodes between which logged poses were interpolated; None where they were not, or joints were logged."""
+        if self.known_nodes is not None:
+            return self.known_nodes[0]
         if self.q_encoder is not None or not self.R_base_tool.size:
             return None
         return find_nodes(self.t, self.R_base_tool, self.position)

@@ -323,9 +323,9 @@ class Bench:
 
 
 def known(base: Signals) -> Signals:
-    """The signals with what is asked for again and again: joint velocities and link poses."""
+    """The signals with what is asked for again and again: joint velocities and link poses, or the log's nodes."""
     if base.q_encoder is None:
-        return base
+        return replace(base, known_nodes=(base.pose_nodes,))
     return replace(base, velocity=base.joint_velocity, known_links=(base.q, base.links))
 
 

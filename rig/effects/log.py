@@ -31,10 +31,10 @@ class PoseInterpolation(Effect):
     """Poses logged at a lower rate and filled in by straight lines: what moves faster is missing.
 
     The poses are read every node_interval_s, stamped as they arrive, off by jitter_s, and interpolated linearly. The
-    kinks of the log show its nodes, T apart; the true path is taken as the cubic spline through them, evened in time,
-    of which node_interval_s/T is added to the chords: for a smooth path the two times agree, and their difference
-    checks the hypothesis. The stamps' scatter is noise in proportion to the slope of the readings, a straight line from
-    node to node.
+    kinks of the log show its nodes, T apart; the true path is taken as the cubic spline through them at the times that
+    make it smooth (``rig.read_times``), of which node_interval_s/T is added to the chords: for a smooth path the two
+    times agree, and their difference checks the hypothesis. The stamps' scatter is noise in proportion to the slope of
+    the readings, a straight line from node to node.
 
     20-100 ms, jitter a few ms: robot controllers log at 10 to 50 Hz beside sensors at 100 Hz; a guess.
     """
@@ -64,7 +64,7 @@ class PoseInterpolation(Effect):
         position = signals.position
         if position.size and path.size:
             position = position + share * (path - position)
-        return replace(signals, R_base_tool=np.asarray(rotation), position=position)
+        return replace(signals, R_base_tool=np.asarray(rotation), position=position, known_nodes=(nodes,))
 
     def log(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.node_interval_s == 0.0 or len(signals) < 4:

@@ -19,8 +19,9 @@ class MotionAcceleration(Effect):
     """The quasi-static assumption dropped: the reading is S P . R^T (g - a) + delta, a the site's acceleration.
 
     The site lies a lever arm l (frame 6) from where the model has it: a = d^2/dt^2 (p + R_base_tool l), by a parabola
-    fitted to the samples around each (``CURVATURE_SPAN``). Signals that bring the motion's exact acceleration keep it
-    and only the lever's is added.
+    fitted to the samples around each (``CURVATURE_SPAN``); of logged poses that were interpolated by the smooth path
+    through their nodes, as chords have no acceleration but at their ends. Signals that bring the motion's exact
+    acceleration keep it and only the lever's is added.
 
     There is no strength: the effect acts by being there, l = 0 is the acceleration of the model's own site. It grows
     with the square of the speed: 1 mm/s^2 at the 3.1 deg/s of Renk's sweep, 0.4 m from the axis, and 0.1 g at 90 deg/s.
@@ -38,9 +39,11 @@ class MotionAcceleration(Effect):
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         quasi_static = signals.acceleration.ndim == 1
-        path = signals.position if quasi_static else np.zeros_like(signals.position)
+        nodes = signals.pose_nodes
+        rotation, site = (signals.R_base_tool, signals.position) if nodes is None else nodes.smooth(signals.t)
+        path = site if quasi_static else np.zeros_like(site)
         if any(self.lever_m):
-            path = path + signals.R_base_tool @ np.asarray(self.lever_m)
+            path = path + rotation @ np.asarray(self.lever_m)
         elif not quasi_static:
             return signals
         return replace(signals, acceleration=signals.acceleration + curvature(signals.t, path))
