@@ -1,5 +1,6 @@
 # make demo    the whole story on the built-in scenario; recording, calibration, plots and .rrd land in ./out
 # make test    the tests                  make lint    ruff and mypy
+# make docs    the documentation as a site in docs/_build/html, its tutorials run, its pages opened in Chromium
 # make bench   the benchmarks, beside the packages people use today
 # make lock    newest versions within pyproject.toml's ranges, with their hashes
 # make clean   everything made here, but the environments; make distclean these too
@@ -9,7 +10,7 @@
 SHELL := bash
 .DEFAULT_GOAL := demo
 .DELETE_ON_ERROR:
-.PHONY: demo test lint bench lock clean distclean
+.PHONY: demo test lint docs bench lock clean distclean
 
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
 	"$$python" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && echo "$$python" && break; done)
@@ -44,6 +45,10 @@ lint: .venv/.installed
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
 
+docs: .venv/.docs
+	.venv/bin/sphinx-build -W --keep-going -b html docs docs/_build/html
+	.venv/bin/python docs/check_pages.py docs/_build/html
+
 bench: .venv-bench/.installed
 	.venv-bench/bin/python -m benchmarks $(ARGS)
 
@@ -53,12 +58,18 @@ lock: compile = .venv/bin/uv pip compile --quiet --upgrade --python-version 3.11
 lock: .venv/.installed
 	$(compile) --extra cluster --extra place --group dev --output-file requirements.lock pyproject.toml
 	$(compile) --group peers --constraint requirements.lock --output-file bench.lock
+	$(compile) --group docs --constraint requirements.lock --output-file docs.lock
 
 .venv/.installed: pyproject.toml requirements.lock
 	@$(if $(PYTHON),,echo "no Python 3.11 to 3.13 found: name one, as in make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 1)
 	@test -x .venv/bin/python || "$(PYTHON)" -m venv .venv
 	@$(call locked_install,.venv,requirements.lock,)
 	@.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# What builds the site is added to the environment; its lock has the tests' versions of what both need.
+.venv/.docs: docs.lock .venv/.installed
+	@$(call locked_install,.venv,docs.lock,)
 	@touch $@
 
 # The peers stay out of the environment that is tested. Their own version limits cannot all be met at once (see
@@ -72,7 +83,7 @@ lock: .venv/.installed
 	@touch $@
 
 clean:
-	rm -rf out dist build .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf out dist build docs/_build docs/reference/effects .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find benchmarks docs estimators rig scenarios tests validation -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 distclean: clean

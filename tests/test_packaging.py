@@ -176,7 +176,7 @@ def locked(lock: str) -> dict[str, str]:
     return versions
 
 
-@pytest.mark.parametrize("lock", ["requirements.lock", "bench.lock"])
+@pytest.mark.parametrize("lock", ["requirements.lock", "docs.lock", "bench.lock"])
 def test_a_lock_names_no_address_and_no_path(lock: str) -> None:
     assert locked(lock)
     for line in (ROOT / lock).read_text(encoding="utf-8").splitlines():
@@ -194,6 +194,7 @@ def test_the_locks_answer_pyproject() -> None:
             *pyproject["build-system"]["requires"],
         ],
         "bench.lock": groups["peers"],
+        "docs.lock": groups["docs"],
     }
     for lock, entries in asked.items():
         versions = locked(lock)
@@ -201,6 +202,7 @@ def test_the_locks_answer_pyproject() -> None:
             version = versions.get(canonicalize_name(requirement.name))
             assert version is not None, f"{requirement} is not in {lock}: make lock"
             assert requirement.specifier.contains(version), f"{lock} has {version}, asked is {requirement}: make lock"
-    shared = locked("requirements.lock").items() & locked("bench.lock").items()
-    both = locked("requirements.lock").keys() & locked("bench.lock").keys()
-    assert {name for name, _ in shared} == both, "the benchmarks would run on other versions than the tests: make lock"
+    for lock in ("bench.lock", "docs.lock"):
+        shared = locked("requirements.lock").items() & locked(lock).items()
+        both = locked("requirements.lock").keys() & locked(lock).keys()
+        assert {name for name, _ in shared} == both, f"{lock} has other versions than the tests: make lock"

@@ -61,18 +61,18 @@ def diagnose(
 ) -> int:
     """Say where each RUN disagrees with the rig, which effects cause it, how probable that is, and what to do next.
 
-      Each gets DIR/NAME.diagnosis.json and DIR/NAME.html, a page to look at. A RUN.locked.parquet beside RUN.parquet is
-      taken as its noise floor. Where the data do not decide between explanations, DIR/NAME.next.toml is the maneuver
-      that would, within the joints' limits and M minutes. --prior F.toml has a table [effects] of relative weights,
-      such as backlash = 5; 1 is the default, 0 leaves an effect out. Several RUNs are done in parallel; a bad one does
-      not stop the others.
+    Each gets DIR/NAME.diagnosis.json and DIR/NAME.html, a page to look at. A RUN.locked.parquet beside RUN.parquet is
+    taken as its noise floor. Where the data do not decide between explanations, DIR/NAME.next.toml is the maneuver
+    that would, within the joints' limits and M minutes. --prior F.toml has a table [effects] of relative weights,
+    such as backlash = 5; 1 is the default, 0 leaves an effect out. Several RUNs are done in parallel; a bad one does
+    not stop the others.
 
-      \b
-      Example:
-        rig diagnose run.parquet
-        rig diagnose lab/*.parquet --out reports --jobs 2
-        rig diagnose run.parquet --prior our-arm.toml
-    rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
+    \b
+    Example:
+      rig diagnose run.parquet
+      rig diagnose lab/*.parquet --out reports --jobs 2
+      rig diagnose run.parquet --prior our-arm.toml
+      rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
     """
     chosen = without_locked(runs)
     _check(chosen, without, saved, out, [path for path in (locked, maneuver2, prior, arm_file) if path is not None])

@@ -1,0 +1,56 @@
+"""The documentation's commands and addresses exist; `make docs` runs its tutorials and checks its links."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+
+from scenarios.cli._app import cli
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(
+    page for page in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")) if not {"_build", "effects"} & set(page.parts)
+)
+#: A command of ours at the start of a line of a code block, or behind a pipe, up to the next one.
+CALL = re.compile(r"(?:^[$!]? ?|[|&] )(rig [a-z][^|&>\n]*)", re.MULTILINE)
+
+
+def calls() -> list[tuple[str, str]]:
+    """Page and command line, each once."""
+    found = []
+    for page in PAGES:
+        for block in re.findall(r"^```[^\n]*\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+            lines = [line.partition("#")[0].rstrip() for line in block.splitlines()]
+            commands = "\n".join(line for line in lines if "  " not in line.strip())  # others are summaries
+            found += [(page.name, call.strip()) for call in CALL.findall(commands)]
+    return list(dict.fromkeys(found))
+
+
+def parse(command: click.Command, arguments: list[str], parent: click.Context | None, name: str) -> None:
+    """Read the options as click would, all the way down to the command, and run nothing."""
+    context = command.make_context(name, arguments, parent)
+    if isinstance(context.command, click.Group):
+        rest = [*context._protected_args, *context.args]
+        inner = context.command.get_command(context, rest[0])
+        assert inner is not None, rest[0]
+        parse(inner, rest[1:], context, rest[0])
+
+
+def test_the_pages_name_commands() -> None:
+    assert len(calls()) > 50
+
+
+@pytest.mark.parametrize(("page", "call"), [pytest.param(*call, id=" ".join(call)) for call in calls()])
+def test_a_command_of_a_page_is_understood(page: str, call: str) -> None:
+    parse(cli, shlex.split(call)[1:], None, "rig")
+
+
+def test_what_the_python_pages_show_is_there() -> None:
+    for page in (ROOT / "docs" / "reference").glob("api-*.md"):
+        for name in re.findall(r"automodule:: (\S+)", page.read_text(encoding="utf-8")):
+            importlib.import_module(name)
