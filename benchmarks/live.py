@@ -178,7 +178,7 @@ def _delays(lines: int) -> Array:
 
 
 def _watch(seed: int, k: int, alarms_a_day: float) -> tuple[SensorWatch, np.random.Generator]:
-    watch = SensorWatch("magnetometer", "V", _RATE_Hz, alarms_a_day / 9.0, 5.0, True)
+    watch = SensorWatch("magnetometer", "V", _RATE_Hz, alarms_a_day / 10.0, 60.0, True)
     return watch, np.random.default_rng(seed)
 
 

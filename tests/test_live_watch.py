@@ -8,12 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 import estimators
 import scenarios
 from estimators.calibration import Calibration
 from estimators.live import Calibrator, Options
 from estimators.live.alarm import Alarm
+from estimators.live.blocks import Blocks
+from estimators.live.sensor_watch import SensorWatch
 from estimators.live.stuck import Stuck
 from estimators.live.watch import Watch
 from rig.errors import RigError
@@ -82,11 +85,21 @@ def test_a_change_is_noticed_at_once_named_and_its_end_too(
     assert first.sensor == sensor
     assert CHANGE_S <= first.t_s <= CHANGE_S + 2.5
     assert abs(first.since_s - CHANGE_S) <= 1.25
-    names = first.names or next(alarm.names for alarm in found if alarm.kind == "named")
+    names = first.names or [alarm.names for alarm in found if alarm.kind == "named"][-1]
     assert name in {each.name for each in names}, names
     assert any(where in each.where for each in names)
     assert found[-1].kind == "over"
     assert OVER_S <= found[-1].t_s <= OVER_S + 4.0
+
+
+def test_a_motion_is_noticed_and_not_named(sweep: Recording, calibration: Calibration) -> None:
+    """Five seconds of an acceleration that swells and fades, forty sigma at most: no effect leaves noise of it."""
+    moving = np.where((sweep.t > CHANGE_S) & (sweep.t < OVER_S), np.sin(1.3 * sweep.t) * np.sin(0.2 * sweep.t), 0.0)
+    readings = sweep.readings("accelerometer") + 0.5 * moving[:, None] * np.array([1.0, 0.4, -0.6])
+    found = watched(replace(sweep, accelerometer=readings), calibration, alarms=0.01)
+    assert found[0].begins
+    assert [alarm.names for alarm in found if alarm.kind == "named"] == [()] * sum(alarm.begins for alarm in found)
+    assert "unknown" in found[1].looks_like
 
 
 def test_a_magnet_by_hand_is_noticed_without_a_calibration() -> None:
@@ -105,9 +118,9 @@ def test_a_magnet_by_hand_is_noticed_without_a_calibration() -> None:
         found += watch.add(part)
         if (estimate := stream.state("magnetometer").estimate) is not None:
             watch.refer({"magnetometer": estimate})
-    assert [alarm.kind for alarm in found] == ["change", "named", "over"]
+    assert [alarm.kind for alarm in found if alarm.kind != "named"] == ["change", "over"]
     assert 60.0 <= found[0].t_s <= 62.0
-    assert 90.0 <= found[2].t_s <= 92.0
+    assert 90.0 <= found[-1].t_s <= 92.0
 
 
 def test_false_alarms_are_no_more_than_stated(calibration: Calibration) -> None:
@@ -132,6 +145,30 @@ def test_false_alarms_are_no_more_than_stated(calibration: Calibration) -> None:
     )
     found = [alarm for alarm in watched(run, calibration, alarms=60.0, piece=20_000) if alarm.begins]
     assert 1 <= len(found) <= 40
+
+
+@pytest.mark.parametrize("tau_s", [0.5, 5.0])
+def test_a_noises_memory_raises_no_more_alarms_than_stated(tau_s: float) -> None:
+    """Ten hours with a part of the noise that is remembered for tau_s: the mean of 6.4 s strays 2.5 and 6 times as far
+    as white noise's. 42 alarms stated; more than 70 in one of 20,000 runs."""
+    rng = np.random.default_rng(8)
+    watch = SensorWatch("magnetometer", "V", 100.0, 100.0 / 10.0, 60.0, True)
+    found, level = 0, np.zeros(3)
+    phi = np.exp(-0.1 / tau_s)
+    for first in range(0, 360_000, 18_000):
+        steps = 0.1 * np.sqrt(1.0 - phi**2) * rng.standard_normal((18_000, 3))
+        slow, _ = lfilter([1.0], [1.0, -phi], steps, axis=0, zi=phi * level[None])
+        level = slow[-1]
+        u = rng.standard_normal((18_000, 3))
+        blocks = Blocks(
+            0.1 * (first + 1.0 + np.arange(18_000)),
+            10.0 * slow + np.sqrt(10.0) * rng.standard_normal((18_000, 3)),
+            rng.chisquare(27.0, 18_000),
+            np.zeros((18_000, 3)),
+            u / np.linalg.norm(u, axis=1)[:, None],
+        )
+        found += sum(alarm.begins for alarm in watch.judge(blocks))
+    assert found <= 70
 
 
 def _arm() -> object:

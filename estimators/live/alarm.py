@@ -35,7 +35,7 @@ class Alarm:
     @property
     def looks_like(self) -> str:
         """In words."""
-        return " or ".join(map(str, self.names)) if self.names else self.test
+        return " or ".join(map(str, self.names)) if self.names else "no effect of the catalogue alone: unknown"
 
     def __str__(self) -> str:
         """One line."""

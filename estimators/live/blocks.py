@@ -9,6 +9,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from estimators.live.reference import Residuals
 
@@ -17,10 +18,12 @@ Array = NDArray[np.float64]
 #: Samples of a block from which on its noise is seen about its own mean.
 LEAST: Final = 4
 
-#: An accelerometer without attitude is judged where it rests: where this block and those so long on either side [s]
-#: have at most so many times the variance of its quietest tenth (of those remembered).
+#: An accelerometer without attitude is judged where it rests: where none of this block and those so long on either
+#: side [s] has a variance that noise exceeds with this probability, the noise being that of the quietest so many of
+#: those remembered.
 _BESIDE_S: Final = 0.5
-_QUIET: Final = 2.5
+_MISSED: Final = 0.01
+_QUIETEST: Final = 0.1
 _REMEMBERED: Final = 600
 
 
@@ -108,6 +111,8 @@ class Rested:
         self._waiting, self._variances = waiting.pick(keep), variances[keep]
         if len(waiting) < width:
             return Blocks.empty(blocks.sums.shape[1])
-        floor = float(np.quantile(self._past, 0.1))
-        still = sliding_window_view(variances, width).max(axis=1) <= _QUIET * floor
+        freedom = 3.0 * (length - 1)
+        quietest = chdtri(freedom, 1.0 - _QUIETEST)
+        limit = float(np.quantile(self._past, _QUIETEST) * chdtri(freedom, _MISSED / width) / quietest)
+        still = sliding_window_view(variances, width).max(axis=1) <= limit
         return waiting.pick(slice(self._beside, len(waiting) - self._beside)).pick(still)

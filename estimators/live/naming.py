@@ -2,7 +2,10 @@
 
 The effects' own classes make the templates: what one unit of a parameter, set in at the change, does to the readings.
 Each is fitted to the residuals; a template's gain in log likelihood is charged by half the logarithm of the samples for
-each of its columns (Schwarz, "Estimating the dimension of a model", 1978).
+each of its columns (Schwarz, "Estimating the dimension of a model", 1978), which puts those that will do in order.
+
+An effect is named only where it leaves noise as it was before the change: what explains most of a motion or of a knock
+is not what happened. Otherwise the change stays unknown.
 """
 
 from __future__ import annotations
@@ -13,7 +16,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
+from estimators.live.memory import exceeded
 from estimators.live.reference import Reference
 from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.effects import EFFECTS
@@ -22,16 +27,21 @@ from rig.signals import Signals
 
 Array = NDArray[np.float64]
 
-#: Names within this of the best, in twice the log likelihood, are named beside it.
-_BESIDE: Final = 6.0
-#: A name must explain this share of what a change adds to the squares of the residuals.
-_EXPLAINED: Final = 0.5
+#: Names within this of the best, in twice the log likelihood (odds of e^10), are named beside it; where these are more
+#: than so many, none is.
+_BESIDE: Final = 20.0
+_MOST_NAMES: Final = 3
+#: What an effect leaves is as before unless its spread, of samples or of means of so many, is so improbable. This share
+#: of a change may be left in any case: a large one is not linear.
+_AS_BEFORE: Final = 1e-3
+_MEANS: Final = (1, 4, 16)
+_LEFT: Final = 0.01
 _TAU_S: Final = 30.0
 #: The instant is looked for so far on either side [s], in so many steps.
 _NEAR_S: Final = 0.25
 _TRIED: Final = 25
-#: Residuals beyond this many standard deviations are spikes, if they are this rare and carry this share of the excess.
-_SPIKE, _RARE, _CARRIED = 6.0, 0.1, 0.8
+#: Residuals beyond this many standard deviations are spikes, if they are this rare.
+_SPIKE, _RARE = 6.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,39 +83,64 @@ class Likeness:
 
 
 def likenesses(span: Span, sensor: str, reference: Reference, unit: str) -> list[Likeness]:
-    """The effects that explain the change best, the best first; none where nothing of the catalogue explains it."""
+    """The effects that would do, the likeliest first, each at its likeliest place; none where too many would."""
     span = _refined(span, sensor, reference, unit)
     after = span.t >= span.at_s
     n, k = int(after.sum()), span.residuals.shape[1]
     if n < 4 or n == len(after):
         return []
     level = span.residuals[~after].mean(axis=0)
-    found = [*_distribution((span.residuals - level)[after], span, sensor, k)]
-    cost = float(np.log(n * k))
-    excess = float(np.square((span.residuals - level)[after]).sum()) - n * k
+    changed, before = (span.residuals - level)[after], (span.residuals - level)[~after]
+    found = [*_distribution(changed, before, span, sensor)]
     for name, where, columns, words in _templates(span, sensor, reference, unit):
-        gain, sizes = _gain(span, columns)
-        if gain < _EXPLAINED * excess:
+        gain, sizes, left = _gain(span, columns)
+        if not _noise_is_left(left[after], changed, before, len(columns)):
             continue
         said = words.format(*(f"{value:+.3g}" for value in sizes))
-        found.append(Likeness(name, where, gain - cost * len(columns), said))
+        found.append(Likeness(name, where, gain - float(np.log(n * k)) * len(columns), said))
     good = sorted((each for each in found if each.score > 0.0), key=lambda each: -each.score)
-    return [each for each in good if each.score > good[0].score - _BESIDE][:3] if good else []
+    good = [each for each in good if each.score > good[0].score - _BESIDE]
+    best = {each.name: each for each in reversed(good)}
+    return [each for each in good if best[each.name] is each] if len(best) <= _MOST_NAMES else []
 
 
-def _gain(span: Span, columns: list[Array]) -> tuple[float, Array]:
-    """By how much templates (n, k) lower the sum of squares about what was before the change, and their sizes."""
+def _noise_is_left(left: Array, changed: Array, before: Array, columns: int) -> bool:
+    """Whether an effect that turns the residuals (n, k) of a change into ``left`` leaves noise as it was ``before``."""
+    excess = float(np.square(changed).sum()) - changed.size
+    if excess > 0.0 and float(np.square(left).sum()) - left.size < _LEFT * excess:
+        return True
+    for length in _MEANS:
+        own, other = (_means(each, length) for each in (left, before))
+        if own.size <= columns or len(other) < 2:
+            continue
+        usual = max(other.var(axis=0, ddof=1).mean(), before.var(axis=0, ddof=1).mean() / length)  # white at least
+        ratio = np.square(own).sum() / (own.size - columns) / usual
+        if exceeded(ratio, float(own.size - columns), float(other.size - other.shape[1])) < _AS_BEFORE:
+            return False
+    return True
+
+
+def _means(values: Array, length: int) -> Array:
+    """Of successive rows (n, k), so many at a time."""
+    whole = len(values) // length * length
+    return np.asarray(values[:whole].reshape(-1, length, values.shape[1]).mean(axis=1))
+
+
+def _gain(span: Span, columns: list[Array]) -> tuple[float, Array, Array]:
+    """By how much templates (n, k) lower the sum of squares about what was before the change, their sizes, and what is
+    left (n, k)."""
     before = span.t < span.at_s
     if not before.any():
-        return -np.inf, np.zeros(len(columns))
+        return -np.inf, np.zeros(len(columns)), span.residuals
     left = (span.residuals - span.residuals[before].mean(axis=0)).ravel()
     flat = np.stack([(column - column[before].mean(axis=0)).ravel() for column in columns], axis=1)
     size = np.sqrt(np.square(flat).sum(axis=0))
     if not (size > 0.0).all():
-        return -np.inf, np.zeros(len(columns))
+        return -np.inf, np.zeros(len(columns)), left.reshape(span.residuals.shape)
     solution, *_ = np.linalg.lstsq(flat / size, left, rcond=1e-8)
-    gain = float(left @ left - np.square(left - flat / size @ solution).sum())
-    return gain, np.asarray(solution / size)
+    rest = left - flat / size @ solution
+    gain = float(left @ left - rest @ rest)
+    return gain, np.asarray(solution / size), rest.reshape(span.residuals.shape)
 
 
 def _refined(span: Span, sensor: str, reference: Reference, unit: str) -> Span:
@@ -115,36 +150,49 @@ def _refined(span: Span, sensor: str, reference: Reference, unit: str) -> Span:
     for row in near[:: max(1, len(near) // _TRIED)]:
         tried = replace(span, at_s=float(span.t[row]))
         steps = next(columns for name, _, columns, _ in _templates(tried, sensor, reference, unit) if len(columns) == 3)
-        gain, _ = _gain(tried, steps)
+        gain, *_ = _gain(tried, steps)
         if gain > best:
             best, at_s = gain, float(span.t[row])
     return replace(span, at_s=at_s)
 
 
-def _distribution(left: Array, span: Span, sensor: str, k: int) -> Iterator[Likeness]:
-    """Effects on the spread of the residuals (n, k)."""
-    n = len(left)
-    spikes = (np.abs(left) > _SPIKE).any(axis=1)
-    excess = float(np.maximum(np.square(left) - 1.0, 0.0).sum())
-    carried = float(np.square(left[spikes]).sum())
-    if spikes.any() and spikes.mean() < _RARE and carried > _CARRIED * excess:
-        yield Likeness("outliers", "acquisition", carried, f"{int(spikes.sum())} of {n} samples")
+def _distribution(changed: Array, before: Array, span: Span, sensor: str) -> Iterator[Likeness]:
+    """Effects on the spread of the residuals (n, k), which were ``before``."""
+    n, k = changed.shape
+    spikes = (np.abs(changed) > _SPIKE).any(axis=1)
+    if spikes.any() and spikes.mean() < _RARE and _noise_is_left(changed[~spikes], changed[~spikes], before, 0):
+        yield Likeness(
+            "outliers", "acquisition", float(np.square(changed[spikes]).sum()), f"{int(spikes.sum())} of {n} samples"
+        )
         return
-    variance = np.maximum(np.square(left).mean(axis=0), 1e-12)
+    variance = np.maximum(np.square(changed).mean(axis=0), 1e-12)
     wide = variance > 1.0
     gain = float((n * (variance - 1.0 - np.log(variance)))[wide].sum())
-    if wide.any():
+    scaled = changed / np.sqrt(np.maximum(variance, 1.0))
+    more = _successive(changed) - _successive(before)  # of a motion, not of noise
+    alike = more > np.sqrt(chdtri(1.0, _AS_BEFORE) * (1.0 / changed.size + 1.0 / before.size))
+    if wide.any() and not alike and _noise_is_left(scaled, scaled, before, k):
         names = CHANNELS_OF[sensor] if k == 3 else (sensor,)
         where = ", ".join(name for name, much in zip(names, variance > 1.3, strict=True) if much) or names[0]
         cost = float(wide.sum()) * np.log(n)
         yield Likeness("noise_excess", where, gain - cost, f"{np.sqrt(variance.max()):.2g} times the noise")
     if sensor == ACCELEROMETER and n >= 32:
-        tone = np.abs(np.fft.rfft(left - left.mean(axis=0), axis=0)) ** 2
-        power = tone.sum(axis=1)
+        waves = np.fft.rfft(changed - changed.mean(axis=0), axis=0)
+        power = (np.abs(waves) ** 2).sum(axis=1)
         peak = int(np.argmax(power))
         rate = (n - 1) / max(float(span.t[-1] - span.t[-n]), 1e-9)
-        cost = (2.0 * k + 1.0) * np.log(n * k)
-        yield Likeness("vibration", "accelerometer", 2.0 * float(power[peak]) / n - cost, f"{peak * rate / n:.1f} Hz")
+        alone = np.zeros_like(waves)
+        alone[peak] = waves[peak]
+        if _noise_is_left(changed - np.fft.irfft(alone, n, axis=0), changed, before, 2 * k):
+            cost = (2.0 * k + 1.0) * np.log(n * k)
+            yield Likeness(
+                "vibration", "accelerometer", 2.0 * float(power[peak]) / n - cost, f"{peak * rate / n:.1f} Hz"
+            )
+
+
+def _successive(values: Array) -> float:
+    """The correlation of successive rows (n, k)."""
+    return float((values[1:] * values[:-1]).sum() / max(np.square(values).sum(), 1e-300))
 
 
 def _templates(span: Span, sensor: str, reference: Reference, unit: str) -> Iterator[tuple[str, str, list[Array], str]]:

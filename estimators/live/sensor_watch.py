@@ -5,8 +5,9 @@ formed, of the residuals' mean (a shift) and of their squares (noise); over a mi
 direction. Each test has its share of the false alarms that are allowed, by Bonferroni's bound: sliding windows overlap,
 so that there are fewer than stated.
 
-Real noise has a memory. During the first seconds the mean squares of the windows' means are compared with what white
-noise would make of them, and the tests are widened by that ratio; never narrowed.
+Real noise has a memory, and its variance is not quite the calibration's. Both are learnt from the first minute, of a
+running estimate ever on, and each window is held against what the others were (``estimators.live.memory``): the tests
+begin at once, hardly sensitive, and gain with what is known.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from estimators.coverage import SphereCells, direction_name
 from estimators.live.alarm import Alarm
 from estimators.live.blocks import LEAST, Blocks, Rested
+from estimators.live.memory import CERTAIN, Memory, exceeded
 from estimators.live.naming import Likeness, Span, likenesses
 from estimators.live.reference import Reference, Residuals
 from estimators.live.stuck import Stuck
@@ -48,27 +49,26 @@ _BY_DIRECTION_S: Final = 60.0
 _SHORT: Final = 4
 _STILL_THERE: Final = 1e-3
 _CALM_S: Final = 1.0
-#: The noise's variance is known to this factor: a tenth more of it is no change.
-_LEVEL_KNOWN: Final = 1.1
+#: A tenth more variance is no change.
+_MORE_NOISE: Final = 1.1
 #: What a window may add to the noise's own history, over what is known of it.
 _CAPPED: Final = 4.0
-#: The change is named once so many seconds after it are known; so much before it is kept.
-_NAMED_S: Final = 1.0
-_KEPT_S: Final = 12.0
+#: The change is named once so many seconds after it are known, and again when more are; so much before it is kept.
+_NAMED_S: Final = (1.0, 8.0)
+_KEPT_S: Final = 20.0
 _KEPT: Final = 4096
-#: A running estimate is held against its own past: a window's length is judged from so many of its windows on, and an
-#: estimate that predicts readings worse than this (in variances of a reading) judges nothing.
-_HISTORY: Final = 8
+#: An estimate that predicts readings worse than this (in variances of a reading) judges nothing.
 _VAGUE: Final = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Tests:
-    """One window's tests: chi-squares of the mean over their degrees (d,), the first block over the limit with its
-    probability and words, and the least probability."""
+    """One window's tests: mean squares (d,) of the mean and of the squares' deviation, over those of white noise; the
+    first block over the limit with its probability and words, and the least probability."""
 
     place: int
     ratio: Array
+    deviation: Array
     first: int | None
     p: float
     words: str
@@ -81,7 +81,7 @@ class SensorWatch:
     Attributes:
         sensor: which one.
         alarmed: the change that lasts, if any.
-        inflation: (windows,) by how much the noise's memory widens each test.
+        memory: of the windows' means. swing: of their squares. level: the noise's variance over the reference's.
         cells: of ``by_direction``.
     """
 
@@ -104,7 +104,6 @@ class SensorWatch:
         """
         self.sensor, self._unit = sensor, unit
         self.alarmed: Alarm | None = None
-        self.inflation = np.ones(len(WINDOWS))
         self.level = 1.0
         self.cells = SphereCells.of(CELLS)
         self.reference: Reference | None = None
@@ -116,11 +115,14 @@ class SensorWatch:
         self._learn_s, self._fixed = learn_s, fixed
         self._begun_s: float | None = None
         self._learnt = learn_s <= 0.0
+        self.memory, self.swing = (Memory(WINDOWS, self._chance) for _ in range(2))
+        if self._learnt:
+            self.memory.known()
+            self.swing.known()
         self._blocks = Blocks.empty(3)
         self._rested = Rested(self._block_s)
         self._number = 0
-        self._past = np.zeros((len(WINDOWS), 2))  # sums of chi-square over degrees, and how many
-        self._squares = np.zeros(2)
+        self._squares = np.zeros(2)  # of residuals, and their degrees of freedom
         self._by_cell: deque[Array] = deque()
         self._since_cells = 0.0
         self._kept: deque[tuple[Array, Array, Residuals]] = deque()
@@ -128,7 +130,7 @@ class SensorWatch:
         self._rest: tuple[Array, Residuals] | None = None
         self._calm_s = np.nan
         self._watched = _SHORT
-        self._named = True
+        self._named = len(_NAMED_S)
         self.stuck = Stuck(tests_a_day / _DAY_S / rate_Hz)
 
     def refer(self, reference: Reference) -> None:
@@ -188,12 +190,7 @@ class SensorWatch:
             count = worst.first + 1
             tests = self._tests(blocks.pick(slice(0, count)))
         if self.alarmed is None:  # the noise's own; and of what may be a change no more than a share
-            for test in tests:
-                cap = np.inf if not self._learnt else _CAPPED * self.inflation[test.place]
-                self._past[test.place] += np.minimum(test.ratio, cap).sum(), len(test.ratio)
-            squares = blocks.squares[:count]
-            cap = np.inf if not self._learnt else _CAPPED * self.level * self._freedom
-            self._squares += np.minimum(squares, cap).sum(), count * self._freedom
+            self._take_up(tests, blocks.squares[:count])
         taken = blocks.pick(slice(0, count))
         self._blocks = self._blocks.then(taken).pick(slice(-WINDOWS[-1], None))
         self._number += count
@@ -230,58 +227,59 @@ class SensorWatch:
             count = float(length * self._block)
             model = (predicted[end] - predicted[end - length]) / length
             mean = (sums[end] - sums[end - length]) / count
-            shift = (np.square(mean) / (1.0 / count + model)).sum(axis=1)
+            shift = (np.square(mean) / (1.0 / count + model)).mean(axis=1)
             noise = squares[end] - squares[end - length]
             if self._block < LEAST:  # about the window's mean instead
                 noise = noise - count * np.square(mean).sum(axis=1)
-            ready = self._learnt and (self._fixed or self._past[place, 1] >= _HISTORY * _PER_LENGTH)
-            found.append(self._judged(place, due, shift, noise, k, ready))
+            found.append(self._judged(place, due, shift, noise, k))
         return found
 
-    def _judged(self, place: int, due: Rows, shift: Array, noise: Array, k: int, ready: bool) -> _Tests:
-        """Chi-squares (d,) of the mean and of the squares against their limits."""
-        ratio = shift / k
-        if not ready:
-            return _Tests(place, ratio, None, 1.0, "", 1.0)
+    def _judged(self, place: int, due: Rows, shift: Array, noise: Array, k: int) -> _Tests:
+        """Mean squares (d,) of the mean, and squares, against their limits."""
         length = WINDOWS[place]
         freedom = length * self._freedom - (k if self._block < LEAST else 0.0)
-        p_shift = chdtrc(float(k), shift / self.inflation[place])
-        p_noise = (
-            chdtrc(freedom / self.level, noise / (_LEVEL_KNOWN * self.level**2))
-            if freedom > 0.0
-            else np.ones(len(noise))
-        )
+        p_shift, p_noise = self.memory.chance_of(place, shift, float(k)), np.ones(len(noise))
+        deviation = np.zeros(len(noise))
+        if freedom > 0.0:
+            deviation = np.square(noise / self.level - freedom) / (2.0 * freedom)
+            known = (CERTAIN if self._learn_s <= 0.0 else self._squares[1]) / self.swing.ratio.max()
+            more = noise / (freedom * self.level * _MORE_NOISE)
+            p_noise = exceeded(more, freedom / float(self.swing.ratio[place]), known)
         both = np.minimum(p_shift, p_noise)
         limit = self._chance * max(1, length // _PER_LENGTH) * self._block_s
         over = np.flatnonzero(both < limit)
         least = float(both.min())
         if not len(over):
-            return _Tests(place, ratio, None, 1.0, "", least)
+            return _Tests(place, shift, deviation, None, 1.0, "", least)
         first = int(over[0])
         what = "the residuals' mean" if p_shift[first] <= p_noise[first] else "the residuals' squares"
         p = float(both[first])
         words = f"{what} over {length * self._block_s:.1f} s (p = {p:.0e})"
-        return _Tests(place, ratio, int(due[first]), p, words, least)
+        return _Tests(place, shift, deviation, int(due[first]), p, words, least)
+
+    def _take_up(self, tests: list[_Tests], squares: Array) -> None:
+        """The noise's own history; of what may be a change no more than a share."""
+        if self._fixed and self._learnt:
+            return
+        k = float(self._blocks.sums.shape[1])
+        for test in tests:
+            windows = len(test.ratio) / min(_PER_LENGTH, WINDOWS[test.place])
+            for memory, values, degrees in ((self.memory, test.ratio, k), (self.swing, test.deviation, 1.0)):
+                cap = _CAPPED * memory.ratio[test.place] if self._learnt else np.inf
+                memory.add(test.place, float(np.minimum(values, cap).mean()) * windows, windows, degrees)
+        cap = _CAPPED * self.level * self._freedom if self._learnt else np.inf
+        self._squares += np.minimum(squares, cap).sum(), len(squares) * self._freedom
 
     def _learn(self, now: float) -> None:
-        """Widen the tests by what the windows' means were so far: once, or, of a running estimate, ever again."""
+        """Widen the tests by what the windows were so far: for some time, or, of a running estimate, ever again."""
         assert self._begun_s is not None
-        if self._fixed and (self._learnt or now - self._begun_s < self._learn_s):
+        if self._fixed and self._learnt:
             return
-        ratio = self._past[:, 0] / np.maximum(self._past[:, 1], 1.0)
-        count = self._past[:, 1] / np.minimum(_PER_LENGTH, WINDOWS)
-        k = self._blocks.sums.shape[1]
-        largest = 1.0
-        for place in range(len(WINDOWS)):
-            if count[place] >= 3.0:
-                # what chance alone lets the ratio exceed one by
-                sure = ratio[place] / (1.0 + 2.0 * np.sqrt(2.0 / (k * count[place])))
-                largest = max(largest, float(ratio[place]) if sure > 1.0 else 1.0)
-            self.inflation[place] = largest
-        mean = self._squares[0] / max(self._squares[1], 1.0)
-        sure = mean > 1.0 + 3.0 * np.sqrt(2.0 / max(self._squares[1], 1.0))
-        self.level = max(1.0, float(mean)) if sure else 1.0
-        self._learnt = True
+        self.memory.learn(float(self._blocks.sums.shape[1]))
+        self.swing.learn(1.0)
+        if self._squares[1] > 0.0:
+            self.level = max(1.0, float(self._squares[0] / self._squares[1]))
+        self._learnt = self._learnt or now - self._begun_s >= self._learn_s
 
     def _since(self, blocks: Blocks) -> float:
         """Where a change of the mean most likely lies: the split of the blocks with the largest step."""
@@ -300,10 +298,10 @@ class SensorWatch:
         if self.alarmed is not None:
             if not names:
                 return []
-            self.alarmed, self._named = replace(self.alarmed, names=names), True
+            self.alarmed, self._named = replace(self.alarmed, names=names), len(_NAMED_S)
             return [replace(self.alarmed, kind="named", t_s=now)]
         self.alarmed = Alarm("change", now, since, self.sensor, test, p, names)
-        self._named = bool(names)
+        self._named = len(_NAMED_S) if names else 0
         self._calm_s = now
         return [self.alarmed]
 
@@ -313,12 +311,13 @@ class SensorWatch:
         change = self.alarmed
         if change is None:
             return found
-        if not self._named and self._kept and now - change.since_s >= _NAMED_S:
-            self._named = True
-            names = tuple(self._names(change.since_s))
-            change = self.alarmed = replace(change, names=names)
-            if names:
+        if self._named < len(_NAMED_S) and self._kept and now - change.since_s >= _NAMED_S[self._named]:
+            known = self._kept[0][0][0] < change.since_s
+            names = tuple(self._names(change.since_s)) if known else change.names
+            if not self._named or [each.name for each in names] != [each.name for each in change.names]:
+                change = self.alarmed = replace(change, names=names)
                 found.append(replace(change, kind="named", t_s=now))
+            self._named += 1
         if not calm or self.stuck.stuck:
             self._calm_s = now
         elif now - self._calm_s > _CALM_S:
@@ -337,7 +336,7 @@ class SensorWatch:
         parts = [part[2] for part in self._kept]
         if any(part.values.shape[1] != width for part in parts):
             return []
-        values = np.concatenate([part.values for part in parts]) / np.sqrt(self.inflation[0] * self.level)
+        values = np.concatenate([part.values for part in parts]) / np.sqrt(self.memory.ratio[0] * self.level)
         directions = np.concatenate([part.directions for part in parts])
         terms = np.concatenate([part.terms for part in parts])
         span = Span(t, readings, values, directions, terms, since_s)
@@ -368,7 +367,8 @@ class SensorWatch:
         z = self.by_direction
         used = np.isfinite(z).all(axis=1)
         chi_square = float(np.square(z[used]).sum())
-        p = float(chdtrc(float(k * used.sum()), chi_square)) if used.any() else 1.0
+        degrees = float(k * used.sum())
+        p = float(self.memory.chance_of(-1, np.array(chi_square / max(degrees, 1.0)), max(degrees, 1.0)))
         if p >= self._chance * _BY_DIRECTION_S / 6.0:
             return []
         worst = int(np.nanargmax(np.where(used, np.square(np.nan_to_num(z)).sum(axis=1), -1.0)))
@@ -384,4 +384,4 @@ class SensorWatch:
         k = (total.shape[1] - 1) // 2
         count = np.where(total[:, :1] > 0.0, total[:, :1], np.nan)
         mean, predicted = total[:, 1 : k + 1] / count, total[:, k + 1 :] / count
-        return np.asarray(mean / np.sqrt(self.inflation[-1] / count + predicted))
+        return np.asarray(mean / np.sqrt(1.0 / count + predicted))

@@ -45,7 +45,7 @@ class Watch:
         calibration: Calibration | None,
         arm: Arm | None,
         alarms_a_day: float = 1.0,
-        learn_s: float = 5.0,
+        learn_s: float = 60.0,
     ) -> Self:
         """A monitor of a stream.
 

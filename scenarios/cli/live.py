@@ -124,7 +124,7 @@ def _connected(text: str) -> socket.socket:
 @click.option("--idle", type=float, metavar="S", help="Stop when nothing comes for so long; of a file 3 s by default.")
 @click.option("--calibration", type=PATH, metavar="CAL", help="Watch this calibration instead: alarms when it fails.")
 @click.option("--alarms", type=float, default=1.0, metavar="N", help="False alarms a day at most; 1 by default.")
-@click.option("--learn", type=float, default=5.0, metavar="S", help="The noise's memory is learnt so long; 5 s.")
+@click.option("--learn", type=float, default=60.0, metavar="S", help="The noise's memory is learnt so long; 60 s.")
 @arm_options
 @click.option("--view/--no-view", default=False, help="Show it in the rerun viewer.")
 @click.option("--view-file", type=PATH, metavar="F.rrd", help="Write what the viewer would show.")

@@ -130,7 +130,7 @@ class Plan:
     idle_s: float | None = None
     seconds: float | None = None
     alarms_a_day: float = 1.0
-    learn_s: float = 5.0
+    learn_s: float = 60.0
 
 
 class Session:
