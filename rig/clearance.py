@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rig.arm import Arm
-from rig.assets import model_path
+from rig.arm_file import arm_spec
 from rig.errors import RigError
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ class Clearance:
         Raises:
             RigError: a box without extent, or the arm's file cannot be read again.
         """
-        spec = _spec(arm)
+        spec = arm_spec(arm)
         carried = [geom for geom in spec.geoms if geom.parent.name != "world"]
         slender = not carried
         if slender:
@@ -150,20 +150,6 @@ def _compiled(spec: mujoco.MjSpec, margin_m: float) -> mujoco.MjModel:
         geom.margin = margin_m
     spec.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     return spec.compile()
-
-
-def _spec(arm: Arm) -> mujoco.MjSpec:
-    if arm.is_a465:
-        return mujoco.MjSpec.from_file(str(model_path("a465/scene.xml")))
-    if arm.urdf is not None:
-        from rig.urdf import read_urdf
-
-        return read_urdf(arm.urdf, arm.tip).spec
-    if arm.file is None:
-        raise RigError(f"arm {arm.name}: its file is not known, expected an arm read from one")
-    from rig.arm_file import mjcf_spec
-
-    return mjcf_spec(arm.file)
 
 
 def _add_capsules(spec: mujoco.MjSpec, arm: Arm) -> None:

@@ -1,4 +1,4 @@
-"""The dynamic engine: position actuators drive the arm along a maneuver, the encoders say where it really is.
+"""The dynamic engine: position servos drive the arm along a maneuver, the encoders say where it really is.
 
 MuJoCo steps at about 1 kHz. The arm follows with the tracking error of its servos, so what the encoders read is not
 what was commanded, and the accelerations are real.
@@ -6,7 +6,6 @@ what was commanded, and the accelerations are real.
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.maneuver import Maneuver
+from rig.servos import Driven, driven
 from rig.trajectory import JointTrajectory, sample_times
 
 Array = NDArray[np.float64]
@@ -61,17 +61,19 @@ def follow(
     """Let the arm's servos follow a maneuver from its start, where it has settled.
 
     Args:
-        arm: its model has a position actuator on every joint.
+        arm: driven by the servos of its model, or by ideal ones (``rig.servos``).
         maneuver: of joints, without jumps.
         gravity: (3,) [m/s^2], base frame.
         progress: called with the share done, 0 to 1.
 
     Raises:
-        RigError: the arm has no such actuators, the maneuver has no joints, jumps or leaves a limit, or the simulation
+        RigError: the arm has no masses, the maneuver has no joints, jumps or leaves a limit, or the simulation
             became unstable.
     """
-    substeps = max(1, math.ceil(_STEP_RATE_HZ / maneuver.rate_Hz - 1e-9))
-    simulation = _Simulation(arm, np.asarray(gravity, dtype=float), 1.0 / (maneuver.rate_Hz * substeps))
+    servos = driven(arm)
+    step_s = min(1.0 / _STEP_RATE_HZ, servos.most_step_s)
+    substeps = max(1, math.ceil(1.0 / (step_s * maneuver.rate_Hz) - 1e-9))
+    simulation = _Simulation(arm, servos, np.asarray(gravity, dtype=float), 1.0 / (maneuver.rate_Hz * substeps))
     times = sample_times(maneuver.duration_s, maneuver.rate_Hz)
     q, qd, qdd, q_command = (np.empty((len(times), arm.dof)) for _ in range(4))
     block = max(1, round(_BLOCK_S * maneuver.rate_Hz))
@@ -103,15 +105,15 @@ def _commanded(arm: Arm, maneuver: Maneuver, t: Array) -> JointTrajectory:
 class _Simulation:
     """The arm's model under way: its state goes from one block of steps to the next."""
 
-    def __init__(self, arm: Arm, gravity: Array, timestep: float) -> None:
+    def __init__(self, arm: Arm, servos: Driven, gravity: Array, timestep: float) -> None:
         self.timestep = timestep
         self._arm = arm
-        self._model = copy.copy(arm.model)
+        self._model = servos.model
         self._model.opt.timestep = timestep
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
         self._model.opt.gravity = arm.chain.R_world_base @ gravity
         self._data = mujoco.MjData(self._model)
-        self._actuators = _position_actuators(arm)
+        self._actuators = servos.actuators
         self._qpos = self._model.jnt_qposadr[arm.chain.joints]
         self._qvel = self._model.jnt_dofadr[arm.chain.joints]
         self._physics = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -124,7 +126,7 @@ class _Simulation:
         speed = np.where(free, command.qd[0], 0.0)
         before = -self.timestep * np.arange(round(_SETTLE_S / self.timestep), 0, -1, dtype=float)
         q = command.q[0] + before[:, None] * speed
-        self._data.qpos[self._qpos] = q[0]
+        self._data.qpos[self._model.jnt_qposadr[self._arm.chain.members]] = self._arm.chain.spread(q[:1])[0]
         self._data.qvel[self._qvel] = speed
         mujoco.mj_getState(self._model, self._data, self._state, self._physics)
         self.run(JointTrajectory(before, q, np.broadcast_to(speed, q.shape), np.zeros_like(q)))
@@ -167,21 +169,3 @@ class _Simulation:
                 "expected a motion without jumps (or engine kinematic)"
             )
         self._last_command = np.stack([q[-1], qd[-1]])
-
-
-def _position_actuators(arm: Arm) -> NDArray[np.int64]:
-    """The number of each joint's position actuator."""
-    model = arm.model
-    servo = (
-        (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
-        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE)
-        & (model.actuator_gainprm[:, 0] > 0)
-        & (model.actuator_biasprm[:, 1] == -model.actuator_gainprm[:, 0])
-    )
-    found = []
-    for joint, name in zip(arm.chain.joints, arm.joint_names, strict=True):
-        index = np.flatnonzero(servo & (model.actuator_trnid[:, 0] == joint))
-        if not len(index):
-            raise RigError(f"arm {arm.name}: {name} has no position actuator: expected engine kinematic for this arm")
-        found.append(index[0])
-    return np.array(found)

@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from arm_files import written
 from numpy.typing import NDArray
 
 from rig.arm import Arm
@@ -15,6 +16,7 @@ from rig.assets import model_path
 from rig.engine_dynamic import Followed, follow
 from rig.errors import RigError
 from rig.maneuver import HandTumble, LockedPoses, StaticPoses, TorusSweep
+from rig.maneuver.fitting import fitted
 from rig.trajectory import JointTrajectory
 
 Array = NDArray[np.float64]
@@ -210,10 +212,40 @@ def test_limits_are_refused(arm: Arm) -> None:
         follow(arm, beyond)
 
 
-def test_an_arm_without_servos_is_refused(arm: Arm) -> None:
-    assert arm.urdf is not None
-    with pytest.raises(RigError, match="joint1 has no position actuator: expected engine kinematic"):
-        follow(Arm.from_urdf(arm.urdf, "imu"), SWEEP)
+@pytest.mark.parametrize("name", ["ur5e", "iiwa"])
+def test_an_arm_without_servos_has_ideal_ones(tmp_path: Path, name: str) -> None:
+    """Any URDF with masses: it lags by damping over stiffness, at most 2 D / omega with the servos' own D and omega.
+
+    Gravity's torque over the stiffness comes on top: with inertias I the droop is at most the reach's g / omega^2.
+    """
+    found = Arm.from_urdf(written(tmp_path, name))
+    maneuver = fitted(StaticPoses(count=3, hold_s=1.0, move_s=3.0), found)
+    moved = follow(found, maneuver, gravity=(0.0, 0.0, 0.0))
+    omega = 2.0 * np.pi * 50.0
+    assert np.abs(moved.qd).max() > 0.2
+    assert np.abs(moved.tracking_error).max() < 1.2 * 2.0 * 0.7 / omega * np.abs(moved.qd).max()
+    assert np.abs(moved.tracking_error[-1]).max() < 1e-6
+    wanted = found.site_acceleration(*(getattr(maneuver.trajectory(moved.t), each) for each in ("q", "qd", "qdd")))
+    assert np.abs(moved.acceleration - wanted).max() < 0.2 * np.abs(wanted).max()
+
+
+def test_motors_give_way_to_servos(tmp_path: Path) -> None:
+    """An MJCF whose joints have motors, which nothing drives here."""
+    text = """<mujoco model="two"><worldbody><body><joint name="a" axis="0 0 1" range="-180 180"/>
+        <geom type="capsule" size="0.05" fromto="0 0 0 0.4 0 0"/>
+        <body pos="0.4 0 0"><joint axis="0 1 0" range="-90 90"/>
+        <geom type="capsule" size="0.05" fromto="0 0 0 0.3 0 0"/>
+        <site name="imu" pos="0.3 0 0"/></body></body></worldbody><actuator><motor joint="a"/></actuator></mujoco>"""
+    (tmp_path / "two.xml").write_text(text)
+    found = Arm.from_mjcf(tmp_path / "two.xml")
+    moving = StaticPoses(poses_deg=((0.0, 0.0), (60.0, 30.0)), hold_s=1.0, move_s=2.0, limits_deg=None)
+    moved = follow(found, moving, gravity=(0.0, 0.0, 0.0))
+    np.testing.assert_allclose(np.degrees(moved.q[-1]), (60.0, 30.0), atol=1e-4)
+
+
+def test_an_arm_without_masses_says_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(RigError, match=r"arm scara: shoulder moves no mass: expected mass and inertia .*<inertial>"):
+        follow(Arm.from_urdf(written(tmp_path, "scara")), SWEEP)
 
 
 def test_an_unstable_simulation_is_one_line(tmp_path: Path) -> None:
