@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Final
 
@@ -12,11 +14,27 @@ from rig.errors import RigError, shown
 
 #: The limit in bytes, for this process and those that it starts.
 VARIABLE: Final = "RIG_MEMORY"
+_elsewhere: ContextVar[str | None] = ContextVar("memory that is stated elsewhere", default=None)
 _SHARE: Final = 0.5
 _SMALL: Final = 64 << 20  # always there [bytes]
 _UNKNOWN: Final = 4 << 30  # left, on a system that does not say [bytes]
 _UNITS: Final = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 _SIZE: Final = re.compile(r"(\d{1,9}(?:\.\d{1,3})?) *([KMGT]?)(?:i?B)?", re.IGNORECASE)
+
+
+def stated() -> str | None:
+    """The size that the user has stated, None where there is none."""
+    return _elsewhere.get() or os.environ.get(VARIABLE) or None
+
+
+@contextmanager
+def as_stated(size: str | None) -> Iterator[None]:
+    """What the user has stated elsewhere, for a worker that was not started by the command."""
+    token = _elsewhere.set(size)
+    try:
+        yield
+    finally:
+        _elsewhere.reset(token)
 
 
 def limit_bytes() -> int:
@@ -25,8 +43,8 @@ def limit_bytes() -> int:
     Raises:
         RigError: the variable RIG_MEMORY holds no size.
     """
-    stated = os.environ.get(VARIABLE)
-    return int(_SHARE * _left()) if not stated else parsed(stated, VARIABLE)
+    size = stated()
+    return int(_SHARE * _left()) if size is None else parsed(size, VARIABLE)
 
 
 def parsed(text: str, where: str) -> int:

@@ -15,12 +15,12 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import get_context, parent_process
 from multiprocessing.synchronize import Event
 from typing import Any, Final, Generic, TypeVar
 
 from rig.errors import RigError
+from scenarios.version import package_version
 
 Settings = TypeVar("Settings")
 Item = TypeVar("Item")
@@ -58,7 +58,7 @@ class Workers:
 
     def __post_init__(self) -> None:
         if self.processes is not None and self.cluster is not None:
-            raise RigError("a number of processes and --cluster: found both, expected one of them")
+            raise RigError("--cluster and a number of processes: found both, expected one of them")
         if self.processes is not None and self.processes < 0:
             raise RigError(f"workers: found {self.processes}, expected zero (this process) or more")
 
@@ -337,14 +337,6 @@ def _check_versions(client: Any, address: str) -> None:
     for worker, other in found.items():
         if other != package_version():
             raise RigError(f"cluster {address}: worker {worker} has torusrig {other}, expected {package_version()}")
-
-
-def package_version() -> str:
-    """The version of this package; "unknown" where it runs from its sources without being installed."""
-    try:
-        return version("torusrig")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def processors() -> int:

@@ -243,7 +243,7 @@ def test_two_versions_of_the_diagnosis_are_not_mixed(
 ) -> None:
     Answers(tmp_path).begin()
     Answers(tmp_path).begin()
-    monkeypatch.setattr(answers, "solver_hash", lambda: "another")
+    monkeypatch.setattr(answers, "sources_hash", lambda: "another")
     with pytest.raises(RigError, match="another version"):
         Answers(tmp_path).begin()
 

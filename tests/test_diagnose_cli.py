@@ -17,7 +17,7 @@ from cli_support import SMALL, Rig
 from diagnosed_recordings import backlash, recorded, write_small
 
 import scenarios
-from estimators.gap import Diagnosis, diagnose
+from estimators.gap import diagnose
 from rig.effects import make_effect
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, read_recording
@@ -136,7 +136,7 @@ def test_bad_recordings_do_not_stop_the_others(rig: Rig, here: Path) -> None:
     files = sorted(path.name for path in here.glob("*.parquet"))  # as a shell expands *.parquet
     result = rig("diagnose", *files, "missing.parquet", "--out", "deep/o", "--jobs", "2", "--json")
     assert result.status == 2
-    assert listed("deep/o") == {"quiet.diagnosis.json", "quiet.html"}
+    assert listed("deep/o") == {"quiet.diagnosis.json", "quiet.html", "fleet.csv", "fleet.json", "fleet.html"}
     refused, quiet, missing = json.loads(result.out)
     assert quiet["verdict"] == "no-gap"
     assert refused["recordings"] == ["constant"]
@@ -226,6 +226,8 @@ WRONG = {
     "out below a file": (["--out", "small.toml/o"], "is a file"),
     "the same name twice": (["x/run.parquet"], "different names"),
     "no processes": (["--jobs", "0"], "jobs"),
+    "here and on a cluster": (["--jobs", "2", "--cluster", "tcp://127.0.0.1:9"], "expected one of them"),
+    "a recording named as the page of all": (["fleet.parquet"], "fleet.html"),
     "no such prior": (["--prior", "nothing.toml"], "nothing.toml"),
     "prior of an unknown effect": (["--prior", "wrong.toml"], "backlash"),
     "prior with a negative weight": (["--prior", "negative.toml"], "effects.backlash"),
@@ -258,11 +260,15 @@ def test_wrong_calls_are_refused_before_any_work(
 
 
 def test_files_are_written_all_or_none(rig: Rig, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(self: Diagnosis, path: object) -> None:
-        raise RigError("disk full")
+    write = Path.write_text
+
+    def full(self: Path, text: str, **options: str) -> int:
+        if ".diagnosis" in self.name:
+            raise RigError("disk full")
+        return write(self, text, **options)
 
     write_small(here)
-    monkeypatch.setattr(Diagnosis, "write", full)
+    monkeypatch.setattr(Path, "write_text", full)
     assert "disk full" in rig.refused("diagnose", "run.parquet", "--out", "o", "--save-scenario", "better.toml")
     assert listed("o") == set()
     assert not Path("better.toml").exists()

@@ -148,7 +148,7 @@ def test_unit_conversions() -> None:
 
 
 def test_metadata_survive_json() -> None:
-    metadata = Metadata(gravity_m_s2=9.80292, rate_Hz=100, notes=["a", {"b": None}], extra={"serial": 7})
+    metadata = Metadata(gravity_m_s2=9.80292, rate_Hz=100, notes=["a", {"b": None}], extra={"sensor_serial": 7})
     assert Metadata.from_json(metadata.to_json(), "run") == metadata
     assert json.loads(Metadata().to_json())["format"] == "rig-recording/1"
     with pytest.raises(RigError, match="cannot be written as JSON"):

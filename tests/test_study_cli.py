@@ -116,7 +116,7 @@ def test_another_study_does_not_overwrite_it(studied: Path, rig: Rig) -> None:
         (("--order", "every-kht"), "(nearest: 'every-kth')"),
         (("--noise", "-1"), "expected positive numbers"),
         (("--first", "700"), "expected two or more, from fewer than the 600 that"),
-        (("--cluster", "tcp://127.0.0.1:9"), "--workers and --cluster: found both"),
+        (("--cluster", "tcp://127.0.0.1:9"), "--cluster and a number of processes: found both"),
     ],
 )
 def test_wrong_calls_are_one_line(here: Path, rig: Rig, arguments: tuple[str, ...], message: str) -> None:

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from datetime import datetime
 from numbers import Real
 from typing import Any, Final
 
@@ -35,6 +36,8 @@ class Metadata:
         accelerometer_reads: "g-a", gravity less acceleration, down at rest, as in Renk et al.; or "a-g", up at rest, as
             the common chips do.
         still_poses: whether every row is a pose held still; then `t_s` may be left out, and their numbers stand for it.
+        serial: of the arm, which tells it from others of its model; None: not stated.
+        recorded: date and time of the first sample, ISO 8601; None: not stated.
         extra: further JSON keys, which are kept as they are.
 
     Raises:
@@ -50,6 +53,8 @@ class Metadata:
     pose_rate_Hz: float | None = None
     accelerometer_reads: str = "g-a"
     still_poses: bool = False
+    serial: str | int | None = None
+    recorded: str | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -66,6 +71,10 @@ class Metadata:
             raise RigError(f"metadata arm: found {shown(self.arm)}, expected the name of an arm")
         if self.magnetic_field_unit is not None and self.magnetic_field_unit not in _FIELD_UNITS:
             raise unknown_name("metadata magnetic_field_unit", str(self.magnetic_field_unit), _FIELD_UNITS)
+        if self.serial is not None and (isinstance(self.serial, bool) or not isinstance(self.serial, str | int)):
+            raise RigError(f"metadata serial: found {shown(self.serial)}, expected a text or a number")
+        if self.recorded is not None and not _is_moment(self.recorded):
+            raise RigError(f"metadata recorded: found {shown(self.recorded)}, expected a date such as 2026-05-31T14:00")
         object.__setattr__(self, "extra", dict(self.extra))
         if taken := sorted(set(self.extra) & _RESERVED):
             raise RigError(f"metadata extra: found {taken[0]!r}, which has its own field")
@@ -118,7 +127,7 @@ class Metadata:
 
 
 _NAMES: Final = tuple(item.name for item in fields(Metadata) if item.name != "extra")
-_OPTIONAL: Final = ("rate_Hz", "magnetic_field_unit", "pose_rate_Hz")
+_OPTIONAL: Final = ("rate_Hz", "magnetic_field_unit", "pose_rate_Hz", "serial", "recorded")
 _RESERVED: Final = frozenset((*_NAMES, "format", "rows"))
 
 
@@ -127,6 +136,14 @@ def misspelt(name: str, valid: Iterable[str]) -> str | None:
     choices = {choice.casefold(): choice for choice in valid}
     found = closest(name.casefold(), choices, 0.85)
     return None if found is None else choices[found]
+
+
+def _is_moment(value: Any) -> bool:
+    try:
+        datetime.fromisoformat(value)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def _positive(name: str, value: Any) -> float:

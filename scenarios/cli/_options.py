@@ -121,6 +121,12 @@ def progress_bar(title: str) -> Iterator[Progress]:
         bar.stop()
 
 
+def cluster_option(command: Command) -> Command:
+    """``--cluster``: a Dask scheduler."""
+    text = "A Dask cluster that is there already."
+    return click.option("--cluster", metavar="tcp://HOST:PORT", help=text)(command)
+
+
 def arm_options(command: Command) -> Command:
     """``--arm`` and ``--tip``: the user's own arm."""
     tip = click.option(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ from scenarios.cli._options import (
     arm_options,
     check_output,
     chosen_arm,
+    cluster_option,
     json_option,
     memory_option,
     print_json,
@@ -25,6 +25,9 @@ from scenarios.cli._options import (
 
 if TYPE_CHECKING:
     from scenarios.gap_report.batch import Outcome, Task
+    from scenarios.gap_report.fleet import Entry
+    from scenarios.gap_report.kept import About
+    from scenarios.workers import Workers
 
 
 @click.command(short_help="Name what causes a recording's sim-to-real gap.")
@@ -35,6 +38,7 @@ if TYPE_CHECKING:
 @click.option("--prior", type=PATH, metavar="F.toml", help="Weights of the effects that this arm is prone to.")
 @arm_options
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; one for each processor by default.")
+@cluster_option
 @click.option("--save-scenario", "saved", type=PATH, metavar="F.toml", help="Write the improved rig, for rig sweep.")
 @click.option(
     "--minutes",
@@ -54,6 +58,7 @@ def diagnose(
     arm_file: Path | None,
     tip: str | None,
     jobs: int | None,
+    cluster: str | None,
     saved: Path | None,
     minutes: float | None,
     out: Path,
@@ -64,13 +69,17 @@ def diagnose(
     Each gets DIR/NAME.diagnosis.json and DIR/NAME.html, a page to look at. A RUN.locked.parquet beside RUN.parquet is
     taken as its noise floor. Where the data do not decide between explanations, DIR/NAME.next.toml is the maneuver
     that would, within the joints' limits and M minutes. --prior F.toml has a table [effects] of relative weights,
-    such as backlash = 5; 1 is the default, 0 leaves an effect out. Several RUNs are done in parallel; a bad one does
-    not stop the others.
+    such as backlash = 5; 1 is the default, 0 leaves an effect out.
+
+    Several RUNs are done in parallel, here or on a Dask cluster that can read them; a bad one does not stop the
+    others, and what DIR holds of the same files, options and version is kept. DIR/fleet.csv, .json and .html tell
+    which cause is on which arm since when, by the metadata serial and recorded.
 
     \b
     Example:
       rig diagnose run.parquet
       rig diagnose lab/*.parquet --out reports --jobs 2
+      rig diagnose lab/*.parquet --out reports --cluster tcp://10.0.0.1:8786
       rig diagnose run.parquet --prior our-arm.toml
       rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
     """
@@ -79,6 +88,7 @@ def diagnose(
     from estimators.gap.prior import read_prior
     from rig.recording import scan_recording
     from scenarios.gap_report.batch import Outcome, Task, outcomes
+    from scenarios.gap_report.kept import document_of, write_outcome
     from scenarios.workers import Workers
 
     weights = None if prior is None else read_prior(prior)
@@ -86,48 +96,78 @@ def diagnose(
     for path in (locked, maneuver2):  # a file for all recordings is not to be refused once for each
         if path is not None:
             scan_recording(path, joints=None if arm is None else arm.dof)
-    workers = Workers(jobs)
+    workers = Workers(jobs, cluster)
     together = workers.at_once(len(chosen))
     tasks = [
         Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes, together, weights)
         for run in chosen
     ]
-    _tell_averaged(tasks)
-    found: dict[int, Outcome | Exception] = {}
-    words = str(chosen[0]) if len(chosen) == 1 else f"{len(chosen)} recordings"
-    with progress_bar(f"diagnosing {words}") as progress:
-        for number, result in outcomes(tasks, workers, progress):
-            if isinstance(result, Outcome):
-                _write(result, out, saved)
-            elif _debugging() or (len(tasks) == 1 and not isinstance(result, RigError)):
-                raise result
-            elif len(tasks) == 1:
-                raise type(result)(_words(tasks[0], result))
-            found[number] = result
-    results = [found[number] for number in range(len(tasks))]
+    if len(tasks) > 1 or cluster is not None:
+        return _fleet(tasks, workers, out, as_json)
+    with progress_bar(f"diagnosing {chosen[0]}") as progress:
+        ((_, result),) = outcomes(tasks, workers, progress)
+    if not isinstance(result, Outcome):
+        if _debugging() or not isinstance(result, RigError):
+            raise result
+        raise type(result)(_words(tasks[0], result))
+    _tell_averaged(tasks[0], result.about)
+    write_outcome(result, out, saved)
     if as_json:
-        documents = [_document(task, result) for task, result in zip(tasks, results, strict=True)]
-        print_json(documents[0] if len(documents) == 1 else documents)
+        print_json(document_of(result))
     else:
-        _tell([result for result in results if isinstance(result, Outcome)], out, saved)
-    return max(_failures(tasks, results), _unsaved(results, saved))
+        _tell(result, out, saved)
+    return _unsaved(result, saved)
 
 
-def _tell_averaged(tasks: Sequence[Task]) -> None:
-    """One line for each recording that is too long for the memory."""
-    from rig.recording import block_length, scan_recording
-    from scenarios.gap_report.batch import BYTES_A_SAMPLE, BYTES_ANYWAY
+def _fleet(tasks: Sequence[Task], workers: Workers, out: Path, as_json: bool) -> int:
+    """Diagnose what is not in the folder yet, then write the table and the page of all."""
+    from scenarios.gap_report.batch import Outcome, outcomes
+    from scenarios.gap_report.fleet import Entry
+    from scenarios.gap_report.fleet_page import fleet_tables, write_fleet
+    from scenarios.gap_report.kept import kept, write_outcome
 
-    for task in tasks:
-        with suppress(RigError, OSError):  # which its own turn will tell
-            together = task.together
-            block = block_length(scan_recording(task.run), BYTES_A_SAMPLE * together, BYTES_ANYWAY * together)
-            if block > 1:
-                words = (
-                    f"{task.run}: means over blocks of {block} samples are diagnosed, as memory allows no more: what is"
-                    " faster, such as mains hum, and single spoilt readings cannot be seen (--memory)"
-                )
-                click.echo(one_line(words), err=True)
+    entries: dict[int, Entry] = {}
+    errors: dict[int, Exception] = {}
+    for number, task in enumerate(tasks):
+        if (found := kept(task, out)) is not None:
+            entries[number] = Entry(task.run.stem, *found, without=task.without)
+    there = len(entries)
+    left = [number for number in range(len(tasks)) if number not in entries]
+    with progress_bar(f"diagnosing {len(left)} recordings") as progress:
+        for place, result in outcomes([tasks[number] for number in left], workers, progress):
+            task, number = tasks[left[place]], left[place]
+            if isinstance(result, Outcome):
+                write_outcome(result, out)
+                entries[number] = Entry(task.run.stem, result.diagnosis, result.about, without=task.without)
+            elif _debugging():
+                raise result
+            else:
+                entries[number] = Entry(task.run.stem, None, None, _words(task, result))
+                errors[number] = result
+    every = [entries[number] for number in range(len(tasks))]
+    for task, entry in zip(tasks, every, strict=True):
+        _tell_averaged(task, entry.about)
+    made = write_fleet(every, out)
+    if as_json:
+        print_json([_document(entry) for entry in every])
+    else:
+        from scenarios.report import show
+
+        show(fleet_tables(every))
+        kept_words = f", {there} of them kept as they were" if there else ""
+        click.echo(f"\n{out}: NAME.html and NAME.diagnosis.json of {len(tasks) - len(errors)} recordings{kept_words}")
+        click.echo(f"{', '.join(map(str, made))}: written")
+    return _failures(errors, every)
+
+
+def _tell_averaged(task: Task, about: About | None) -> None:
+    """One line for a recording that was too long for the memory."""
+    if about is not None and about.block > 1:
+        words = (
+            f"{task.run}: means over blocks of {about.block} samples are diagnosed, as memory allows no more: what is"
+            " faster, such as mains hum, and single spoilt readings cannot be seen (--memory)"
+        )
+        click.echo(one_line(words), err=True)
 
 
 def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out: Path, others: Sequence[Path]) -> None:
@@ -138,6 +178,7 @@ def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out
     """
     from rig.effects import EFFECTS
     from rig.recording import locked_beside
+    from scenarios.gap_report.kept import paths
 
     for name in without:
         if name not in EFFECTS:
@@ -153,97 +194,65 @@ def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out
         check_output(saved, (".toml",), *runs, *map(locked_beside, runs), *others)
         if len(runs) > 1:
             raise RigError(f"--save-scenario: found {len(runs)} recordings, expected one, whose rig it is")
+    if len(runs) > 1 and "fleet" in named:
+        raise RigError(f"{named['fleet']}: found the name 'fleet', expected another: fleet.html is the page of all")
     existing = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
     if not existing.is_dir():
         raise RigError(f"{out}: {existing} is a file, expected a folder for the results")
     if not os.access(existing, os.W_OK):
         raise RigError(f"{out}: folder {existing} cannot be written to")
     for run in runs:
-        for written in _outputs(run.stem, out) if out.is_dir() else ():
+        for written in paths(out, run.stem) if out.is_dir() else ():
             check_output(written, (written.suffix,), run, locked_beside(run), *others)
             if saved is not None and saved.absolute() == written.absolute():
                 raise RigError(f"--save-scenario {saved}: is the next maneuver's file, expected another name")
 
 
-def _outputs(name: str, out: Path) -> tuple[Path, Path, Path]:
-    """The page, the diagnosis and the next maneuver of a recording."""
-    return out / f"{name}.html", out / f"{name}.diagnosis.json", out / f"{name}.next.toml"
-
-
-def _write(outcome: Outcome, out: Path, saved: Path | None) -> None:
-    """All files of a recording or none."""
-    from rig.files import atomic_path, write_text
-
-    out.mkdir(parents=True, exist_ok=True)
-    shown, said, proposal = _outputs(outcome.diagnosis.recording, out)
-    again = said.exists()
-    with atomic_path(shown) as page, atomic_path(said) as document:
-        page.write_text(outcome.page, encoding="utf-8", errors="backslashreplace")
-        outcome.diagnosis.write(document)
-        if saved is not None and outcome.scenario is not None:
-            with atomic_path(saved) as scenario:
-                scenario.write_text(outcome.scenario, encoding="utf-8")
-    if outcome.next is not None:
-        write_text(proposal, outcome.next)
-    elif again:
-        proposal.unlink(missing_ok=True)  # of the earlier diagnosis
-
-
-def _tell(outcomes: Sequence[Outcome], out: Path, saved: Path | None) -> None:
-    from scenarios.gap_report.terminal import diagnosis_tables, summary_table
+def _tell(outcome: Outcome, out: Path, saved: Path | None) -> None:
+    from scenarios.gap_report.kept import paths
+    from scenarios.gap_report.terminal import diagnosis_tables
     from scenarios.report import show
 
-    if not outcomes:
-        return
-    if len(outcomes) == 1:
-        name = outcomes[0].diagnosis.recording
-        show(diagnosis_tables(outcomes[0].diagnosis, outcomes[0].units))
-        click.echo(f"\n{out / name}.html, {out / name}.diagnosis.json: written")
-        if outcomes[0].next is not None:
-            proposal = out / f"{name}.next.toml"
-            click.echo(f"{proposal}: written; rig sweep {proposal} -o RUN.parquet simulates it")
-    else:
-        show(summary_table([outcome.diagnosis for outcome in outcomes]))
-        click.echo(f"\n{out}: {len(outcomes)} recordings, for each NAME.html and NAME.diagnosis.json")
-    if saved is not None and outcomes[0].scenario is not None:
+    document, page, proposal = paths(out, outcome.diagnosis.recording)
+    show(diagnosis_tables(outcome.diagnosis, outcome.units))
+    click.echo(f"\n{page}, {document}: written")
+    if outcome.next is not None:
+        click.echo(f"{proposal}: written; rig sweep {proposal} -o RUN.parquet simulates it")
+    if saved is not None and outcome.scenario is not None:
         click.echo(f"{saved}: written; rig sweep {saved} -o RUN.parquet simulates it")
 
 
-def _document(task: Task, result: Outcome | Exception) -> dict[str, Any]:
+def _document(entry: Entry) -> dict[str, Any]:
     """The contract's object, or what stopped it."""
-    if isinstance(result, Exception):
-        return {"recordings": [task.run.stem], "error": _words(task, result)}
-    document: dict[str, Any] = result.diagnosis.to_json()
+    if entry.diagnosis is None:
+        return {"recordings": [entry.name], "error": entry.error}
+    document: dict[str, Any] = entry.diagnosis.to_json()
     return document
 
 
-def _failures(tasks: Sequence[Task], results: Sequence[Outcome | Exception]) -> int:
+def _failures(errors: Mapping[int, Exception], entries: Sequence[Entry]) -> int:
     """One line on stderr for each recording without a diagnosis, and the exit status of all."""
     from scenarios.cli._app import BUG, DONE
 
     status = DONE
-    for task, result in zip(tasks, results, strict=True):
-        if isinstance(result, Exception):
-            click.echo(f"rig: {one_line(_words(task, result))}", err=True)
-            status = max(status, result.exit_status if isinstance(result, RigError) else BUG)
+    for number, error in sorted(errors.items()):
+        click.echo(f"rig: {one_line(entries[number].error)}", err=True)
+        status = max(status, error.exit_status if isinstance(error, RigError) else BUG)
     return status
 
 
-def _unsaved(results: Sequence[Outcome | Exception], saved: Path | None) -> int:
+def _unsaved(outcome: Outcome, saved: Path | None) -> int:
     """One line on stderr for an improved rig that cannot be written, and the exit status; the diagnosis stands."""
     from scenarios.cli._app import DONE
-    from scenarios.gap_report.batch import Outcome
 
-    status = DONE
-    for result in results:
-        if isinstance(result, Outcome) and result.unsaved is not None:
-            click.echo(f"rig: {one_line(f'{saved}: not written, but the diagnosis is: {result.unsaved}')}", err=True)
-            status = RigError.exit_status
-    return status
+    if outcome.unsaved is None:
+        return DONE
+    click.echo(f"rig: {one_line(f'{saved}: not written, but the diagnosis is: {outcome.unsaved}')}", err=True)
+    return RigError.exit_status
 
 
 def _words(task: Task, error: Exception) -> str:
-    words = " ".join(str(error).split())
+    words = " ".join(str(error).split()).replace(str(task.run.absolute()), str(task.run))  # as a cluster names it
     if isinstance(error, RigError):
         return words if task.run.name in words else f"{task.run}: {words}"
     return f"{task.run}: this is a bug in rig, not in your call: {type(error).__name__}: {words}"

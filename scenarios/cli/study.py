@@ -15,6 +15,7 @@ from scenarios.cli._options import (
     Choice,
     arm_options,
     chosen_arm,
+    cluster_option,
     json_option,
     print_json,
     progress_bar,
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from scenarios.studies.summary import Summary
-    from scenarios.workers import Workers
 
 
 @click.group(short_help="Consistency, subsets, and both papers table by table.")
@@ -43,25 +43,10 @@ def study() -> None:
 
 def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """``--workers`` and ``--cluster``: where trials run."""
-    cluster = click.option("--cluster", metavar="tcp://HOST:PORT", help="A Dask cluster that is there already.")
     workers = click.option(
         "--workers", type=click.IntRange(min=0), metavar="N", help="Local processes; 0: this one. One a processor."
     )
-    return workers(cluster(command))
-
-
-def chosen_workers(workers: int | None, cluster: str | None) -> Workers:
-    """What the two options come to.
-
-    Raises:
-        RigError: Both are given.
-    """
-    from rig.errors import RigError
-    from scenarios.workers import Workers
-
-    if workers is not None and cluster is not None:
-        raise RigError("--workers and --cluster: found both, expected one of them")
-    return Workers(workers, cluster)
+    return workers(cluster_option(command))
 
 
 @study.command(short_help="Do estimates converge, and at the best possible rate?")
@@ -111,8 +96,9 @@ def consistency(
     from scenarios.studies.settings import Settings
     from scenarios.studies.store import SUMMARY, StudyFolder
     from scenarios.studies.summary import RATES, Summary
+    from scenarios.workers import Workers
 
-    where = chosen_workers(workers, cluster)
+    where = Workers(workers, cluster)
     settings = Settings.of(
         load(scenario),
         counts,

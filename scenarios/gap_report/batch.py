@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import platform
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from estimators.gap import Diagnosis
 from estimators.gap.basefit import fitted_model, posed
@@ -15,10 +17,12 @@ from estimators.gap.diagnose import examined
 from estimators.gap.separation import rivals
 from rig.arm import Arm
 from rig.errors import RigError
+from rig.memory import as_stated, stated
 from rig.recording import locked_beside, whole_or_means
 from rig.threads import one_blas_thread
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.improved_rig import improved_rig
+from scenarios.gap_report.kept import About, origin
 from scenarios.gap_report.next_maneuver import next_step
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import gap_residuals
@@ -45,6 +49,8 @@ class Task:
         minutes: how long the next maneuver may take; None: as long as the recording.
         together: how many tasks share the memory that may be taken.
         prior: relative weights of effects; None: all alike.
+        memory: what the user has stated, for workers that are not of this machine.
+        origin: what the files must be, of a worker that reads them elsewhere; None: as they are.
     """
 
     run: Path
@@ -57,6 +63,8 @@ class Task:
     minutes: float | None = None
     together: int = 1
     prior: Mapping[str, float] | None = None
+    memory: str | None = None
+    origin: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +73,7 @@ class Outcome:
 
     Attributes:
         diagnosis, page: the diagnosis and its page.
+        about: whose recording it is. origin: what the diagnosis was made from.
         units: sensor -> recorded unit.
         scenario: the improved rig, where it was wanted.
         next: the scenario that would tell the explanations apart, where the recording does not.
@@ -73,6 +82,8 @@ class Outcome:
 
     diagnosis: Diagnosis
     page: str
+    about: About
+    origin: Mapping[str, Any]
     units: Mapping[str, str]
     scenario: str | None
     next: str | None = None
@@ -96,6 +107,9 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     fitted = partial(fitted_model, arm=arm)
     recording, block = means(task.run, fitted=fitted)
     recording = posed(recording, arm)[0]
+    made_from = origin(task)
+    if task.origin is not None and made_from["files_sha256"] != task.origin["files_sha256"]:
+        raise RigError(f"{task.run}: is another file on {platform.node()}, expected the one to diagnose")
     beside = task.locked or locked_beside(task.run)
     locked = None if beside is None else means(beside, block=block)[0]
     second = None if task.maneuver2 is None else means(task.maneuver2, block=block, fitted=fitted)[0]
@@ -119,6 +133,8 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
         return Outcome(
             diagnosis,
             page(diagnosis, residuals, task.without),
+            About.of(recording, block),
+            made_from,
             dict(recording.units),
             text if task.improved else None,
             None if step is None else step.scenario,
@@ -138,7 +154,9 @@ def outcomes(
     Raises:
         RigError: as of ``Workers.completed``; a recording at which a worker dies is an outcome.
     """
-    if workers.cluster is None and workers.at_once(len(tasks)) == 1:
+    if workers.cluster is not None:
+        tasks = [_elsewhere(task) for task in tasks]
+    elif workers.at_once(len(tasks)) == 1:
         yield from _here(tasks, progress)
         return
 
@@ -150,10 +168,20 @@ def outcomes(
         yield number, result
 
 
+def _elsewhere(task: Task) -> Task:
+    """The task for another machine: its files by whole paths, and what they must be."""
+    named = {name: getattr(task, name) for name in ("run", "locked", "maneuver2", "arm_file")}
+    whole = replace(task, memory=stated(), **{name: path and path.absolute() for name, path in named.items()})
+    with suppress(RigError, OSError):  # what is missing its own turn will tell
+        return replace(whole, origin=origin(whole))
+    return whole
+
+
 def _attempt(task: Task, progress: Progress | None = None) -> Outcome | Exception:
     """The outcome, or what stopped it: one recording does not stop the others."""
     try:
-        return carry_out(task, progress)
+        with as_stated(task.memory):
+            return carry_out(task, progress)
     except Exception as error:
         if not isinstance(error, RigError):
             error.add_note(traceback.format_exc())  # which does not come along from another process

@@ -10,7 +10,7 @@ from estimators.gap.diagnosis import Diagnosis, chance
 from scenarios.gap_report import sections
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import VERDICTS, alternatives, closed_words, consequences, headline
-from scenarios.workers import package_version
+from scenarios.version import package_version
 
 #: Nothing may be loaded from anywhere; the style is the page's own.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -23,7 +23,6 @@ def page(diagnosis: Diagnosis, residuals: GapResiduals, without: Sequence[str] =
         residuals: of the same recording, from ``gap_residuals``.
         without: effects that were left out of the catalogue.
     """
-    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
     title = f"{diagnosis.recording}: {VERDICTS[diagnosis.verdict].lower()}"
     parts = [
         _head(diagnosis, residuals, without),
@@ -37,6 +36,12 @@ def page(diagnosis: Diagnosis, residuals: GapResiduals, without: Sequence[str] =
         sections.untold(diagnosis),
         _foot(diagnosis),
     ]
+    return document(title, parts)
+
+
+def document(title: str, parts: Iterable[str]) -> str:
+    """An HTML file with the pages' style, of what stands in it."""
+    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'

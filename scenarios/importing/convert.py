@@ -163,6 +163,8 @@ def _joined(
         metadata,
         gravity_m_s2=stated.gravity_m_s2 or _GRAVITY,
         magnetic_field=stated.magnetic_field or 1.0,
+        serial=stated.serial,
+        recorded=stated.recorded,
         magnetic_field_unit=unit,
         notes="; ".join([stated.notes] * bool(stated.notes) + ["made by rig import", *said])[:1500],
     )

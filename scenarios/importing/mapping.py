@@ -56,12 +56,14 @@ class Stated:
     """``[metadata]``: what the recording says about itself.
 
     Attributes:
-        gravity_m_s2, magnetic_field, magnetic_field_unit, notes: as in a recording's metadata.
+        gravity_m_s2, magnetic_field, magnetic_field_unit, serial, recorded, notes: as in a recording's metadata.
     """
 
     gravity_m_s2: float | None = None
     magnetic_field: float | None = None
     magnetic_field_unit: str | None = None
+    serial: str | None = None
+    recorded: str | None = None
     notes: str = ""
 
 

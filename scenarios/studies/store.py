@@ -28,7 +28,8 @@ from rig.documents import read_json
 from rig.errors import RigError, nearest, shown
 from rig.files import atomic_path, file_hash, own_folder, sync_folder, write_text
 from scenarios.studies.tables import opened_table, read_table, write_table
-from scenarios.workers import Settings, Trial, Workers, package_version
+from scenarios.version import package_version
+from scenarios.workers import Settings, Trial, Workers
 
 FORMAT: Final = "rig-study/1"
 DOCUMENT: Final = "study.json"

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
 from rig.documents import read_json
 from rig.errors import RigError
 from rig.files import child, file_hash, own_folder, write_text
+from scenarios.version import sources_hash
 
 _SOLVER: Final = "solver.json"
 _FORMAT: Final = "rig-blind-answers/1"
@@ -47,7 +46,7 @@ class Answers:
         own_folder(self.folder)
         if not (self.folder / _SOLVER).exists():
             self._write({})
-        elif self.solver() != solver_hash():
+        elif self.solver() != sources_hash():
             raise RigError(
                 f"{self.folder}: holds answers of another version of the diagnosis: remove that folder to start anew"
             )
@@ -97,20 +96,5 @@ class Answers:
         return path.is_file() and hashes.get(name) == file_hash(path)
 
     def _write(self, hashes: dict[str, Any]) -> None:
-        document = {"format": _FORMAT, "sources_sha256": solver_hash(), "answers": hashes}
+        document = {"format": _FORMAT, "sources_sha256": sources_hash(), "answers": hashes}
         write_text(self.folder / _SOLVER, json.dumps(document, indent=1) + "\n")
-
-
-@cache
-def solver_hash() -> str:
-    """SHA-256 of all that the diagnosis is made of: the sources of ``rig`` and ``estimators``."""
-    import estimators
-    import rig
-
-    digest = hashlib.sha256()
-    for package in (rig, estimators):
-        root = Path(str(package.__file__)).parent
-        for path in sorted(root.rglob("*.py")):
-            digest.update(f"{package.__name__}/{path.relative_to(root).as_posix()}\n".encode())
-            digest.update(bytes.fromhex(file_hash(path)))
-    return digest.hexdigest()

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from scenarios.cli._options import PATH, json_option, print_json, progress_bar
-from scenarios.cli.study import chosen_workers, workers_options
+from scenarios.cli.study import workers_options
 
 
 @click.command(short_help="Every table of both papers beside the rig.")
@@ -25,9 +25,10 @@ def paper(output: Path, draws: int, workers: int | None, cluster: str | None, as
     Example:
       rig study paper -o docs
     """
+    from scenarios.workers import Workers
     from validation.paper.run import make_paper, settings
 
-    where = chosen_workers(workers, cluster)
+    where = Workers(workers, cluster)
     with progress_bar("both papers") as progress:
         made = make_paper(output, settings(draws), where, progress)
     if as_json:

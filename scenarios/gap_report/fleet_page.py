@@ -1,0 +1,180 @@
+"""A fleet on one page and on the terminal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+from rich.console import Group
+from rich.text import Text
+
+from estimators.gap.diagnosis import chance
+from scenarios.gap_report.fleet import Entry, History, histories, in_order
+from scenarios.gap_report.page import document
+from scenarios.gap_report.svg import Drawing
+from scenarios.gap_report.words import VERDICTS, alike_words, and_words, cause_title, cause_words, closed_words
+from scenarios.report import table
+
+#: A recording in the picture is so wide [px], or narrower where they are many.
+_CELL: Final = 22.0
+_ROW: Final = 24.0
+_LEFT, _WIDTH = 330.0, 1000.0
+_SIGNS: Final = {"found": "k-found", "absent": "k-absent", "open": "k-open"}
+
+
+def fleet_page(entries: Sequence[Entry]) -> str:
+    """One HTML file that needs nothing else; the recordings' own pages lie beside it."""
+    ordered, told = in_order(entries), histories(entries)
+    arms = list(dict.fromkeys(entry.arm for entry in ordered if entry.about is not None))
+    parts = [
+        f'<p class="kicker">{_number(len(ordered), "recording")} of {_number(len(arms), "arm")}</p>',
+        f"<h1>{escape(_headline(told, arms))}</h1>",
+        _tiles(ordered),
+        "<h2>Which cause, on which arm, since when</h2>",
+        _since(told) if told else "<p>No recording shows a cause.</p>",
+        _picture(told) if told else "",
+        "<h2>All recordings</h2>",
+        _recordings(ordered),
+    ]
+    return document("Fleet: which cause on which arm since when", parts)
+
+
+def _headline(told: Sequence[History], arms: Sequence[str]) -> str:
+    now = {each.arm for each in told if each.now}
+    if not now:
+        return f"No cause on {'the arm' if len(arms) == 1 else f'any of {len(arms)} arms'} now"
+    return f"A cause on {len(now)} of {_number(len(arms), 'arm')} now"
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count:,} {what}" + ("" if count == 1 else "s")
+
+
+def _tiles(entries: Sequence[Entry]) -> str:
+    verdicts = Counter("failed" if entry.diagnosis is None else entry.diagnosis.verdict for entry in entries)
+    words = {**VERDICTS, "failed": "Without a diagnosis"}
+    tiles = [
+        f'<div class="tile"><dt>{words[name]}</dt><dd>{count:,}<small>of {len(entries):,}</small></dd></div>'
+        for name, count in ((name, verdicts[name]) for name in words)
+        if count
+    ]
+    return f'<dl class="tiles">{"".join(tiles)}</dl>'
+
+
+def _title(history: History) -> str:
+    return " or ".join(cause_title(*name) for name in history.names[:3]) + (" or others" * (len(history.names) > 3))
+
+
+def _moment(entry: Entry) -> str:
+    return f"{entry.recorded} ({entry.name})" if entry.recorded else entry.name
+
+
+def _state(history: History) -> str:
+    return "now" if history.now else "gone again"
+
+
+def _rows(told: Sequence[History]) -> list[tuple[str, str, str, str, str]]:
+    """Arm, cause, since, last without, in how many of those that could tell."""
+    return [
+        (
+            each.arm,
+            f"{_title(each)} ({_state(each)})",
+            _moment(each.since),
+            _before(each),
+            f"{each.seen.count('found')} of {sum(seen != 'open' for seen in each.seen)}",
+        )
+        for each in told
+    ]
+
+
+def _before(history: History) -> str:
+    if history.before is not None:
+        return _moment(history.before)
+    return "none: it is the first" if history.entries[0] is history.since else "none could tell"
+
+
+_HEADER: Final = ("arm", "cause", "since", "last recording without it", "found in")
+
+
+def _since(told: Sequence[History]) -> str:
+    return _table(_HEADER, [[escape(cell) for cell in row] for row in _rows(told)])
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Of cells in HTML."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in header)
+    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _picture(told: Sequence[History]) -> str:
+    longest = max(len(each.seen) for each in told)
+    cell = min(_CELL, (_WIDTH - _LEFT) / longest)
+    drawing = Drawing(_WIDTH, _ROW * len(told) + 6, "every cause of every arm, recording by recording")
+    for row, each in enumerate(told):
+        y = _ROW * row
+        words = f"{each.arm}: {_title(each)}"
+        drawing.text(0, y + 15, words if len(words) <= 52 else f"{words[:51]}…")
+        for place, seen in enumerate(each.seen):
+            drawing.rect(_LEFT + cell * place + 0.5, y + 4, cell - min(2.0, 0.2 * cell), 14, _SIGNS[seen])
+    return (
+        f"<figure>{drawing}"
+        '<ul class="key"><li class="k-found">found</li><li class="k-absent">looked for and not found</li>'
+        '<li class="k-open">could not tell</li></ul>'
+        "<figcaption>One box a recording of the arm, from its first one on. A cause has been found where its "
+        "probability is .5 or more; a recording with something unexplained does not say that a cause is not there."
+        "</figcaption></figure>"
+    )
+
+
+def _recordings(entries: Sequence[Entry]) -> str:
+    rows = []
+    for entry in entries:
+        row = [escape(entry.arm), escape(entry.recorded)]
+        found = entry.diagnosis
+        if found is None:
+            rows.append([*row, escape(entry.name), "–", escape(entry.error), ""])
+            continue
+        causes = [
+            f"{cause_words(cause)}: {chance(cause.probability)}"
+            + (f" (the same here: {alike_words(cause)})" if cause.equivalent else "")
+            for cause in entry.causes
+        ]
+        link = f'<a href="{quote(f"{entry.name}.html")}">{escape(entry.name)}</a>'
+        verdict = f'<span class="badge {found.verdict}">{VERDICTS[found.verdict]}</span>'
+        rows.append([*row, link, verdict, "<br>".join(map(escape, causes)), escape(closed_words(found))])
+    return _table(("arm", "recorded", "recording", "verdict", "causes", "closed"), rows)
+
+
+def fleet_tables(entries: Sequence[Entry]) -> Group:
+    """The same for the terminal: which cause on which arm since when, then one line a verdict."""
+    told = histories(entries)
+    result = table(*_HEADER)
+    for row in _rows(told):
+        result.add_row(*map(Text, row))
+    verdicts = Counter(entry.diagnosis.verdict for entry in entries if entry.diagnosis is not None)
+    counts = and_words([f"{count} {VERDICTS[name].lower()}" for name, count in verdicts.most_common()])
+    return Group(*([result] if told else []), Text(f"\n{_number(sum(verdicts.values()), 'recording')}: {counts}"))
+
+
+def write_fleet(entries: Sequence[Entry], out: Path) -> tuple[Path, Path, Path]:
+    """Write ``fleet.csv``, ``fleet.json`` and ``fleet.html`` into a folder.
+
+    Raises:
+        RigError: a file cannot be written.
+    """
+    import json
+
+    from rig.files import write_text
+    from scenarios.gap_report.fleet import fleet_csv, fleet_json
+
+    out.mkdir(parents=True, exist_ok=True)
+    made = (out / "fleet.csv", out / "fleet.json", out / "fleet.html")
+    texts = (fleet_csv(entries), json.dumps(fleet_json(entries), indent=1, allow_nan=False) + "\n", fleet_page(entries))
+    for path, text in zip(made, texts, strict=True):
+        write_text(path, text)
+    return made

@@ -1,0 +1,125 @@
+"""Diagnoses that are in a folder: written whole or not at all, and kept where they would come out the same again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.reading import diagnosis_of
+from rig.arm_file import model_file
+from rig.documents import read_json
+from rig.errors import RigError
+from rig.files import atomic_path, file_hash, write_text
+from rig.memory import stated
+from rig.recording import Recording, locked_beside
+from scenarios.version import package_version, sources_hash
+
+if TYPE_CHECKING:
+    from scenarios.gap_report.batch import Outcome, Task
+
+#: In a diagnosis' file, beside the contract's keys: what it was made from, and whose recording that is.
+ORIGIN = "made_from"
+ABOUT = "about"
+
+
+@dataclass(frozen=True)
+class About:
+    """Whose recording it is, of when.
+
+    Attributes:
+        arm: its model. serial: of that arm; None: not stated.
+        recorded: ISO 8601 date and time of the first sample; None: not stated.
+        block: samples that each of those diagnosed is the mean of; 1: diagnosed as recorded.
+    """
+
+    arm: str
+    serial: str | None = None
+    recorded: str | None = None
+    block: int = 1
+
+    @classmethod
+    def of(cls, recording: Recording, block: int) -> About:
+        """As its metadata say."""
+        metadata = recording.metadata
+        serial = None if metadata.serial is None else str(metadata.serial)
+        return cls(metadata.arm, serial, metadata.recorded, block)
+
+
+def origin(task: Task) -> dict[str, Any]:
+    """What a diagnosis is made from: the hashes of the files, the options, the version.
+
+    Raises:
+        RigError, OSError: a file is missing.
+    """
+    files = {"recording": task.run, "locked": task.locked or locked_beside(task.run), "maneuver2": task.maneuver2}
+    files["arm"] = None if task.arm_file is None else model_file(task.arm_file)
+    return {
+        "version": package_version(),
+        "sources_sha256": sources_hash(),
+        "files_sha256": {name: file_hash(path) for name, path in files.items() if path is not None},
+        "options": {
+            "without": sorted(task.without),
+            "tip": task.tip,
+            "minutes": task.minutes,
+            "prior": None if task.prior is None else dict(sorted(task.prior.items())),
+        },
+        "memory": stated(),
+    }
+
+
+def paths(out: Path, name: str) -> tuple[Path, Path, Path]:
+    """The diagnosis, its page and what to record next, of a recording's name."""
+    return out / f"{name}.diagnosis.json", out / f"{name}.html", out / f"{name}.next.toml"
+
+
+def kept(task: Task, out: Path) -> tuple[Diagnosis, About] | None:
+    """The diagnosis of a task that is in the folder already; None where it is missing, or made from something else."""
+    document, page, proposal = paths(out, task.run.stem)
+    if task.improved or not (document.is_file() and page.is_file()):
+        return None
+    with suppress(RigError, OSError, TypeError, AttributeError, LookupError):  # something else by that name
+        content = read_json(document, "a diagnosis")
+        about = About(**content[ABOUT])
+        found, wanted = dict(content[ORIGIN]), origin(task)
+        if about.block == 1:  # the memory made no difference
+            found.pop("memory", None)
+            wanted.pop("memory", None)
+        named = (content.get("next") or {}).get("scenario")
+        if found == json.loads(json.dumps(wanted)) and (named is None or proposal.is_file()):
+            return diagnosis_of(content, str(document)), about
+    return None
+
+
+def document_of(outcome: Outcome) -> Mapping[str, Any]:
+    """A diagnosis' file: the contract's object, whose recording it is, and what it was made from."""
+    return {**outcome.diagnosis.to_json(), ABOUT: vars(outcome.about), ORIGIN: outcome.origin}
+
+
+def write_outcome(outcome: Outcome, out: Path, saved: Path | None = None) -> None:
+    """All files of a recording or none.
+
+    Args:
+        out: the folder, which is made. saved: where the improved rig goes.
+
+    Raises:
+        RigError: a file cannot be written.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    found, drawn, proposal = paths(out, outcome.diagnosis.recording)
+    again = found.exists()
+    text = json.dumps(document_of(outcome), indent=1, allow_nan=False) + "\n"
+    with atomic_path(drawn) as page, atomic_path(found) as document:
+        page.write_text(outcome.page, encoding="utf-8", errors="backslashreplace")
+        document.write_text(text, encoding="utf-8", errors="backslashreplace")
+        if saved is not None and outcome.scenario is not None:
+            with atomic_path(saved) as scenario:
+                scenario.write_text(outcome.scenario, encoding="utf-8")
+    if outcome.next is not None:
+        write_text(proposal, outcome.next)
+    elif again:
+        proposal.unlink(missing_ok=True)  # of the earlier diagnosis
