@@ -12,11 +12,14 @@ from estimators.calibration import Calibration
 from estimators.gap.bench import Bench, known
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.colour import fit_floor, held
+from estimators.gap.rounded import COARSE, rounded_floor
 from estimators.goodness.residuals import residuals_of
 from estimators.noise import held_poses
 from estimators.pipeline import arm_of, calibrate
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.effects.converter import lattice_step
+from rig.effects.tails import beside_neighbours, drawn_in, student, tails_of, variance_beside_neighbours
 from rig.environment import Environment
 from rig.errors import RigError
 from rig.pipeline import Pipeline
@@ -43,9 +46,15 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     stride = max(1, int(interval_s * locked.rate_Hz / _FINER))
     readings = all_readings(locked)
     numbers = [label for label in np.unique(labels) if label >= 0]
-    channels = {}
+    channels, tails, coarse = {}, {}, {}
     for column in np.flatnonzero(np.isfinite(readings[0])):
         segments = [readings[labels == label, column] for label in numbers]
+        step = lattice_step(readings[:, column])
+        own = held(segments, 1.0 / locked.rate_Hz)
+        if own.segments and own.variance > 0.0 and step**2 > COARSE**2 * own.variance:
+            coarse[int(column)] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
+            continue
+        segments, *tails[int(column)] = _relieved(segments)
         phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
         channels[int(column)] = held(phases, stride / locked.rate_Hz)
     if not numbers or not all(channel.segments for channel in channels.values()):
@@ -54,8 +63,31 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     if silent:
         raise RigError(f"{locked.origin or locked.name}: {silent[0]} is constant, expected its noise at rest")
     boards = [sensor for column in channels for sensor, own in COLUMNS_OF.items() if column in range(6)[own]]
-    fitted = dict(zip(channels, fit_floor(list(channels.values()), boards), strict=True))
+    fitted = coarse | {
+        column: _of_sweep(noise, *tails[column])
+        for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
+    }
     return tuple(fitted.get(column, ChannelNoise(np.nan)) for column in range(len(CHANNELS)))
+
+
+def _relieved(segments: list[Array]) -> tuple[list[Array], float, float]:
+    """Readings of poses at rest with the ends of long tails drawn in; the tails' degrees of freedom and variance."""
+    means = [float(segment.mean()) for segment in segments]
+    values = np.concatenate([segment - mean for segment, mean in zip(segments, means, strict=True)])
+    if not values.any():
+        return segments, np.inf, 0.0
+    degrees, scale, _ = student(values)
+    less = [drawn_in(segment - mean, degrees, scale) for segment, mean in zip(segments, means, strict=True)]
+    lost = float(np.mean(values**2) - np.mean(np.concatenate(less) ** 2))
+    return [each + mean for each, mean in zip(less, means, strict=True)], degrees, lost
+
+
+def _of_sweep(noise: ChannelNoise, degrees: float, lost: float) -> ChannelNoise:
+    """The floor of long-tailed noise as the sweep's readings have it, drawn in beside their neighbours."""
+    if np.isinf(degrees):
+        return noise
+    grown = variance_beside_neighbours(degrees)
+    return replace(noise, white=noise.white * grown, degrees=degrees, tails=lost - (grown - 1.0) * noise.white)
 
 
 def all_readings(recording: Recording) -> Array:
@@ -159,6 +191,10 @@ def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise
     for values in (all_readings(recording) - base.volts).T:
         differences = np.diff(values, n=2)
         spread = float(np.median(np.abs(differences - np.median(differences)))) / 0.6745  # robust against spikes
+        local = beside_neighbours(values * np.sqrt(6.0) / spread)
+        if np.isfinite((tails := tails_of(local, None))[0]):  # of long tails the median tells too little
+            less = values + (drawn_in(local, *tails) - local) * spread / np.sqrt(6.0)
+            spread = float(np.std(np.diff(less, n=2)))
         # a median of overlapping differences tells a twentieth of what as many independent samples would
-        floors.append(ChannelNoise(spread**2 / 6.0, samples=len(values) // 20))
+        floors.append(ChannelNoise(spread**2 / 6.0, samples=len(values) // 20, degrees=None))
     return tuple(floors)

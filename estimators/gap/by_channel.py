@@ -43,12 +43,13 @@ def channels(
     ratio = float(np.median(after)) / max(whole, 1e-12) if effects else 0.0
     found = {}
     for column in bench.columns:
-        sigma = math.sqrt(floor[column].variance)
+        tails = floor[column].tails  # of which the readings were relieved
+        sigma = math.sqrt(floor[column].variance + tails)
         own = float(np.mean(gap[:, column] ** 2))
         gaps = [defect.gap for defect in defects] + [offer.gap for offer in offers]
         named = float(sum(each[column] ** 2 for each in gaps))
-        rms_before = float(np.sqrt(np.mean(bench.residual[:, column] ** 2)))
-        rms_after = float(np.sqrt(np.mean(left[:, column] ** 2)))
+        rms_before = float(np.sqrt(np.mean(bench.residual[:, column] ** 2) + tails))
+        rms_after = float(np.sqrt(np.mean(left[:, column] ** 2) + tails))
         remains = own * min(ratio, 1.0)
         if other:
             remains = max(remains, rms_after**2 - sigma**2 - named)

@@ -36,6 +36,9 @@ class ChannelNoise:
         samples: how many samples it was learned from.
         duration_s: how long these lasted [s].
         folded: of the coloured parts, what means over blocks of samples make look white [V^2]; may be below zero.
+        degrees: of Student's distribution where single readings have long tails, infinite where they are normal; None
+            where no recording at rest tells.
+        tails: variance of the tails that readings are relieved of, beyond the rest of it [V^2].
     """
 
     white: float
@@ -43,6 +46,8 @@ class ChannelNoise:
     samples: int = 0
     duration_s: float = 0.0
     folded: float = 0.0
+    degrees: float | None = np.inf
+    tails: float = 0.0
 
     @property
     def coloured(self) -> float:

@@ -18,6 +18,7 @@ from estimators.gap.bench import Bench
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Finding, Kind, Readings
 from rig.effects.converter import lattice_step
+from rig.effects.tails import beside_neighbours, drawn_in, tails_of
 from rig.pipeline import Pipeline
 
 Array = NDArray[np.float64]
@@ -76,7 +77,8 @@ def readings_of(bench: Bench, step: Array) -> Readings:
     for column in bench.columns:
         white[:, column] = bench.whiteners[column](bench.residual[:, column]) * bench.weights[:, column]
     sigma = np.array([whitener.sigma for whitener in bench.whiteners])
-    return Readings(bench.readings, bench.base.volts, sigma, white, bench.weights == 0.0, step)
+    degrees = tuple(channel.degrees for channel in bench.floor)
+    return Readings(bench.readings, bench.base.volts, sigma, white, bench.weights == 0.0, step, degrees)
 
 
 def _defect(finding: Finding) -> Defect:
@@ -115,6 +117,22 @@ def explained_away(
     return [*others, *_examined(_LAST, judged, np.zeros(left.readings.shape[1]))]
 
 
+def relieved(bench: Bench) -> Bench:
+    """The bench with the ends of long tails drawn in, where the floor has such: what squares make of them is no gap.
+
+    Judged beside their neighbours, so that whatever is slow stays; as the floor was (``drawn_in``).
+    """
+    readings = bench.readings.copy()
+    white = readings_of(bench, np.zeros(len(CHANNELS))).white
+    for column in bench.columns:
+        known = bench.floor[column].degrees
+        if known is None or np.isfinite(known):
+            local = beside_neighbours(white[:, column])
+            less = drawn_in(local, *tails_of(local, known)) - local
+            readings[:, column] += less * bench.whiteners[column].sigma * (bench.weights[:, column] > 0.0)
+    return replace(bench, readings=readings)
+
+
 def masked(bench: Bench, defects: Sequence[Defect]) -> Bench:
     """The bench with the affected readings left out."""
     for defect in defects:
@@ -122,4 +140,4 @@ def masked(bench: Bench, defects: Sequence[Defect]) -> Bench:
         if defect.effect == "adc_quantisation":  # its rounding error is white noise of variance step^2 / 12
             sigma = np.array([whitener.sigma for whitener in bench.whiteners])
             bench = replace(bench, weights=bench.weights * sigma / np.hypot(sigma, defect.gap))
-    return bench
+    return relieved(bench)

@@ -20,7 +20,7 @@ from estimators.gap.rebase import around
 from estimators.gap.scan import Scanner
 from estimators.gap.score import Explained
 from estimators.gap.search import Explanation, Member, Search, set_prior, unseen_places, visible
-from estimators.gap.states import NoiseState, gain, moved_floor, named, unnamed
+from estimators.gap.states import NoiseState, gain, moved_floor, named, unnamed, unseen_floor
 
 Array = NDArray[np.float64]
 
@@ -226,14 +226,16 @@ def explain(
             kind = state.name, state.labels
             if kind not in tried and (kind not in best or best[kind][0] < promise):
                 best[kind] = promise, state, below, each
-        ranked = sorted(best.items(), key=lambda item: -item[1][0])
-        for kind, (promise, state, below, each) in ranked:
+        reached = work.best  # before what the states promise is entered
+        for promise, state, _, each in states:
             alone = promise + (0.0 if state.other else float(np.log1p(-OTHER)))
             work.enter(Hypothesis(each, state, (), alone))
+        ranked = sorted(best.items(), key=lambda item: -item[1][0])
+        for kind, (promise, state, below, each) in ranked:
             same = each.key == work.leading.explanation.key and not work.leading.terms
             if len(frontier) >= 2 or promise < work.best - (_CLOSE if same else _FAR):
                 continue
-            if not state.offers and promise < work.best + _BETTER:
+            if not state.offers and promise < reached + _BETTER:
                 continue
             tried.add(kind)
             fresh = below.stepped(state.steps[len(_steps_of(below, scanner)) :])
@@ -258,7 +260,10 @@ def _states(
     explained = Explained(bench.absorbed, each.linear.left)
     found = named(bench, explained, work.without, given)
     if not given.name:
-        for state in (moved_floor(bench, explained, work.at_rest), unnamed(bench, explained)):
+        floors = [moved_floor(bench, explained, work.at_rest), unnamed(bench, explained)]
+        if not work.at_rest:
+            floors.append(unseen_floor(bench, explained))
+        for state in floors:
             if state is not None:
                 found.append(
                     NoiseState(

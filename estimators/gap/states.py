@@ -96,20 +96,12 @@ def _stepped(bench: Bench, columns: Array, steps: Sequence[Step]) -> Array:
 
 
 def moved_floor(bench: Bench, explained: Explained, at_rest: bool) -> NoiseState | None:
-    """The floor as the sweep itself says it is, as far as the recording at rest allows.
+    """The floor as the sweep itself says it is, as far as what it was learned from allows.
 
     Args:
-        at_rest: whether there was one. Without, any spectrum may be the floor.
+        at_rest: whether that was a recording at rest. Without, any spectrum may be the floor: see ``unseen_floor``.
     """
-    if not at_rest:
-        found = unnamed(bench, explained)
-        if found is None:
-            return None
-        # what lies far above the floor that differences of neighbouring readings show is unlikely to be that floor
-        raised = max(float(np.log(np.mean(step.factor**-2.0))) for step in found.steps)
-        weight = found.log_weight - float(np.log(OTHER * OTHER_NOISE)) + float(np.log(FLOOR_UNSEEN))
-        return NoiseState("floor", (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
-    steps, weight = [], 0.0
+    steps, weight = [], float(np.log(FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN))
     for column in bench.columns:
         own = spectrum(bench, explained, column)
         point, _ = own.alone
@@ -123,7 +115,20 @@ def moved_floor(bench: Bench, explained: Explained, at_rest: bool) -> NoiseState
         weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
     if not steps:
         return None
-    return NoiseState("floor", (), tuple(steps), weight + log_det(bench, steps) + float(np.log(FLOOR_MOVED)))
+    return NoiseState("floor", (), tuple(steps), weight + log_det(bench, steps))
+
+
+def unseen_floor(bench: Bench, explained: Explained) -> NoiseState | None:
+    """Where no recording at rest shows the floor: any spectrum may be it.
+
+    What lies far above the floor that differences of neighbouring readings show is unlikely to be that floor.
+    """
+    found = unnamed(bench, explained)
+    if found is None:
+        return None
+    raised = max(float(np.log(np.mean(step.factor**-2.0))) for step in found.steps)
+    weight = found.log_weight - float(np.log(OTHER * OTHER_NOISE)) + float(np.log(FLOOR_UNSEEN))
+    return NoiseState("unseen floor", (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
 
 
 def named(bench: Bench, explained: Explained, without: Sequence[str], given: NoiseState) -> list[NoiseState]:

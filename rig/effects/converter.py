@@ -7,20 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
-from scipy.special import log_ndtr, ndtr, ndtri, xlogy
-from scipy.stats import binom
+from scipy.special import ndtr
+from scipy.stats import binom, poisson
 
 from rig.channels import CHANNELS
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.electronic import mid_scale
 from rig.effects.parameters import parameter
 from rig.effects.readings import Finding, Readings
+from rig.effects.tails import as_rare_as, beside_neighbours, limit, log_tail, tails_of
 from rig.signals import Signals
 
 Array = NDArray[np.float64]
@@ -34,12 +33,10 @@ SIGNIFICANT: Final = 1e-5
 _PILED, _DENSER = 4, 4.0
 #: A converter's rounding that adds less than this share of the floor's variance is not felt.
 _FELT: Final = 0.005
-#: A spike's neighbours: so many readings on either side.
-_NEIGHBOURS: Final = 3
 #: So many outliers in a channel make others likely; then those count that noise makes once in five recordings.
 _SEVERAL, _LESS = 3, 4.5
-#: From so many deviations on readings stand out a little.
-_TAIL: Final = 3.0
+#: A chance as good as none.
+_NEVER: Final = 1e-12
 #: Readings count as equal that differ by less than this share of the noise, where no converter is known.
 _ALIKE: Final = 1e-3
 
@@ -89,12 +86,8 @@ class Saturation(Effect):
             lost = (beyond**2 + 1.0) * ndtr(beyond) + beyond * np.exp(-0.5 * beyond**2) / np.sqrt(2.0 * np.pi)
             added = np.zeros(len(CHANNELS))
             added[column] = sigma * np.sqrt(lost.mean())
-            # a clipped reading says "at least"; without clipping it would say "here", to within the readings' grain
-            width = max(step, _ALIKE * sigma) / sigma
-            at = beyond[piled]
-            ratio = float(np.sum(log_ndtr(at) + 0.5 * at**2 + 0.5 * np.log(2.0 * np.pi) - np.log(width)))
             effect = cls(where=where, level=sign * level)
-            return Finding(effect, {"level": sigma / float(piled.sum())}, affected, log_p, ratio, added, _none())
+            return Finding(effect, {"level": sigma / float(piled.sum())}, affected, log_p, added, _none())
         return None
 
 
@@ -133,11 +126,9 @@ class AdcQuantisation(Effect):
         rounding = _none()
         rounding[columns] = np.maximum(steps**2 - known**2, 0.0) / 12.0
         lsb = float(np.median(steps))
-        finer = np.maximum(known, _ALIKE * sigma)  # chance of a reading to lie on the coarse lattice: finer / step
-        ratio = float(np.sum(len(readings.values) * np.log(np.maximum(steps / finer, 1.0))))
         nothing = np.zeros_like(readings.values, dtype=bool)
         effect = cls(where=where, lsb_V=lsb)
-        return Finding(effect, {"lsb_V": lsb * 1e-6}, nothing, -np.inf, ratio, np.sqrt(rounding), rounding)
+        return Finding(effect, {"lsb_V": lsb * 1e-6}, nothing, -np.inf, np.sqrt(rounding), rounding)
 
 
 @register
@@ -169,64 +160,25 @@ class Outliers(Effect):
         total = readings.white[:, columns].size
         affected = np.zeros_like(readings.values, dtype=bool)
         sizes = np.zeros(len(CHANNELS))
-        log_p, ratio, spikes = 0.0, 0.0, []
-        limit = float(-ndtri(SIGNIFICANT / total))
+        log_p, spikes = 0.0, []
         for column in columns:
-            white = readings.white[:, column]
-            local = white - median_filter(white, 2 * _NEIGHBOURS + 1, mode="nearest")
-            spread = float(np.sqrt(np.mean(np.clip(local, -4.0, 4.0) ** 2)))
-            hit = np.abs(local) > max(limit * spread, 6.5)
+            local = beside_neighbours(readings.white[:, column])
+            degrees, scale = tails_of(local, readings.degrees[column])
+            hit = np.abs(local) > max(limit(SIGNIFICANT / total, degrees) * scale, 6.5)
             if np.count_nonzero(hit) >= _SEVERAL:  # there are spikes: those that stand out less belong to them
-                hit = np.abs(local) > _LESS * spread
+                hit = np.abs(local) > as_rare_as(_LESS, degrees) * scale
             hit &= ~readings.left_out[:, column]
-            if _long_tailed(local, int(hit.sum())):  # no spikes, but noise that is not normal
-                hit[:] = False
             affected[:, column] = hit
             if hit.any():
                 sizes[column] = np.sqrt(np.sum(local[hit] ** 2)) * readings.sigma[column]
-                log_p += float(np.sum(log_ndtr(-np.abs(local[hit]) / spread)) + np.log(total))
+                log_p += float(np.sum(log_tail(local[hit] / scale, degrees)) + np.log(total))
                 spikes.append(np.abs(local[hit]) * readings.sigma[column])
-            ratio += _mixture(local / spread, hit, readings)
         if not affected.any() or log_p > np.log(SIGNIFICANT):
             return None
         count = int(affected.sum())
         effect = cls(where=where, share=count / total, size_V=float(np.median(np.concatenate(spikes))))
         std: Mapping[str, float | None] = {"share": float(np.sqrt(count)) / total}
-        return Finding(effect, std, affected, log_p, ratio, sizes / np.sqrt(len(readings.values)), _none())
-
-
-def _long_tailed(local: Array, hits: int) -> bool:
-    """Whether readings that stand out are the end of a long tail: then many stand out a little less, as spikes do not
-    make them."""
-    if not hits:
-        return False
-    between = len(local) * _standing_out(local)
-    expected = len(local) * _of_normal_noise()
-    return between > 1.2 * expected + 4.0 * np.sqrt(expected) and 2.0 * between > hits
-
-
-def _standing_out(local: Array) -> float:
-    """The share of readings that differ from their neighbours by three to 4.5 times what they typically do."""
-    sizes = np.abs(local) / max(float(np.median(np.abs(local))) / float(ndtri(0.75)), 1e-300)
-    return float(np.mean((sizes > _TAIL) & (sizes <= _LESS)))
-
-
-@lru_cache(maxsize=1)
-def _of_normal_noise() -> float:
-    noise = np.random.default_rng(0).standard_normal(100_000)
-    return _standing_out(noise - median_filter(noise, 2 * _NEIGHBOURS + 1, mode="nearest"))
-
-
-def _mixture(white: Array, hit: Mask, readings: Readings) -> float:
-    """Log likelihood ratio of a share of spikes of any size up to the largest, over noise alone."""
-    count = int(hit.sum())
-    if not count:
-        return 0.0
-    share = count / len(white)
-    width = 2.0 * float(np.abs(white).max())
-    density = readings.log_density or (lambda x: -0.5 * x**2 - 0.5 * np.log(2.0 * np.pi))
-    noise = density(white)
-    return float(np.sum(np.logaddexp(np.log1p(-share), np.log(share / width) - noise)))
+        return Finding(effect, std, affected, log_p, sizes / np.sqrt(len(readings.values)), _none())
 
 
 @register
@@ -255,21 +207,44 @@ class Dropouts(Effect):
         values = readings.values[:, readings.columns]
         count = len(values)
         same = (values[1:] == values[:-1]).all(axis=1)
-        alike = [np.count_nonzero(column[2:] == column[:-2]) for column in values.T]
-        chance = float(np.prod([(each + 1.0) / count for each in alike]))
+        chance = _repeat_by_chance(readings)
         many = int(same.sum())
-        log_p = float(binom.logsf(many - 1, count, chance))
+        log_p = float(poisson.logsf(many - 1, chance))
         if not many or log_p > np.log(SIGNIFICANT):
             return None
         rows = np.concatenate([[False], same])
         share = float(rows.mean())
         differences = np.diff(readings.expected, axis=0, prepend=readings.expected[:1])
         added = np.sqrt(share * (np.mean(differences**2, axis=0) + 2.0 * readings.sigma**2))
-        repeated = share + (1.0 - share) * chance
-        ratio = float(xlogy(many, repeated / chance) + xlogy(count - many, (1.0 - repeated) / (1.0 - chance)))
         affected = np.repeat(rows[:, None], len(CHANNELS), axis=1)
         std = {"share": float(np.sqrt(share * (1.0 - share) / count))}
-        return Finding(cls(where=where, share=share), std, affected, log_p, ratio, added, _none())
+        return Finding(cls(where=where, share=share), std, affected, log_p, added, _none())
+
+
+def _repeat_by_chance(readings: Readings) -> float:
+    """How many rows repeat the row before in every channel where nothing is missed.
+
+    A channel repeats where both readings round to one level: for a step d, over all places of the lattice, with chance
+    E max(0, 1 - |D|/d), D the difference of the two before rounding. Rows two apart, of which no dropout repeats one
+    alone, tell where that is not what happens.
+    """
+    values = readings.values[:, readings.columns]
+    count = len(values)
+    log_chance = np.zeros(count - 1)
+    for column in readings.columns:
+        step = lattice_step(readings.values[:, column]) or _ALIKE * float(readings.sigma[column])
+        spread = float(np.sqrt(2.0) * readings.sigma[column])
+        change = np.diff(readings.expected[:, column])
+
+        def above(shift: float, change: Array = change, spread: float = spread) -> Array:
+            """E max(0, D + shift)."""
+            at = (change + shift) / spread
+            return np.asarray(spread * (at * ndtr(at) + np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi)))
+
+        log_chance += np.log(np.clip((above(step) - 2.0 * above(0.0) + above(-step)) / step, _NEVER, 1.0))
+    same = (values[1:] == values[:-1]).all(axis=1)
+    apart = (values[2:] == values[:-2]).all(axis=1) & ~same[1:]
+    return max(float(np.exp(log_chance).sum()), float(apart.sum())) + _NEVER * count
 
 
 def lattice_step(values: Array, grid: float = 0.0) -> float:

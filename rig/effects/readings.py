@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,8 @@ class Readings:
         left_out: (n, 6) bool, readings that do not count.
         step: (6,) [recorded unit] the converter's step, as it is known from a recording at rest; zero or NaN where
             none is.
-        log_density: of white noise; None: normal. A recording at rest may show longer tails.
+        degrees: for each of the six channels those of Student's distribution that a recording at rest shows of the
+            noise, infinite where it is normal; None where nobody knows.
     """
 
     values: Array
@@ -36,7 +37,7 @@ class Readings:
     white: Array
     left_out: NDArray[np.bool_]
     step: Array
-    log_density: Callable[[Array], Array] | None = None
+    degrees: tuple[float | None, ...] = (None,) * 6
 
     @property
     def columns(self) -> list[int]:
@@ -53,7 +54,6 @@ class Finding:
         std: their standard deviations; None where there is none.
         affected: (n, 6) bool, the readings that tell nothing else any more.
         log_p: logarithm of the chance of as much without the effect, over all readings and channels looked at.
-        log_ratio: logarithm of the likelihood with the effect, at its likeliest, over that without.
         added: (6,) [recorded unit] root mean square of what it adds to the readings.
         rounding: (6,) [recorded unit^2] variance of the further white noise that its rounding makes.
     """
@@ -62,6 +62,5 @@ class Finding:
     std: Mapping[str, float | None]
     affected: NDArray[np.bool_]
     log_p: float
-    log_ratio: float
     added: Array
     rounding: Array

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimators.gap.basefit import all_readings, estimated_floor, fitted_pipeline, learn_floor, posed, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.defects import find_defects, lattice, masked
+from estimators.gap.defects import find_defects, lattice, masked, relieved
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.rebase import around
 from estimators.gap.score import Explained
@@ -134,7 +134,7 @@ def _without_defects(bench: Bench, causes: Sequence[Effect], locked: Recording |
     names = {effect.name for effect in causes if effect.kind is Kind.DISTRIBUTION}
     nothing = np.zeros(bench.readings.shape, dtype=bool)
     if not names:
-        return bench, nothing
+        return relieved(bench), nothing
     step = np.full(len(CHANNELS), np.nan) if locked is None else lattice(all_readings(locked))
     defects = [defect for defect in find_defects(bench, step) if defect.effect in names]
     return masked(bench, defects), np.logical_or.reduce([nothing, *(defect.affected for defect in defects)])

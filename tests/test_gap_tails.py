@@ -1,0 +1,80 @@
+"""Noise that is not normal: long tails and coarse converters are floors, not spikes and not missed samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimators.gap.rounded import rounded_floor
+from rig.effects import EFFECTS, Readings
+from rig.effects.tails import beside_neighbours, drawn_in, scale_of, student, tails_of, variance_beside_neighbours
+
+COUNT = 6000
+
+
+def readings(noise: np.ndarray, expected: np.ndarray, step: float = 0.0) -> Readings:
+    """Of six channels (n, 6); noise of variance one."""
+    values = expected + noise
+    values = np.round(values / step) * step if step else values
+    nothing = np.zeros(noise.shape, dtype=bool)
+    sigma = np.full(6, np.sqrt(1.0 + step**2 / 12.0))
+    return Readings(values, expected, sigma, (values - expected) / sigma, nothing, np.full(6, step))
+
+
+@pytest.mark.parametrize("degrees", [3.0, 4.0, 6.0])
+def test_the_degrees_of_long_tails_are_found(degrees: float) -> None:
+    """6,000 samples tell three from five degrees, and six from eleven, by a log likelihood above 20."""
+    values = np.random.default_rng(1).standard_t(degrees, COUNT)
+    found, scale, _ = student(values)
+    assert 0.6 * degrees <= found <= 1.7 * degrees
+    assert scale == pytest.approx(1.0, abs=0.08)  # four standard deviations of the scale with the degrees free
+
+
+def test_normal_noise_has_no_long_tails() -> None:
+    values = np.random.default_rng(2).standard_normal(COUNT)
+    assert student(values)[0] >= 16.0  # at which it is as good as normal
+    assert np.isinf(tails_of(beside_neighbours(values), None)[0]) or tails_of(beside_neighbours(values), None)[0] >= 16
+
+
+def test_spikes_are_told_from_long_tails() -> None:
+    rng, outliers = np.random.default_rng(3), EFFECTS["outliers"]
+    still = np.zeros((COUNT, 6))
+    assert outliers.examined(readings(np.sqrt(0.6) * rng.standard_t(5.0, (COUNT, 6)), still), "acquisition") is None
+    noise = rng.standard_normal((COUNT, 6))
+    noise[np.arange(500, 5500, 500), 2] += 10.0  # a chance of 1e-8 each to fall below what stands out
+    found = outliers.examined(readings(noise, still), "acquisition")
+    assert found is not None
+    assert np.flatnonzero(found.affected[:, 2]).tolist() == list(range(500, 5500, 500))
+    assert int(found.affected.sum()) == 10
+
+
+def test_tails_drawn_in_have_the_variance_that_the_floor_expects() -> None:
+    rng = np.random.default_rng(4)
+    at_rest, moving = rng.standard_t(4.0, 40_000), rng.standard_t(4.0, 40_000)
+    local = beside_neighbours(moving)
+    there = moving + drawn_in(local, 4.0, scale_of(local, 4.0)) - local
+    ratio = np.mean(there**2) / np.mean(drawn_in(at_rest, 4.0, 1.0) ** 2)
+    # both variances and the simulated ratio to 0.9 % each (kurtosis 4.5): four standard deviations
+    assert ratio == pytest.approx(variance_beside_neighbours(4.0), abs=0.06)
+
+
+@pytest.mark.parametrize("size", [0.15, 0.3, 0.5])
+def test_a_coarse_converter_hides_noise_at_rest_and_makes_it_in_motion(size: float) -> None:
+    """Three poses between levels: the variance in motion is the noise's and a twelfth of the step's square."""
+    rng = np.random.default_rng(5)
+    poses = [np.round(place + size * rng.standard_normal(2000)) for place in (0.1, 0.45, 0.8)]
+    found = rounded_floor(poses, 1.0, 300.0)
+    true = size**2 + 1.0 / 12.0
+    assert found.white == pytest.approx(true, abs=4.0 * true * np.sqrt(2.0 / found.samples))
+
+
+def test_levels_that_repeat_are_no_missed_samples() -> None:
+    """A slow signal on a converter with a step of three deviations repeats a level in all channels now and then."""
+    rng, dropouts = np.random.default_rng(6), EFFECTS["dropouts"]
+    path = 40.0 * np.sin(np.outer(np.linspace(0.0, 20.0, COUNT), 1.0 + 0.1 * np.arange(6)))
+    own = readings(rng.standard_normal((COUNT, 6)), path, step=3.0)
+    assert (own.values[1:] == own.values[:-1]).all(axis=1).sum() > 10
+    assert dropouts.examined(own, "acquisition") is None
+    own.values[700:4700:20] = own.values[699:4699:20]
+    found = dropouts.examined(own, "acquisition")
+    assert found is not None
