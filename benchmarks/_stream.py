@@ -1,6 +1,6 @@
-"""One step of the benchmark ``stream`` in a process of its own, so that its memory is its own too.
+"""One step of the benchmarks ``stream`` and ``memory`` in a process of its own, so that its memory is its own too.
 
-    python -m benchmarks._stream write FILE ROWS SEED | calibrate FILE | decode FILE | read FILE
+    python -m benchmarks._stream write FILE ROWS SEED | rest FILE ROWS SEED | calibrate FILE | decode FILE | read FILE
 
 One JSON object on stdout: ``seconds`` and ``cpu_seconds`` of the step without start-up, ``peak_MiB`` of the process,
 ``start_MiB`` before.
@@ -43,6 +43,35 @@ def write(path: Path, rows: int, seed: int) -> dict[str, Any]:
             t = part.t + (rows - left) / 100.0
             writer.write(replace(part, t=t, accelerometer=noisy[:, :3], magnetometer=noisy[:, 3:]))
             left -= count
+    return {"bytes": path.stat().st_size}
+
+
+def rest(path: Path, rows: int, seed: int) -> dict[str, Any]:
+    """The arm of ann-arbor locked in four poses, again with noise through the converter, at 1 kHz."""
+    import scenarios
+    from rig.recording import Recording, RecordingWriter
+
+    scenario = scenarios.load("ann-arbor")
+    acquisition = scenario.rig.acquisition
+    still = scenario.simulate(seed).select(slice(0, 6400, 1600))
+    volts = np.hstack([still.readings(sensor) for sensor in still.sensors])
+    rng = np.random.default_rng(seed)
+    part = 1 << 20
+    with RecordingWriter(path) as writer:
+        for first in range(0, rows, part):
+            number = np.arange(first, min(first + part, rows))
+            pose = number * len(still) // rows
+            noisy = acquisition.convert(acquisition.add_noise(volts[pose], rng))
+            writer.write(
+                Recording(
+                    t=number / 1e3,
+                    q=np.asarray(still.q)[pose],
+                    accelerometer=noisy[:, :3],
+                    magnetometer=noisy[:, 3:],
+                    units=still.units,
+                    metadata=still.metadata,
+                )
+            )
     return {"bytes": path.stat().st_size}
 
 
@@ -89,7 +118,7 @@ def forget(path: Path) -> None:
 
 def main() -> None:
     name, path, *numbers = sys.argv[1:]
-    if name != "write":
+    if name not in ("write", "rest"):
         # Start-up is not the step's.
         import pyarrow.parquet  # noqa: F401
 
@@ -101,6 +130,7 @@ def main() -> None:
         forget(Path(path))
     steps: dict[str, Callable[..., dict[str, Any]]] = {
         "write": write,
+        "rest": rest,
         "calibrate": calibrate,
         "decode": decode,
         "read": read,

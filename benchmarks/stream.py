@@ -23,7 +23,7 @@ _DECODER = "limit: pyarrow's decoder, every column dropped"
 _DISK = "limit: reading the file's bytes"
 _STEPS: Final = {_OURS: "calibrate", _DECODER: "decode", _DISK: "read"}
 #: Bytes a row at most, with which the temporary folder's free space is checked.
-_ROW: Final = 110
+ROW_BYTES: Final = 110
 
 
 def run(settings: Settings, rows: int | None = None) -> Report:
@@ -31,18 +31,18 @@ def run(settings: Settings, rows: int | None = None) -> Report:
     folder = Path(tempfile.mkdtemp(prefix="rig-stream-"))
     try:
         free = shutil.disk_usage(folder).free
-        if free < 1.2 * _ROW * count:
+        if free < 1.2 * ROW_BYTES * count:
             raise OSError(
-                f"{folder}: {free / 1e9:.1f} GB free, {1.2 * _ROW * count / 1e9:.1f} GB needed for {count:,} rows"
+                f"{folder}: {free / 1e9:.1f} GB free, {1.2 * ROW_BYTES * count / 1e9:.1f} GB needed for {count:,} rows"
             )
         path = folder / "long.parquet"
-        written = _step("write", path, count, settings.seed)
+        written = alone("write", path, count, settings.seed)
         seconds: dict[str, list[float]] = {name: [] for name in _STEPS}
         peaks: dict[str, float] = dict.fromkeys(_STEPS, 0.0)
         last: dict[str, dict[str, Any]] = {}
         for _ in range(settings.rounds_of(3, 1)):
             for name, step in _STEPS.items():
-                last[name] = _step(step, path)
+                last[name] = alone(step, path)
                 seconds[name].append(last[name]["seconds"])
                 peaks[name] = max(peaks[name], last[name]["peak_MiB"])
     finally:
@@ -82,7 +82,7 @@ def run(settings: Settings, rows: int | None = None) -> Report:
     )
 
 
-def _step(name: str, path: Path, *numbers: int) -> dict[str, Any]:
+def alone(name: str, path: Path, *numbers: int) -> dict[str, Any]:
     """Run one step by itself; what it prints."""
     command = [sys.executable, "-m", "benchmarks._stream", name, str(path), *map(str, numbers)]
     root = str(Path(__file__).parents[1])

@@ -148,11 +148,12 @@ def live(source: str, output: Path | None, as_json: bool, **given: Any) -> None:
         _list_procedures(as_json)
         return
     path = Path(time.strftime("live-%Y%m%d-%H%M%S.parquet", time.gmtime())) if output is None else output
-    check_output(path, RECORDING_SUFFIXES)
+    inputs = (Path(source), given["calibration"], given["mapping"], given["arm_file"])
+    check_output(path, RECORDING_SUFFIXES, *inputs)
     cal = given["cal"] if given["cal"] is not None else path.with_suffix(".calibration.json")
-    check_output(cal, (".json",))
+    check_output(cal, (".json",), *inputs)
     if given["view_file"] is not None:
-        check_output(given["view_file"], (".rrd",))
+        check_output(given["view_file"], (".rrd",), *inputs)
     if given["resume"]:
         from scenarios.live.session import check_resumable
 

@@ -103,7 +103,8 @@ class StudyFolder:
     def holds(self, *names: str) -> bool:
         """Whether some tables are there, as they were written."""
         hashes = self._hashes()
-        return all(_is_sound(self.path / name, name, hashes) for name in names)
+        files = [(self.path / name, hashes.get(name)) for name in names]
+        return all(file.is_file() and file_hash(file) == digest for file, digest in files)
 
     def table(self, name: str) -> pa.Table:
         """A table of the study.
@@ -111,8 +112,7 @@ class StudyFolder:
         Raises:
             RigError: it is missing, or is not what was written.
         """
-        hashes = self._hashes()
-        return read_table(self.path / name, None if hashes is None else hashes.get(name, ""))
+        return read_table(self.path / name, self._hashes().get(name, ""))
 
     def finished(self) -> set[int]:
         """The trials whose files are there and whole."""
@@ -141,7 +141,7 @@ class StudyFolder:
         """
         with self._alone(), self._withdrawn_if_empty():
             if not self.done:
-                before = (self._hashes() or {}).get(TABLE)
+                before = self._hashes().get(TABLE)
                 self._rescue(count)
                 digest = self._make(trial, settings, count, workers, progress)
                 if before is not None and digest != before:  # the damage was in what was rescued
@@ -220,19 +220,16 @@ class StudyFolder:
                         self._keep(number, file.read_row_group(number))
         table.unlink()
 
-    def _hashes(self) -> dict[str, str] | None:
-        """File -> SHA-256 of what was written; None for a study by a version that did not note them."""
-        file = self.path / HASHES
-        if not file.exists():
-            return None
+    def _hashes(self) -> dict[str, str]:
+        """File -> SHA-256 of what was written; none where that is missing or damaged."""
         try:
-            content = read_json(file, "the hashes of a study's tables")
+            content = read_json(self.path / HASHES, "the hashes of a study's tables")
         except RigError:
             return {}
         return content if isinstance(content, dict) else {}
 
     def _note(self, name: str, digest: str) -> None:
-        hashes = {**(self._hashes() or {}), name: digest}
+        hashes = {**self._hashes(), name: digest}
         write_text(self.path / HASHES, json.dumps(hashes, indent=1, sort_keys=True) + "\n")
 
     def _check_same(self, any_version: bool) -> None:
@@ -307,18 +304,6 @@ def _document(path: Path) -> dict[str, Any]:
 def _digest(document: Mapping[str, Any]) -> str:
     """SHA-256 of a document's canonical JSON."""
     return hashlib.sha256(json.dumps(document, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-
-
-def _is_sound(file: Path, name: str, hashes: Mapping[str, str] | None) -> bool:
-    if not file.is_file():
-        return False
-    if hashes is None:
-        try:
-            read_table(file)
-        except RigError:
-            return False
-        return True
-    return file_hash(file) == hashes.get(name)
 
 
 def _empty(path: Path) -> bool:
