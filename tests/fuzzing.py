@@ -154,7 +154,7 @@ class Call:
         file: relative to the folder.
         arguments: of the command line.
         spoil: from the good folder's file to the bad content.
-        slow: takes seconds where the file is good enough.
+        slow: with the tests, one input for so many of others: it takes seconds where the file is good enough.
         keeps: what is sound stays where the rest is refused: a stream's recording, a diagnosis without its scenario.
     """
 
@@ -162,7 +162,7 @@ class Call:
     file: str
     arguments: tuple[str, ...]
     spoil: Callable[[Path, random.Random], bytes]
-    slow: bool = False
+    slow: int = 1
     keeps: bool = False
 
 
@@ -230,13 +230,13 @@ CALLS: Final = (
     Call(
         "URDF, to show", "arm.urdf", ("view", "run.csv", "--arm", "arm.urdf", "--tip", "imu", "-o", "out.rrd"), text_of
     ),
-    Call("URDF, to plan", "arm.urdf", (*_PLAN, "--arm", "arm.urdf", "--tip", "imu"), text_of, slow=True),
-    Call("scenario, to plan", "small.toml", (*_PLAN, "small.toml"), text_of, slow=True),
+    Call("URDF, to plan", "arm.urdf", (*_PLAN, "--arm", "arm.urdf", "--tip", "imu"), text_of, slow=100),
+    Call("scenario, to plan", "small.toml", (*_PLAN, "small.toml"), text_of, slow=100),
     Call("recording, to diagnose", "run.parquet", ("diagnose", "run.parquet", "--out", "out"), table_of),
     Call("weights", "prior.toml", ("diagnose", "run.parquet", "--prior", "prior.toml"), text_of),
-    Call("imperfect recording", "sweep.parquet", _DIAGNOSE, imperfect, slow=True, keeps=True),
-    Call("imperfect recording, alone", "alone.parquet", ("diagnose", "alone.parquet"), imperfect, slow=True),
-    Call("imperfect locked recording", "sweep.locked.parquet", _DIAGNOSE, locked_imperfect, slow=True, keeps=True),
+    Call("imperfect recording", "sweep.parquet", _DIAGNOSE, imperfect, slow=12, keeps=True),
+    Call("imperfect recording, alone", "alone.parquet", ("diagnose", "alone.parquet"), imperfect, slow=12),
+    Call("imperfect locked recording", "sweep.locked.parquet", _DIAGNOSE, locked_imperfect, slow=12, keeps=True),
 )
 
 
@@ -351,8 +351,8 @@ def _in_time() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _quietly(folder: Path) -> Iterator[tuple[io.StringIO, io.StringIO]]:
-    out, err = io.StringIO(), io.StringIO()
+def _quietly(folder: Path) -> Iterator[tuple[io.TextIOWrapper, io.StringIO]]:
+    out, err = io.TextIOWrapper(io.BytesIO(), "utf-8"), io.StringIO()  # some commands write bytes
     with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         yield out, err
 
