@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections import deque
@@ -17,6 +18,7 @@ from rich.text import Text
 
 from estimators.live import SensorState
 from estimators.live.watch import Watch
+from rig.errors import one_line
 from rig.recording import Recording
 from scenarios.live.session import Event, Snapshot
 
@@ -25,6 +27,8 @@ _PANEL_S: Final = 0.1
 _LINE_S: Final = 10.0
 _SHOWN: Final = 5
 _BAR: Final = 20
+#: Where the reason begins in the words of a problem.
+_WHY: Final = re.compile(r" \(|[:;]")
 
 
 def compact(snapshot: Snapshot) -> str:
@@ -41,12 +45,17 @@ def compact(snapshot: Snapshot) -> str:
 
 def _standing(state: SensorState) -> str:
     if state.estimate is None or state.rule is None:
-        return f"{state.problem}; {state.turn}"
+        return f"{_problem(state)}; {state.turn}"
     seen = f"{100.0 * state.seen:.0f} % seen"
     if not state.estimate.told:
-        return f"{seen}, {state.problem}; {state.turn}"
+        return f"{seen}, {_problem(state)}; {state.turn}"
     widest = f"{seen}, {state.rule.worst} ±{_percent(state.interval)}"
     return f"{widest}, enough" if state.enough else f"{widest}; {state.turn}"
+
+
+def _problem(state: SensorState) -> str:
+    """What stands in the way, without why."""
+    return _WHY.split(state.problem or "", maxsplit=1)[0]
 
 
 def _percent(value: float) -> str:
@@ -68,11 +77,11 @@ class Lines:
         """A line, if it is time for one."""
         if time.monotonic() - self._at >= self._period_s:
             self._at = time.monotonic()
-            print(compact(snapshot), file=sys.stderr, flush=True)
+            print(one_line(compact(snapshot)), file=sys.stderr, flush=True)
 
     def event(self, event: Event) -> None:
         """A line."""
-        print(event, file=sys.stderr, flush=True)
+        print(one_line(str(event)), file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Nothing to end."""
