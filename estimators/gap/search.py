@@ -291,7 +291,7 @@ class Search:
         return each.log_mass - self.nothing[own.size]
 
     def _best(self) -> Explanation:
-        return max(self.found.values(), key=self.gained)
+        return max(list(self.found.values()), key=self.gained)  # which may fit the empty set
 
     def _of_size(self, size: int) -> list[Explanation]:
         return [each for each in self.found.values() if len(each.members) == size]
