@@ -167,9 +167,10 @@ def symbol(parameter: str) -> str:
     return f"{_SYMBOLS.get(stem, stem)}{name[len(stem) :]}"
 
 
-def comparison_table(rows: Sequence[Compared]) -> Table:
-    """Truth, estimate, standard deviation and error of every parameter."""
-    numbers = ("truth", "estimate", "σ", "error / σ")
+def comparison_table(rows: Sequence[Compared], names: tuple[str, str] = ("truth", "estimate")) -> Table:
+    """Truth, estimate, standard deviation and error of every parameter; ``names`` are of the first two."""
+    error = "error / σ" if names[0] == "truth" else f"({names[1]} − {names[0]}) / σ"
+    numbers = (*names, "σ", error)
     result = table("parameter", "unit", *numbers, numbers=numbers)
     previous = ""
     for row in rows:

@@ -1,15 +1,17 @@
-"""A calibration beside the truth of the scenario that made its recording."""
+"""A calibration beside the truth of the scenario that made its recording, or beside another calibration."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
 from rig.channels import ACCELEROMETER
+from rig.errors import RigError
 from scenarios.scenario import Truth
 
 
@@ -47,6 +49,100 @@ def compare(truth: Truth, calibration: Calibration) -> tuple[Compared, ...]:
     )
 
 
+@dataclass(frozen=True)
+class Apart:
+    """How far apart the two are, all parameters of a sensor together.
+
+    Attributes:
+        chi_square: squared distance in their joint covariance. degrees_of_freedom: how many parameters that is of.
+        p_value: the probability of that distance, or more, by chance.
+    """
+
+    chi_square: float
+    degrees_of_freedom: int
+    p_value: float
+
+
+def compare_two(first: Calibration, second: Calibration) -> tuple[Compared, ...]:
+    """Every parameter that two calibrations of independent recordings both have: ``truth`` is the first's value.
+
+    The second is turned to the first's side of the ambiguity (f, P), (-f, -P).
+
+    Raises:
+        RigError: no sensor in common, different units or reference magnitudes, or no parameter in common.
+    """
+    rows: list[Compared] = []
+    shared = [sensor for sensor in first.sensors if sensor in second.sensors]
+    if not shared:
+        raise RigError(
+            f"{first.recording} and {second.recording}: found calibrations of {' and '.join(first.sensors)} and of"
+            f" {' and '.join(second.sensors)}, expected the same sensor"
+        )
+    for sensor in shared:
+        one, two = first[sensor], second[sensor]
+        for what, pair in (
+            ("unit", (one.unit, two.unit)),
+            ("reference_magnitude", (one.reference_magnitude, two.reference_magnitude)),
+        ):
+            if pair[0] != pair[1]:
+                raise RigError(f"{sensor}.{what}: found {pair[0]} and {pair[1]}, expected the same")
+        names = [name for name in one.parameters if name in two.parameters]
+        if not names:
+            raise RigError(f"{sensor}: found methods {one.method} and {two.method}, expected a parameter in common")
+        unit = units(sensor, one, None)
+        for name in names:
+            value, sigma = one.value(name), math.hypot(one.std(name), two.std(name))
+            error = _off(name, _on_side_of(one, two, name) - value)
+            told = math.isfinite(sigma) and sigma > 0.0
+            why = next((why for each in (one, two) if (why := each.identifiable.get(name, True)) is not True), "")
+            rows.append(
+                Compared(
+                    sensor=sensor,
+                    parameter=name,
+                    unit=unit[name],
+                    truth=value,
+                    estimate=value + error,
+                    sigma=sigma if told else None,
+                    error_sigmas=error / sigma if told else None,
+                    why=str(why),
+                )
+            )
+    return tuple(rows)
+
+
+def _on_side_of(one: SensorCalibration, two: SensorCalibration, name: str) -> float:
+    """The second's value on the first's side."""
+    value = two.value(name)
+    fields = [each.field_direction for each in (one, two)]
+    if fields[0] is None or fields[1] is None or float(fields[0].vector @ fields[1].vector) >= 0.0:
+        return value
+    if name.startswith(("beta", "phi")):
+        return -value
+    return value + 180.0 if name.startswith(("gamma", "psi")) else value
+
+
+def _off(name: str, difference: float) -> float:
+    """A difference, of angles by the shorter way round."""
+    return (difference + 180.0) % 360.0 - 180.0 if name.endswith("_deg") else difference
+
+
+def apart(rows: Sequence[Compared], *calibrations: Calibration) -> dict[str, Apart]:
+    """Sensor -> how far its rows are apart in the sum of the calibrations' covariances, of parameters that are told."""
+    found = {}
+    for sensor in dict.fromkeys(row.sensor for row in rows):
+        own = [row for row in rows if row.sensor == sensor and row.error_sigmas is not None]
+        names = [row.parameter for row in own]
+        total = np.zeros((len(own), len(own)))
+        for each in calibrations:
+            index = [each[sensor].parameters.index(name) for name in names]
+            total += each[sensor].covariance[np.ix_(index, index)]
+        sigma = np.sqrt(np.diag(total))
+        errors = np.array([row.error_sigmas for row in own], dtype=float)
+        square = float(errors @ np.linalg.pinv(total / np.outer(sigma, sigma), hermitian=True) @ errors)
+        found[sensor] = Apart(square, len(own), float(chdtrc(len(own), square)) if own else 1.0)
+    return found
+
+
 def units(sensor: str, calibration: SensorCalibration, magnetic_field_unit: str | None) -> Mapping[str, str]:
     """The unit of each parameter of a sensor's calibration."""
     field = "m/s²" if sensor == ACCELEROMETER else magnetic_field_unit or "field"
@@ -67,9 +163,7 @@ def _rows(sensor: str, truth: Truth, found: SensorCalibration) -> list[Compared]
         if stem not in true_values:
             continue
         estimate, true = float(found.values[index]), true_values[stem]
-        error = estimate - true
-        if name.endswith("_deg"):
-            error = (error + 180.0) % 360.0 - 180.0
+        error = _off(name, estimate - true)
         sigma = float(sigmas[index])
         told = math.isfinite(sigma) and sigma > 0.0
         why = found.identifiable.get(name, True)

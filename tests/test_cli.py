@@ -34,6 +34,7 @@ COMMANDS = (
         "apply",
         "diagnose",
         "export",
+        "compare",
         "bound",
         "plan",
         "study",

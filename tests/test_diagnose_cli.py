@@ -17,6 +17,7 @@ from cli_support import SMALL, Rig
 from diagnosed_recordings import backlash, recorded, write_small
 
 import scenarios
+from estimators import Calibration
 from estimators.gap import diagnose
 from rig.effects import make_effect
 from rig.errors import RefusedFit, RigError
@@ -51,7 +52,7 @@ def test_a_recording_is_diagnosed_and_its_rig_improved(rig: Rig, here: Path) -> 
     text = rig.done("diagnose", "run.parquet", "--save-scenario", "better.toml")
     assert "Backlash of joint 5" in text
     assert "diagnosis/run.html" in text
-    assert listed("diagnosis") == {"run.diagnosis.json", "run.html"}
+    assert listed("diagnosis") == {"run.diagnosis.json", "run.calibration.json", "run.html"}
     found = json.loads(Path("diagnosis/run.diagnosis.json").read_text())
     assert set(found) >= KEYS
     assert found["format"] == "rig-diagnosis/2"
@@ -99,6 +100,11 @@ def test_a_digital_sensors_rig_is_written_and_runs(rig: Rig, here: Path) -> None
     result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o")
     assert result.status == 0
     assert "better.toml: written" in result.out
+    corrected = Calibration.read("o/run.calibration.json")
+    assert {name: sensor.unit for name, sensor in corrected.sensors.items()} == {
+        "accelerometer": "g",
+        "magnetometer": "uT",
+    }
     rig.done("sweep", "better.toml", "-o", "again.parquet")
     assert read_recording("again.parquet").units == {"accelerometer": "g", "magnetometer": "uT"}
 
@@ -118,7 +124,7 @@ def test_a_rig_that_no_scenario_can_describe_does_not_cost_the_diagnosis(
     assert result.err.count("\n") == 1
     assert "Backlash of joint 5" in result.out
     assert "better.toml" not in result.out
-    assert listed("o") == {"run.diagnosis.json", "run.html"}
+    assert listed("o") == {"run.diagnosis.json", "run.calibration.json", "run.html"}
     assert not Path("better.toml").exists()
 
 
@@ -136,7 +142,8 @@ def test_bad_recordings_do_not_stop_the_others(rig: Rig, here: Path) -> None:
     files = sorted(path.name for path in here.glob("*.parquet"))  # as a shell expands *.parquet
     result = rig("diagnose", *files, "missing.parquet", "--out", "deep/o", "--jobs", "2", "--json")
     assert result.status == 2
-    assert listed("deep/o") == {"quiet.diagnosis.json", "quiet.html", "fleet.csv", "fleet.json", "fleet.html"}
+    found = {"quiet.diagnosis.json", "quiet.calibration.json", "quiet.html", "fleet.csv", "fleet.json", "fleet.html"}
+    assert listed("deep/o") == found
     refused, quiet, missing = json.loads(result.out)
     assert quiet["verdict"] == "no-gap"
     assert refused["recordings"] == ["constant"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from estimators.noise import held_poses
 from estimators.pipeline import arm_of, calibrate
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.effects import Effect
 from rig.effects.converter import lattice_step
 from rig.effects.tails import beside_neighbours, drawn_in, student, tails_of, variance_beside_neighbours
 from rig.environment import Environment
@@ -98,6 +99,14 @@ def all_readings(recording: Recording) -> Array:
     return readings
 
 
+def cleared(recording: Recording, change: Array) -> Recording:
+    """The recording with a change (n, 6) [recorded unit] taken out of its readings."""
+    if not change.any():
+        return recording
+    left = {sensor: recording.readings(sensor) - change[:, COLUMNS_OF[sensor]] for sensor in recording.sensors}
+    return replace(recording, accelerometer=left.get(ACCELEROMETER), magnetometer=left.get(MAGNETOMETER))
+
+
 def fitted_pipeline(calibration: Calibration, recording: Recording) -> Pipeline:
     """The pipeline with a calibration's sensors and fields."""
     sensors: dict[str, TriaxialSensor] = {}
@@ -163,21 +172,50 @@ def fitted_model(scan: RecordingScan, arm: Arm | None) -> Callable[[Recording], 
     return readings
 
 
-def set_up(recording: Recording, floor: tuple[ChannelNoise, ...], arm: Arm | None) -> Bench:
+#: Calibrations at most until given effects and calibration fit together, and the change [of the floor] that ends it.
+_ROUNDS, _SETTLED = 6, 1e-3
+
+
+def set_up(
+    recording: Recording, floor: tuple[ChannelNoise, ...], arm: Arm | None, given: Sequence[Effect] = ()
+) -> Bench:
     """Fit the base model and put the recording on the bench.
 
+    Args:
+        given: mean effects that the model has: the calibration is fitted with these in place.
+
     Raises:
-        RigError, RefusedFit: as ``calibrate``.
+        RigError, RefusedFit: as ``calibrate``; a given effect has no place on this recording.
     """
+    bench = _set_up(recording, floor, arm, np.zeros((1, 1)), given)
+    sigma = np.sqrt([channel.variance for channel in floor])
+    for _ in range(_ROUNDS if given else 0):
+        fresh = _set_up(recording, floor, arm, bench.given_change, given)
+        moved = float(np.nanmax(np.abs(fresh.given_change - bench.given_change) / sigma))
+        bench = fresh
+        if moved < _SETTLED:
+            break
+    return bench
+
+
+def _set_up(
+    recording: Recording,
+    floor: tuple[ChannelNoise, ...],
+    arm: Arm | None,
+    change: Array,
+    given: Sequence[Effect],
+) -> Bench:
+    """The bench around the calibration of the readings less a change (n, 6)."""
     noise: Mapping[str, Array] = {
         sensor: np.sqrt([floor[column].variance for column in range(*COLUMNS_OF[sensor].indices(len(CHANNELS)))])
         for sensor in recording.sensors
     }
-    calibration = calibrate(recording, noise=noise, arm=arm if recording.q is not None else None)
+    left = cleared(recording, change)
+    calibration = calibrate(left, noise=noise, arm=arm if recording.q is not None else None)
     pipeline = fitted_pipeline(calibration, recording)
     base = pipeline.expected(signals_of(recording, arm), np.random.default_rng(0))
     readings = all_readings(recording)
-    return Bench(known(base), pipeline, readings, floor, np.ones_like(readings), floor)
+    return Bench(known(base), pipeline, readings, floor, np.ones_like(readings), floor, given=tuple(given))
 
 
 def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise, ...]:

@@ -93,6 +93,7 @@ class Bench:
         block: samples a mean.
         samples: how many of the recorded samples a mean is of; as ``block``, but on a pointwise bench.
         steps: what selected noise adds to the whitening, in this order.
+        given: mean effects that the model has, as a fitted rig has them; all others are asked for beside these.
     """
 
     base: Signals
@@ -105,6 +106,7 @@ class Bench:
     block: int = 1
     samples: int = 1
     steps: tuple[Step, ...] = ()
+    given: tuple[Effect, ...] = ()
 
     @property
     def floor_samples(self) -> Array:
@@ -137,9 +139,21 @@ class Bench:
         return float(np.median(np.diff(self.t)))
 
     @cached_property
+    def given_change(self) -> Array:
+        """(n, 6) [recorded unit] what the given effects change, with the calibration held."""
+        if not self.given:
+            return np.zeros_like(self.base.volts)
+        return np.asarray(self._volts(self.given) - self.base.volts)
+
+    @property
+    def modelled(self) -> Array:
+        """(n, 6) [recorded unit] the base fit, given effects included."""
+        return self.base.volts + self.given_change if self.given else self.base.volts
+
+    @cached_property
     def residual(self) -> Array:
         """(n, 6) [recorded unit] reading minus base fit."""
-        return self.readings - self.base.volts
+        return self.readings - self.modelled
 
     @cached_property
     def whiteners(self) -> tuple[Whitener, ...]:
@@ -262,9 +276,11 @@ class Bench:
         """(n, 6) [recorded unit] what mean effects change, with the calibration held."""
         if not effects:
             return np.zeros_like(self.base.volts)
+        return np.asarray(self._volts((*self.given, *effects)) - self.modelled)
+
+    def _volts(self, effects: Sequence[Effect]) -> Array:
         rng = np.random.default_rng(0)  # mean effects draw nothing
-        volts = replace(self.pipeline, effects=tuple(effects)).carried(self.base, rng).volts
-        return np.asarray(volts - self.base.volts)
+        return replace(self.pipeline, effects=tuple(effects)).carried(self.base, rng).volts
 
     def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
         """As ``change``, of each of several effects of one stage beside others; the stages before it run once."""
@@ -273,10 +289,10 @@ class Bench:
         begun = None
         found = []
         for effect in moved:
-            pipeline = replace(self.pipeline, effects=(effect, *others))
+            pipeline = replace(self.pipeline, effects=(*self.given, effect, *others))
             if begun is None:
                 begun = pipeline.carried(self.base, rng, stop=stage)
-            found.append(pipeline.carried(self.base, rng, begun, first=stage).volts - self.base.volts)
+            found.append(pipeline.carried(self.base, rng, begun, first=stage).volts - self.modelled)
         return found
 
     def replayed(self, effects: Sequence[Effect]) -> Array:
@@ -284,8 +300,8 @@ class Bench:
         if self.base.q_encoder is None or not effects:
             return self.change(effects)
         start = replace(self.base, position=np.empty((0, 0)))
-        simulator = replace(self.pipeline, effects=tuple(effects))
-        return simulator.expected(start, np.random.default_rng(0)).volts - self.base.volts
+        simulator = replace(self.pipeline, effects=(*self.given, *effects))
+        return simulator.expected(start, np.random.default_rng(0)).volts - self.modelled
 
     def without(self, left_out: NDArray[np.bool_]) -> Bench:
         """The bench, of single samples, with some readings (n, 6) left out."""
@@ -319,7 +335,8 @@ class Bench:
         base = block_poses(self.base, self.block)
         base = self.pipeline.expected(base, np.random.default_rng(0))
         means = np.stack([self._means(column, self.residual[:, column]) for column in range(len(CHANNELS))], axis=1)
-        return replace(self, base=known(base), readings=base.volts + means, kept=None, block=1)
+        found = replace(self, base=known(base), readings=base.volts + means, kept=None, block=1)
+        return replace(found, readings=found.modelled + means) if self.given else found
 
 
 def known(base: Signals) -> Signals:

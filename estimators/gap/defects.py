@@ -78,7 +78,7 @@ def readings_of(bench: Bench, step: Array) -> Readings:
         white[:, column] = bench.whiteners[column](bench.residual[:, column]) * bench.weights[:, column]
     sigma = np.array([whitener.sigma for whitener in bench.whiteners])
     degrees = tuple(channel.degrees for channel in bench.floor)
-    return Readings(bench.readings, bench.base.volts, sigma, white, bench.weights == 0.0, step, degrees)
+    return Readings(bench.readings, bench.modelled, sigma, white, bench.weights == 0.0, step, degrees)
 
 
 def _defect(finding: Finding) -> Defect:
@@ -111,8 +111,8 @@ def explained_away(
         return list(defects)
     others = [defect for defect in defects if defect.effect != _LAST]
     base = pipeline.expected(bench.base, np.random.default_rng(0))
-    volts = replace(pipeline, effects=tuple(effects)).carried(base, np.random.default_rng(0)).volts
-    left = replace(masked(bench, others), readings=bench.readings - volts + bench.base.volts)
+    volts = replace(pipeline, effects=(*bench.given, *effects)).carried(base, np.random.default_rng(0)).volts
+    left = replace(masked(bench, others), readings=bench.readings - volts + bench.modelled)
     judged = left if raised is None else replace(left, weights=left.weights / raised)
     return [*others, *_examined(_LAST, judged, np.zeros(left.readings.shape[1]))]
 

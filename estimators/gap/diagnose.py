@@ -17,15 +17,17 @@ from estimators.gap.bench import Bench
 from estimators.gap.blocks import block_size
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.closure import elsewhere
+from estimators.gap.corrected import corrected_calibration
 from estimators.gap.defects import Defect, explained_away, find_defects, lattice, masked
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.fast_tones import fast_tones
+from estimators.gap.fitted_rig import FittedRig, judged
 from estimators.gap.posterior import explain
 from estimators.gap.report import conclude
 from estimators.gap.states import NoiseState
 from estimators.goodness.readings import copies
 from estimators.goodness.words import copied
-from rig.effects import EFFECTS
+from rig.effects import EFFECTS, Kind
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Recording, locked_beside, read_recording
 from rig.threads import one_blas_thread
@@ -50,6 +52,7 @@ def diagnose(
     arm: Arm | None = None,
     progress: Callable[[float], None] | None = None,
     prior: Mapping[str, float] | None = None,
+    rig: FittedRig | None = None,
 ) -> Diagnosis:
     """Where a recording disagrees with the rig, which effects cause it, and how far the gap closes with them.
 
@@ -63,13 +66,14 @@ def diagnose(
         arm: None: the A465 where the recording's metadata name it, else the recorded poses of the tool.
         progress: called with the share done, 0 to 1.
         prior: relative weights of effects, by name; one by default (``estimators.gap.prior.read_prior``).
+        rig: a fitted rig, whose effects are part of the model; the diagnosis is of what that leaves.
 
     Raises:
         RigError: the recording is too short, has no pose, or joint angles of an unknown arm alone; or an effect is
             unknown.
         RefusedFit: a channel does not respond or is another's copy, or the base model cannot be fitted.
     """
-    return examined(run, locked, maneuver2, without, arm, progress, prior)[0]
+    return examined(run, locked, maneuver2, without, arm, progress, prior, rig)[0]
 
 
 @one_blas_thread()
@@ -81,6 +85,7 @@ def examined(
     arm: Arm | None = None,
     progress: Callable[[float], None] | None = None,
     prior: Mapping[str, float] | None = None,
+    rig: FittedRig | None = None,
 ) -> tuple[Diagnosis, Bench]:
     """As ``diagnose``, with the bench that the recording was put on: its base fit, nothing left out."""
     begun = time.perf_counter()
@@ -91,7 +96,10 @@ def examined(
     recording, arm = posed(recording, given)
     rest = _locked(run, locked)
     floor, step, source = _floor(recording, rest, arm)
-    bench = set_up(recording, floor, arm)
+    ideal = bench = set_up(recording, floor, arm)
+    if rig is not None:
+        rig = rig.on(recording)
+        bench = rig.whitened(set_up(recording, floor, arm, rig.of_kind(Kind.MEAN)))
     defects = find_defects(bench, step)
     block = block_size(len(recording), bench.interval_s)
     while True:
@@ -105,12 +113,20 @@ def examined(
         if _affected(left) >= _FEWER * _affected(defects):
             break
         defects = left
-    result, effects = conclude(recording, clean, posterior, [*defects, *tones], without, floor, source)
+    unmodelled = defects if rig is None else [defect for defect in defects if not rig.has(defect)]
+    result, effects = conclude(recording, clean, posterior, [*unmodelled, *tones], without, floor, source)
+    if rig is not None:
+        result = replace(result, rig=judged(rig, recording, result, ideal, bench, defects))
+    try:
+        result = replace(result, calibration=corrected_calibration(recording, clean, posterior, source))
+    except RigError as error:  # never at the cost of the diagnosis
+        result = replace(result, warnings=(*result.warnings, f"no corrected calibration: {error}"))
     if maneuver2 is not None and effects:
         second = maneuver2 if isinstance(maneuver2, Recording) else read_recording(maneuver2)
         check(second)
         second, its_arm = posed(second, given)
-        other = _averaged(set_up(second, _floor(second, _locked(maneuver2, None) or rest, its_arm)[0], its_arm))
+        its_floor = _floor(second, _locked(maneuver2, None) or rest, its_arm)[0]
+        other = _averaged(set_up(second, its_floor, its_arm, () if rig is None else rig.of_kind(Kind.MEAN)))
         share = elsewhere(other, other.change(effects))
         result = replace(result, closed_on="both", closed_elsewhere=share)
     return replace(result, seconds=time.perf_counter() - begun), bench

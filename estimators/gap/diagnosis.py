@@ -7,9 +7,12 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from rig.files import write_text
+
+if TYPE_CHECKING:
+    from estimators.calibration import Calibration
 
 FORMAT: Final = "rig-diagnosis/2"
 Verdict = Literal["no-gap", "named", "ambiguous", "partly", "unknown"]
@@ -111,6 +114,9 @@ class Diagnosis:
         channels: by name. follows: shares of the gap by what it follows.
         closed: share of the squared gap that the causes close. closed_on: what that was judged on.
         closed_elsewhere: the share of another maneuver's gap that they close there; None without one.
+        rig: against a fitted rig, of whose remainder all the rest then tells: its ``name`` and ``effects``, whether it
+            is ``better`` than the ideal rig and ``why``, the share that is ``left``, and the gaps by channel.
+        calibration: the corrected one, a file of its own; None where it was not asked for.
         remainder: what is left.
         calibration_shift: by parameter: before, after, and the difference in standard deviations.
         cannot_tell: effects that this recording cannot show, each with the reason.
@@ -139,6 +145,8 @@ class Diagnosis:
     warnings: tuple[str, ...] = ()
     closed_elsewhere: float | None = None
     names: Mapping[str, str] = field(default_factory=dict)
+    rig: Mapping[str, Any] | None = None
+    calibration: Calibration | None = field(default=None, repr=False, compare=False)
 
     @property
     def recording(self) -> str:
@@ -192,6 +200,7 @@ class Diagnosis:
                 "next": None if self.next is None else dict(self.next),
                 "floor": self.floor,
                 "warnings": list(self.warnings),
+                **({} if self.rig is None else {"rig": self.rig}),
             }
         )
 
@@ -210,7 +219,11 @@ class Diagnosis:
         Raises:
             RigError: the file cannot be written.
         """
-        write_text(path, json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
+        write_text(path, self.to_text())
+
+    def to_text(self) -> str:
+        """The contract's text."""
+        return json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n"
 
     def __str__(self) -> str:
         return self.sentence()

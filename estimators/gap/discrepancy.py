@@ -42,6 +42,7 @@ class Term:
         values: (r,) eigenvalues of W' G W.
         steps, ratio: of the grid of amplitudes.
         unit: variance of the source's error for a variance of one here. scale: (6,) what its response was divided by.
+        projected: whether ``values`` are with the calibration projected out.
     """
 
     source: str
@@ -53,6 +54,7 @@ class Term:
     ratio: float = 2.0
     unit: float = 1.0
     scale: tuple[float, ...] = ()
+    projected: bool = True
 
     @cached_property
     def variances(self) -> Array:
@@ -203,7 +205,7 @@ def blocks_term(bench: Means | Bench, source: Source, count: int, log_prior: flo
         return np.asarray(turned.reshape(-1, columns.shape[1])[kept])
 
     name = f"time, in {count} pieces" if count < bench.count else "time, from sample to sample"
-    return Term(source.name, name, log_prior, flat[kept], products, unit=1.0 / float(size[0]) ** 2)
+    return Term(source.name, name, log_prior, flat[kept], products, unit=1.0 / float(size[0]) ** 2, projected=False)
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def _distance(one: Hypothesis, two: Hypothesis) -> float:
     bench = one.explanation.bench
     apart = bench.change([m.fit.effect for m in one.explanation.members])
     other = two.explanation.bench
-    apart = apart + bench.base.volts - other.base.volts - other.change([m.fit.effect for m in two.explanation.members])
+    apart = apart + bench.modelled - other.modelled - other.change([m.fit.effect for m in two.explanation.members])
     left = project(bench.absorbed, bench.whiten(apart))
     return float(left @ left)
 

@@ -74,6 +74,7 @@ def diagnosis_of(document: Any, where: str) -> Diagnosis:
         floor=top.text("floor"),
         warnings=top.strings("warnings", ()),
         closed_elsewhere=_number(closed, "other_maneuver"),
+        rig=None if (rig := top.optional("rig")) is None else rig.content,
         names={
             each.text("where"): name for each in top.items("causes") if (name := each.optional_text("name")) is not None
         },

@@ -33,7 +33,7 @@ def rebased(bench: Bench, effects: Sequence[Effect]) -> Bench:
     target = bench.whiten(bench.residual - bench.change(effects))
     gram = (bench.tangent / scale).T @ (bench.tangent / scale)
     step = np.linalg.pinv(gram, rcond=_FELT, hermitian=True) @ ((bench.tangent / scale).T @ target) / scale
-    return around(bench, _stepped(bench.pipeline, step))
+    return around(bench, stepped(bench.pipeline, step))
 
 
 def around(bench: Bench, pipeline: Pipeline) -> Bench:
@@ -42,8 +42,8 @@ def around(bench: Bench, pipeline: Pipeline) -> Bench:
     return replace(bench, pipeline=pipeline, base=base)
 
 
-def _stepped(pipeline: Pipeline, step: Array) -> Pipeline:
-    """The pipeline with its parameters moved, in the order of ``Bench.raw_tangent``."""
+def stepped(pipeline: Pipeline, step: Array) -> Pipeline:
+    """The pipeline with its parameters moved by ``step`` (p,), in the order of ``Bench.raw_tangent``."""
     environment = pipeline.environment
     sensors: dict[str, TriaxialSensor] = {}
     first = 0

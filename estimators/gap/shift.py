@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from estimators.calibration import Calibration
+from estimators.gap.basefit import cleared
 from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.pipeline import calibrate
-from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
+from rig.channels import CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import Effect
 from rig.errors import RigError
 from rig.recording import Recording
@@ -24,9 +24,8 @@ def calibration_shift(
 
     Names are ``accel1.sensitivity`` and so on; angles in degrees, of axes and fields that can be told.
     """
-    change = bench.change(effects)
-    cleared = {sensor: recording.readings(sensor) - change[:, COLUMNS_OF[sensor]] for sensor in recording.sensors}
-    corrected = replace(recording, accelerometer=cleared.get(ACCELEROMETER), magnetometer=cleared.get(MAGNETOMETER))
+    recording = cleared(recording, bench.given_change)
+    corrected = cleared(recording, bench.change(effects))
     noise = {
         sensor: np.sqrt([floor[column].variance for column in range(*COLUMNS_OF[sensor].indices(len(CHANNELS)))])
         for sensor in recording.sensors

@@ -146,33 +146,61 @@ def _in_time(
     probe: Effect, bench: Bench, explained: Explained, columns: Sequence[int]
 ) -> tuple[Fits, dict[int, Array], dict[int, float]]:
     """Noise whose variance follows time: one strength for all channels."""
-    responses = np.sum(probe.response(bench.base, bench.pipeline) ** 2, axis=2)
-    rates = {column: responses[:, column] for column in columns}
-    units = {}
-    for column in columns:
-        square = block_means(rates[column], bench.block) / bench.samples
-        units[column] = square * (bench.weights[:, column] / bench.whiteners[column].sigma) ** 2
+    rates = {column: _rates(probe, bench)[:, column] for column in columns}
+    units = _units_in_time(probe, bench, columns)
     squares = [bench.channel(explained.residual, column) ** 2 for column in columns]
     fit = _likeliest(squares, [units[column] for column in columns], bench.floor_samples[columns])
     return dict.fromkeys(columns, fit), units, {column: float(np.mean(rates[column])) for column in columns}
+
+
+def _rates(probe: Effect, bench: Bench) -> Array:
+    """(n, 6) [recorded unit^2] variance of each reading for a strength of one."""
+    return np.asarray(np.sum(probe.response(bench.base, bench.pipeline) ** 2, axis=2))
+
+
+def _units_in_time(probe: Effect, bench: Bench, columns: Sequence[int]) -> dict[int, Array]:
+    """The variance of whitened readings for a strength of one, where it follows time."""
+    rates, units = _rates(probe, bench), {}
+    for column in columns:
+        square = block_means(rates[:, column], bench.block) / bench.samples
+        units[column] = square * (bench.weights[:, column] / bench.whiteners[column].sigma) ** 2
+    return units
+
+
+def _units_by_frequency(probe: Effect, bench: Bench, columns: Sequence[int]) -> dict[int, Array]:
+    """The same by cosine transform, where it has a spectrum; what lies below the lowest frequencies is as there."""
+    frequency = np.arange(bench.count)[_TAKEN:] / (2.0 * bench.count)
+    group = groups(bench.count, _TAKEN)
+    own = _of_means(probe, bench, np.bincount(group, frequency) / np.bincount(group))[group]
+    units = {column: own * whitened_response(bench, column, frequency) for column in columns}
+    return {column: np.concatenate([unit[:1].repeat(_TAKEN), unit]) for column, unit in units.items()}
+
+
+def known_steps(effect: Effect, bench: Bench) -> tuple[Step, ...]:
+    """What whitens a noise effect of known strengths too; none where its channels are not there."""
+    columns = [column for column in range(len(CHANNELS))[effect.columns] if column in bench.columns]
+    shared = type(effect).response is not Effect.response  # one error for several channels is no step of each
+    if not columns or (shared and not effect.adds_in_time):
+        return ()
+    units = (_units_in_time if effect.adds_in_time else _units_by_frequency)(effect, bench, columns)
+    touched = range(len(CHANNELS))[effect.columns]
+    strengths = dict(zip(touched, np.broadcast_to(effect.strengths, len(touched)), strict=True))
+    return tuple(
+        Step(column, 1.0 / np.sqrt(1.0 + strengths[column] ** 2 * units[column]), effect.adds_in_time)
+        for column in columns
+    )
 
 
 def _by_frequency(
     probe: Effect, bench: Bench, spectra: Mapping[int, Spectrum], columns: Sequence[int]
 ) -> tuple[Fits, dict[int, Array], dict[int, float]]:
     """Noise with a spectrum: a strength for each channel."""
-    count = bench.count
-    frequency = np.arange(count)[_TAKEN:] / (2.0 * count)
-    group = groups(count, _TAKEN)
+    group = groups(bench.count, _TAKEN)
     many = np.bincount(group)
-    own = _of_means(probe, bench, np.bincount(group, frequency) / many)[group]
-    recorded = max(count, _DENSE)
+    units = _units_by_frequency(probe, bench, columns)
+    recorded = max(bench.count, _DENSE)
     every = probe.added_spectrum(np.arange(1, recorded) / (2.0 * recorded), bench.interval_s / bench.samples)
-    fits, units = {}, {}
-    for column in columns:
-        unit = own * whitened_response(bench, column, frequency)
-        fits[column] = spectra[column].added(np.bincount(group, unit) / many)
-        units[column] = np.concatenate([unit[:1].repeat(_TAKEN), unit])
+    fits = {column: spectra[column].added(np.bincount(group, units[column][_TAKEN:]) / many) for column in columns}
     return fits, units, dict.fromkeys(columns, float(np.mean(every)))
 
 

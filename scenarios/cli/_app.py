@@ -31,6 +31,7 @@ _COMMANDS: Final = {
     "apply": "calibrate",
     "diagnose": "diagnose",
     "export": "export",
+    "compare": "compare",
     "bound": "bound",
     "plan": "plan",
     "study": "study",

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 @click.option("--maneuver2", type=PATH, metavar="F", help="Another maneuver of the same rig, to judge the causes on.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue; repeatable.")
 @click.option("--prior", type=PATH, metavar="F.toml", help="Weights of the effects that this arm is prone to.")
+@click.option("--rig", "fitted", type=PATH, metavar="F.toml", help="Judge against this fitted rig, not the ideal one.")
 @arm_options
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; one for each processor by default.")
 @cluster_option
@@ -55,6 +56,7 @@ def diagnose(
     maneuver2: Path | None,
     without: tuple[str, ...],
     prior: Path | None,
+    fitted: Path | None,
     arm_file: Path | None,
     tip: str | None,
     jobs: int | None,
@@ -66,10 +68,14 @@ def diagnose(
 ) -> int:
     """Say where each RUN disagrees with the rig, which effects cause it, how probable that is, and what to do next.
 
-    Each gets DIR/NAME.diagnosis.json and DIR/NAME.html, a page to look at. A RUN.locked.parquet beside RUN.parquet is
-    taken as its noise floor. Where the data do not decide between explanations, DIR/NAME.next.toml is the maneuver
-    that would, within the joints' limits and M minutes. --prior F.toml has a table [effects] of relative weights,
-    such as backlash = 5; 1 is the default, 0 leaves an effect out.
+    Each gets DIR/NAME.diagnosis.json, DIR/NAME.html, a page to look at, and DIR/NAME.calibration.json, the
+    calibration with the causes in place and its covariance over all explanations, for rig apply and rig export. A
+    RUN.locked.parquet beside RUN.parquet is taken as its noise floor. Where the data do not decide between
+    explanations, DIR/NAME.next.toml is the maneuver that would, within the joints' limits and M minutes. --prior
+    F.toml has a table [effects] of relative weights, such as backlash = 5; 1 is the default, 0 leaves an effect out.
+    --rig F.toml takes a rig that --save-scenario wrote, adds its effects to the model, and says how far they close
+    the gap, what is left, and whether that rig is better: only a recording that did not choose it, and of which it
+    leaves the floor alone, says so.
 
     Several RUNs are done in parallel, here or on a Dask cluster that can read them; a bad one does not stop the
     others, and what DIR holds of the same files, options and version is kept. DIR/fleet.csv, .json and .html tell
@@ -82,12 +88,15 @@ def diagnose(
       rig diagnose lab/*.parquet --out reports --cluster tcp://10.0.0.1:8786
       rig diagnose run.parquet --prior our-arm.toml
       rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
+      rig diagnose another.parquet --rig improved.toml
     """
     chosen = without_locked(runs)
-    _check(chosen, without, saved, out, [path for path in (locked, maneuver2, prior, arm_file) if path is not None])
+    inputs = [path for path in (locked, maneuver2, prior, fitted, arm_file) if path is not None]
+    _check(chosen, without, saved, out, inputs)
     from estimators.gap.prior import read_prior
     from rig.recording import scan_recording
     from scenarios.gap_report.batch import Outcome, Task, outcomes
+    from scenarios.gap_report.improved_rig import read_fitted_rig
     from scenarios.gap_report.kept import document_of, write_outcome
     from scenarios.workers import Workers
 
@@ -98,8 +107,9 @@ def diagnose(
             scan_recording(path, joints=None if arm is None else arm.dof)
     workers = Workers(jobs, cluster)
     together = workers.at_once(len(chosen))
+    rig = None if fitted is None else read_fitted_rig(fitted)
     tasks = [
-        Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes, together, weights)
+        Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes, together, weights, rig=rig)
         for run in chosen
     ]
     if len(tasks) > 1 or cluster is not None:
@@ -205,7 +215,7 @@ def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out
         for written in paths(out, run.stem) if out.is_dir() else ():
             check_output(written, (written.suffix,), run, locked_beside(run), *others)
             if saved is not None and saved.absolute() == written.absolute():
-                raise RigError(f"--save-scenario {saved}: is the next maneuver's file, expected another name")
+                raise RigError(f"--save-scenario {saved}: is another of the files written, expected another name")
 
 
 def _tell(outcome: Outcome, out: Path, saved: Path | None) -> None:
@@ -213,9 +223,11 @@ def _tell(outcome: Outcome, out: Path, saved: Path | None) -> None:
     from scenarios.gap_report.terminal import diagnosis_tables
     from scenarios.report import show
 
-    document, page, proposal = paths(out, outcome.diagnosis.recording)
+    document, page, proposal, calibration = paths(out, outcome.diagnosis.recording)
     show(diagnosis_tables(outcome.diagnosis, outcome.units))
     click.echo(f"\n{page}, {document}: written")
+    if outcome.diagnosis.calibration is not None:
+        click.echo(f"{calibration}: written, the calibration with the causes in place, for rig apply")
     if outcome.next is not None:
         click.echo(f"{proposal}: written; rig sweep {proposal} -o RUN.parquet simulates it")
     if saved is not None and outcome.scenario is not None:

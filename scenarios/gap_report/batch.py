@@ -14,6 +14,7 @@ from typing import Any, Final
 from estimators.gap import Diagnosis
 from estimators.gap.basefit import fitted_model, posed
 from estimators.gap.diagnose import examined
+from estimators.gap.fitted_rig import FittedRig
 from estimators.gap.separation import rivals
 from rig.arm import Arm
 from rig.errors import RigError
@@ -51,6 +52,7 @@ class Task:
         prior: relative weights of effects; None: all alike.
         memory: what the user has stated, for workers that are not of this machine.
         origin: what the files must be, of a worker that reads them elsewhere; None: as they are.
+        rig: the fitted rig to judge against; None: the ideal one.
     """
 
     run: Path
@@ -65,6 +67,7 @@ class Task:
     prior: Mapping[str, float] | None = None
     memory: str | None = None
     origin: Mapping[str, Any] | None = None
+    rig: FittedRig | None = None
 
 
 @dataclass(frozen=True)
@@ -114,13 +117,13 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     locked = None if beside is None else means(beside, block=block)[0]
     second = None if task.maneuver2 is None else means(task.maneuver2, block=block, fitted=fitted)[0]
     with one_blas_thread():
-        diagnosis, bench = examined(recording, locked, second, task.without, arm, progress, task.prior)
+        diagnosis, bench = examined(recording, locked, second, task.without, arm, progress, task.prior, task.rig)
         residuals = gap_residuals(recording, diagnosis, locked, arm, bench)
         open_between = bool(rivals(diagnosis))
         rig, text, step, unsaved = None, None, None, None
         if task.improved or open_between:
             try:
-                made = improved_rig(diagnosis, residuals, locked)
+                made = improved_rig(diagnosis, residuals, locked, task.rig)
                 rig, text = made.scenario, made.to_toml()
             except RigError as error:  # never at the cost of the diagnosis
                 unsaved = str(error) if task.improved else None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -12,16 +13,18 @@ from numpy.typing import NDArray
 from estimators.gap.basefit import all_readings
 from estimators.gap.defects import lattice
 from estimators.gap.diagnosis import Diagnosis, chance
+from estimators.gap.fitted_rig import FittedRig, delayed
 from rig.acquisition import Acquisition
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
-from rig.effects import Effect
 from rig.environment import Environment
+from rig.errors import RigError
 from rig.maneuver import HandTumble
 from rig.recording import Recording
 from rig.simulate import Rig
 from scenarios.gap_report.closest_maneuver import closest_maneuver
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import alike_words, alternatives, cause_title, explanation_words, sentence
+from scenarios.loader import load
 from scenarios.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -47,17 +50,20 @@ def improved_rig(
     diagnosis: Diagnosis,
     residuals: GapResiduals,
     locked: Recording | None = None,
+    base: FittedRig | None = None,
 ) -> ImprovedRig:
     """The rig of a recording.
 
     Args:
         residuals: of the diagnosed recording.
         locked: the locked recording, whose converter step is the rig's.
+        base: the fitted rig that the recording was judged against, to which the causes are added.
 
     Raises:
         RigError: the arm cannot be named in a file.
     """
     recording = residuals.recording
+    before, chosen = ((), ()) if base is None else (base.effects, base.fitted_to)
     arm = residuals.bench.base.arm
     pipeline = residuals.calibrated
     every = max(1, round(_RATE_HZ / recording.rate_Hz))
@@ -71,7 +77,7 @@ def improved_rig(
         accelerometer=pipeline.accelerometer,
         magnetometer=pipeline.magnetometer,
         acquisition=_acquisition(residuals, locked, every),
-        effects=tuple(_from_zero(effect, float(recording.t[0])) for effect in residuals.causes),
+        effects=(*before, *(delayed(effect, -float(recording.t[0])) for effect in residuals.causes)),
     )
     scenario = Scenario(
         name=diagnosis.recording,
@@ -80,29 +86,28 @@ def improved_rig(
         title=f"The rig of {diagnosis.recording} with the causes of its gap",
         description=sentence(diagnosis),
         source=f"Calibration and effects fitted to {recording.name} by rig diagnose.",
-        fitted_to=(recording.fingerprint,),
+        fitted_to=tuple(dict.fromkeys((*chosen, recording.fingerprint))),
         magnetic_field_unit=recording.metadata.magnetic_field_unit,  # type: ignore[arg-type]
     )
     return ImprovedRig(scenario, (played.difference, *_remarks(diagnosis, residuals, rig)))
+
+
+def read_fitted_rig(path: Path) -> FittedRig:
+    """The effects of a scenario's rig, to judge a recording against.
+
+    Raises:
+        RigError: as of ``scenarios.load``, or the rig has no effect.
+    """
+    scenario = load(path)
+    if not scenario.rig.effects:
+        raise RigError(f"{path}: found no effect, expected a fitted rig, as rig diagnose --save-scenario writes it")
+    return FittedRig(path.stem, scenario.rig.effects, scenario.fitted_to)
 
 
 def _floor_of(residuals: GapResiduals, sensor: str) -> Array:
     """(3,) standard deviation of a sensor's noise at rest [recorded unit]."""
     columns = range(len(CHANNELS))[COLUMNS_OF[sensor]]
     return np.sqrt([residuals.floor[column].variance for column in columns])
-
-
-def _from_zero(effect: Effect, begin_s: float) -> Effect:
-    """The effect on a clock that starts with the recording, as a simulation's does."""
-    if begin_s == 0.0:
-        return effect
-    values = asdict(effect)
-    if "at_s" in values:
-        values["at_s"] -= begin_s
-    if effect.tone:
-        turn = 2.0 * np.pi * values["freq_Hz"] * begin_s
-        values["phase_rad"] = np.remainder(np.asarray(values["phase_rad"]) + turn, 2.0 * np.pi).tolist()
-    return effect.from_mapping(values)
 
 
 def _acquisition(residuals: GapResiduals, locked: Recording | None, every: int) -> Acquisition:

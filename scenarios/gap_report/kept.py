@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from estimators.gap.reading import diagnosis_of
 from rig.arm_file import model_file
 from rig.documents import read_json
 from rig.errors import RigError
-from rig.files import atomic_path, file_hash, write_text
+from rig.files import atomic_path, file_hash
 from rig.memory import stated
 from rig.recording import Recording, locked_beside
 from scenarios.version import package_version, sources_hash
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 #: In a diagnosis' file, beside the contract's keys: what it was made from, and whose recording that is.
 ORIGIN = "made_from"
 ABOUT = "about"
+CORRECTED = "corrected_calibration"
 
 
 @dataclass(frozen=True)
@@ -67,19 +68,22 @@ def origin(task: Task) -> dict[str, Any]:
             "tip": task.tip,
             "minutes": task.minutes,
             "prior": None if task.prior is None else dict(sorted(task.prior.items())),
+            "rig": None if task.rig is None else [task.rig.name, *map(repr, task.rig.effects), *task.rig.fitted_to],
         },
         "memory": stated(),
     }
 
 
-def paths(out: Path, name: str) -> tuple[Path, Path, Path]:
-    """The diagnosis, its page and what to record next, of a recording's name."""
-    return out / f"{name}.diagnosis.json", out / f"{name}.html", out / f"{name}.next.toml"
+def paths(out: Path, name: str) -> tuple[Path, Path, Path, Path]:
+    """The diagnosis, its page, what to record next and the corrected calibration, of a recording's name."""
+    kinds = ("diagnosis.json", "html", "next.toml", "calibration.json")
+    document, page, proposal, calibration = (out / f"{name}.{kind}" for kind in kinds)
+    return document, page, proposal, calibration
 
 
 def kept(task: Task, out: Path) -> tuple[Diagnosis, About] | None:
     """The diagnosis of a task that is in the folder already; None where it is missing, or made from something else."""
-    document, page, proposal = paths(out, task.run.stem)
+    document, page, proposal, calibration = paths(out, task.run.stem)
     if task.improved or not (document.is_file() and page.is_file()):
         return None
     with suppress(RigError, OSError, TypeError, AttributeError, LookupError):  # something else by that name
@@ -90,14 +94,17 @@ def kept(task: Task, out: Path) -> tuple[Diagnosis, About] | None:
             found.pop("memory", None)
             wanted.pop("memory", None)
         named = (content.get("next") or {}).get("scenario")
-        if found == json.loads(json.dumps(wanted)) and (named is None or proposal.is_file()):
+        whole = (named is None or proposal.is_file()) and (calibration.is_file() or not content[CORRECTED])
+        if found == json.loads(json.dumps(wanted)) and whole:
             return diagnosis_of(content, str(document)), about
     return None
 
 
 def document_of(outcome: Outcome) -> Mapping[str, Any]:
     """A diagnosis' file: the contract's object, whose recording it is, and what it was made from."""
-    return {**outcome.diagnosis.to_json(), ABOUT: vars(outcome.about), ORIGIN: outcome.origin}
+    corrected = outcome.diagnosis.calibration is not None
+    about = {ABOUT: vars(outcome.about), CORRECTED: corrected, ORIGIN: outcome.origin}
+    return {**outcome.diagnosis.to_json(), **about}
 
 
 def write_outcome(outcome: Outcome, out: Path, saved: Path | None = None) -> None:
@@ -110,16 +117,22 @@ def write_outcome(outcome: Outcome, out: Path, saved: Path | None = None) -> Non
         RigError: a file cannot be written.
     """
     out.mkdir(parents=True, exist_ok=True)
-    found, drawn, proposal = paths(out, outcome.diagnosis.recording)
+    found, drawn, proposal, corrected = paths(out, outcome.diagnosis.recording)
     again = found.exists()
-    text = json.dumps(document_of(outcome), indent=1, allow_nan=False) + "\n"
-    with atomic_path(drawn) as page, atomic_path(found) as document:
-        page.write_text(outcome.page, encoding="utf-8", errors="backslashreplace")
-        document.write_text(text, encoding="utf-8", errors="backslashreplace")
-        if saved is not None and outcome.scenario is not None:
-            with atomic_path(saved) as scenario:
-                scenario.write_text(outcome.scenario, encoding="utf-8")
-    if outcome.next is not None:
-        write_text(proposal, outcome.next)
-    elif again:
-        proposal.unlink(missing_ok=True)  # of the earlier diagnosis
+    calibration = outcome.diagnosis.calibration
+    texts = {
+        drawn: outcome.page,
+        found: json.dumps(document_of(outcome), indent=1, allow_nan=False) + "\n",
+        corrected: None if calibration is None else calibration.to_json(),
+        proposal: outcome.next,
+    }
+    if saved is not None:
+        texts[saved] = outcome.scenario
+    with ExitStack() as all_or_none:
+        for path, text in texts.items():
+            if text is not None:
+                file = all_or_none.enter_context(atomic_path(path))
+                file.write_text(text, encoding="utf-8", errors="backslashreplace")
+    for path, text in texts.items():
+        if text is None and again and path != saved:
+            path.unlink(missing_ok=True)  # of the earlier diagnosis

@@ -26,6 +26,7 @@ def page(diagnosis: Diagnosis, residuals: GapResiduals, without: Sequence[str] =
     title = f"{diagnosis.recording}: {VERDICTS[diagnosis.verdict].lower()}"
     parts = [
         _head(diagnosis, residuals, without),
+        sections.fitted_rig(diagnosis, residuals),
         sections.explanations(diagnosis),
         sections.next_step(diagnosis),
         sections.where(diagnosis, residuals),

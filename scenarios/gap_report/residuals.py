@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.basefit import all_readings, estimated_floor, fitted_pipeline, learn_floor, posed, set_up
+from estimators.gap.basefit import all_readings, cleared, estimated_floor, fitted_pipeline, learn_floor, posed, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import find_defects, lattice, masked, relieved
@@ -18,7 +18,7 @@ from estimators.gap.score import Explained
 from estimators.gap.stochastic import fit_effect
 from estimators.pipeline import calibrate
 from rig.arm import Arm
-from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
 from rig.errors import RigError
 from rig.pipeline import Pipeline
@@ -144,12 +144,7 @@ def _recalibrated(
     recording: Recording, bench: Bench, causes: Sequence[Effect], floor: Sequence[ChannelNoise], left_out: Mask
 ) -> Bench:
     """The bench with the recording's calibration once the causes' change and the readings they spoil are left out."""
-    change = bench.change(mean_effects(causes))
-    corrected = recording
-    for sensor in recording.sensors:
-        readings = recording.readings(sensor) - change[:, COLUMNS_OF[sensor]]
-        both = {ACCELEROMETER: corrected.accelerometer, MAGNETOMETER: corrected.magnetometer, sensor: readings}
-        corrected = replace(corrected, accelerometer=both[ACCELEROMETER], magnetometer=both[MAGNETOMETER])
+    corrected = cleared(recording, bench.given_change + bench.change(mean_effects(causes)))
     sigma = np.sqrt([channel.variance for channel in floor])
     noise = {sensor: sigma[COLUMNS_OF[sensor]] for sensor in recording.sensors}
     whole = np.flatnonzero(~left_out.any(axis=1))

@@ -13,6 +13,7 @@ from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (
     MEANINGS,
+    RIG_COLUMNS,
     VERDICTS,
     alike_words,
     cause_title,
@@ -24,6 +25,7 @@ from scenarios.gap_report.words import (
     hidden_words,
     listed_words,
     place_words,
+    rig_words,
     share_words,
     status_words,
 )
@@ -50,6 +52,24 @@ def explanations(diagnosis: Diagnosis) -> str:
             '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. Of what is '
             "said with a probability of .9, nine in ten should be true.</p>",
         ]
+    )
+
+
+def fitted_rig(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
+    """The gap against the fitted rig beside that against the ideal one; empty where no rig was given."""
+    if diagnosis.rig is None:
+        return ""
+    shown = shown_units(residuals.recording.units)
+    rows = []
+    for name, row in diagnosis.rig["channels"].items():
+        sizes = (f"{shown[name].factor * row[key]:.3g}" for key in RIG_COLUMNS)
+        rows.append((f"<code>{escape(name)}</code>", *sizes, escape(shown[name].name)))
+    titles = ("channel", *RIG_COLUMNS.values(), "unit")
+    words = " ".join(escape(line) for line in rig_words(diagnosis))
+    return (
+        f"<h2>Against the fitted rig</h2>\n<p>{words}</p>\n{_table(titles, rows, numbers=range(1, 6))}\n"
+        '<p class="soft">Calibrations are refitted for either rig. All that follows is of what the fitted rig leaves.'
+        "</p>"
     )
 
 

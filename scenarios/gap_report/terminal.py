@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -12,6 +13,7 @@ from estimators.gap.diagnosis import Diagnosis, chance, percent
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (
+    RIG_COLUMNS,
     VERDICTS,
     alike_words,
     cause_title,
@@ -26,6 +28,7 @@ from scenarios.gap_report.words import (
     listed_words,
     place_words,
     posterior_words,
+    rig_words,
     sentence,
     share_words,
     status_words,
@@ -57,6 +60,8 @@ def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
         Text(""),
         _explanations(diagnosis),
     ]
+    if diagnosis.rig is not None:
+        parts[2:2] = [Text(""), _against_rig(diagnosis.rig, units), *map(Text, rig_words(diagnosis))]
     if diagnosis.causes:
         parts += [Text(""), _causes(diagnosis)]
     if diagnosis.channels:
@@ -78,6 +83,15 @@ def _explanations(diagnosis: Diagnosis) -> Table:
     if rest := listed_words(diagnosis, len(shown)):
         words, _, probability = rest.partition(": ")
         result.add_row(Text(words, style="dim"), probability)
+    return result
+
+
+def _against_rig(rig: Mapping[str, Any], units: Mapping[str, str]) -> Table:
+    shown = shown_units(units)
+    numbers = tuple(RIG_COLUMNS.values())
+    result = table("channel", *numbers, "unit", numbers=numbers)
+    for name, row in rig["channels"].items():
+        result.add_row(name, *(f"{shown[name].factor * row[key]:.3g}" for key in RIG_COLUMNS), shown[name].name)
     return result
 
 
@@ -138,6 +152,6 @@ def summary_table(diagnoses: Sequence[Diagnosis]) -> Table:
             for cause in diagnosis.causes
         )
         verdict = Text(VERDICTS[diagnosis.verdict].lower(), style=_COLOURS[diagnosis.verdict])
-        left = "\n".join(left_words(diagnosis)[:2]) or diagnosis.remainder.verdict
+        left = "\n".join((*rig_words(diagnosis), *left_words(diagnosis)[:2])) or diagnosis.remainder.verdict
         result.add_row(Text(diagnosis.recording), verdict, Text(causes), closed_words(diagnosis), Text(left))
     return result

@@ -203,6 +203,28 @@ def sentence(diagnosis: Diagnosis) -> str:
     return _as_sentence(place_words(_EFFECT.sub(lambda found: found[0].replace("_", " "), words)))
 
 
+#: The figures of a fitted rig, channel by channel, and what they are called.
+RIG_COLUMNS: Final = {
+    "noise_floor": "floor",
+    "rms_ideal": "RMS, ideal rig",
+    "gap_ideal": "gap, ideal rig",
+    "rms_fitted": "RMS, fitted rig",
+    "gap_fitted": "gap, fitted rig",
+}
+
+
+def rig_words(diagnosis: Diagnosis) -> list[str]:
+    """What a recording says of a fitted rig: whether it is better, why, and how much of the gap it leaves."""
+    if diagnosis.rig is None:
+        return []
+    found = diagnosis.rig
+    better = "better than the ideal rig" if found["better"] else "not called better than the ideal rig"
+    words = [f"{found['name']} is {better}: {found['why']}."]
+    if found["left"] is not None:
+        words.append(f"It leaves {percent(found['left'])} of the squared gap.")
+    return words
+
+
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a few words."""
     if diagnosis.verdict == "no-gap":

@@ -29,7 +29,7 @@ _SYMBOLS = {
 }
 
 
-def errors_figure(rows: Sequence[Compared]) -> Figure:
+def errors_figure(rows: Sequence[Compared], label: str = "(estimate − truth) / σ") -> Figure:
     """A panel for each sensor with a point for each parameter: (estimate - truth) / standard deviation.
 
     The dashed lines are at 1.96 standard deviations, within which 95 of 100 errors should lie.
@@ -45,13 +45,13 @@ def errors_figure(rows: Sequence[Compared]) -> Figure:
         figure = new_figure(4.6 * len(sensors), 1.3 + 0.27 * most)
         panels = figure.subplots(1, len(sensors), sharex=True, squeeze=False)[0]
         for panel, sensor in zip(panels, sensors, strict=True):
-            _panel(panel, sensor, [row for row in rows if row.sensor == sensor])
+            _panel(panel, sensor, [row for row in rows if row.sensor == sensor], label)
         limit = max((abs(row.error_sigmas) for row in rows if row.error_sigmas is not None), default=0.0)
         panels[0].set_xlim(-1.1 * max(limit, 3.0), 1.1 * max(limit, 3.0))
     return figure
 
 
-def _panel(axis: Axes, sensor: str, rows: Sequence[Compared]) -> None:
+def _panel(axis: Axes, sensor: str, rows: Sequence[Compared], label: str) -> None:
     heights = -np.arange(len(rows), dtype=float)
     axis.axvspan(-NORMAL_95, NORMAL_95, color=GREY, alpha=0.12, linewidth=0)
     axis.axvline(0.0, color=GREY, linewidth=0.7)
@@ -72,7 +72,7 @@ def _panel(axis: Axes, sensor: str, rows: Sequence[Compared]) -> None:
     axis.set_title(f"{sensor.capitalize()}: {inside} of {len(told)} within ±1.96σ")
     axis.set_yticks(heights, [_symbol(row.parameter) for row in rows])
     axis.set_ylim(heights[-1] - 0.7, 0.7)
-    axis.set_xlabel("(estimate − truth) / σ")
+    axis.set_xlabel(label)
     axis.grid(axis="y", visible=False)
 
 

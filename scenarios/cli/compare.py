@@ -1,0 +1,163 @@
+"""``rig compare``: two calibrations, a calibration and the truth, a recording and its simulation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from rig.errors import RigError
+from scenarios.cli._options import PATH, RECORDING_SUFFIXES, check_output, json_option, memory_option, print_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+#: Differences less probable than this are no chance.
+_BY_CHANCE: Final = 1e-3
+_CALIBRATION, _RECORDING, _SCENARIO = "calibration", "recording", "scenario"
+#: Memory that a comparison takes [bytes a sample].
+_BYTES_A_SAMPLE: Final = 4000.0
+
+
+@click.command(short_help="Two calibrations, a calibration and the truth, or a recording and its simulation.")
+@click.argument("first", type=PATH, metavar="A")
+@click.argument("second", type=PATH, metavar="B")
+@click.option("-o", "--output", type=PATH, metavar="F.png", help="Draw the differences: .png, .svg or .pdf.")
+@memory_option
+@json_option
+def compare(first: Path, second: Path, output: Path | None, as_json: bool) -> int:
+    """Hold A against B, parameter by parameter or channel by channel, in standard deviations.
+
+    Two calibrations (.json) of independent recordings; a calibration and a scenario, whose rig is the truth; or a
+    recording (.parquet, .csv) and a scenario, whose rig is made to repeat the recorded maneuver. The exit status is 1
+    where the two differ by more than chance: less than once in a thousand.
+
+    \b
+    Example:
+      rig compare monday.json friday.json
+      rig compare cal.json ann-arbor -o errors.png
+      rig compare run.parquet fitted.toml
+    """
+    kinds = {path: _kind(path) for path in (first, second)}
+    pair = [kinds[first], kinds[second]]
+    if pair not in ([_CALIBRATION] * 2, [_CALIBRATION, _SCENARIO], [_RECORDING, _SCENARIO]):
+        if pair[::-1] not in ([_CALIBRATION, _SCENARIO], [_RECORDING, _SCENARIO]):
+            raise RigError(
+                f"{first} and {second}: found a {pair[0]} and a {pair[1]}, expected two calibrations, or a calibration "
+                "or a recording and a scenario"
+            )
+        first, second = second, first
+    if output is not None:
+        check_output(output, (".png", ".svg", ".pdf"), first, second)
+    found = (_recording if kinds[first] == _RECORDING else _calibrations)(first, second, kinds[second])
+    from scenarios.report import show
+
+    if output is not None:
+        from scenarios.plots import save
+
+        save(found.figure(), output)
+    if as_json:
+        print_json(found.document)
+    else:
+        show(*found.shown)
+        if output is not None:
+            click.echo(f"\n{output}: drawn")
+    return 0 if found.document["alike"] else 1
+
+
+class _Found:
+    """A comparison: its JSON object, what is shown on the terminal, and its picture."""
+
+    def __init__(self, document: dict[str, Any], shown: list[RenderableType], figure: Any) -> None:
+        self.document, self.shown, self._figure = document, shown, figure
+
+    def figure(self) -> Figure:
+        """The picture, made where it is wanted."""
+        figure: Figure = self._figure()
+        return figure
+
+
+def _kind(path: Path) -> str:
+    if path.suffix in RECORDING_SUFFIXES:
+        return _RECORDING
+    return _CALIBRATION if path.suffix == ".json" else _SCENARIO
+
+
+def _calibrations(first: Path, second: Path, kind: str) -> _Found:
+    """A calibration beside another, or beside the truth of a scenario."""
+    from rich.text import Text
+
+    from estimators.calibration import Calibration
+    from scenarios.calibration_report import comparison_table
+    from scenarios.comparison import apart, compare, compare_two
+    from scenarios.loader import load
+    from scenarios.plots import errors_figure
+
+    one = Calibration.read(first)
+    if kind == _SCENARIO:
+        rows, members = compare(load(second).truth, one), [one]
+        names = ("truth", "estimate")
+        if not rows:
+            raise RigError(f"{first}: has no parameter that scenario {second} states, expected axes and offsets")
+    else:
+        two = Calibration.read(second)
+        rows, members, names = compare_two(one, two), [one, two], ("A", "B")
+    total = apart(rows, *members)
+    alike = all(each.p_value >= _BY_CHANCE for each in total.values())
+    document = {
+        "first": first,
+        "second": second,
+        "alike": alike,
+        "parameters": [vars(row) for row in rows],
+        "together": {sensor: vars(each) for sensor, each in total.items()},
+    }
+    shown: list[RenderableType] = [comparison_table(rows, names), Text("")]
+    for sensor, each in total.items():
+        verdict = "alike, as far as chance goes" if each.p_value >= _BY_CHANCE else "they differ"
+        shown.append(
+            Text(
+                f"{sensor}: {verdict}: chi-square {each.chi_square:.1f} for {each.degrees_of_freedom} parameters, "
+                f"p = {each.p_value:.2g}"
+            )
+        )
+    return _Found(document, shown, lambda: errors_figure(rows, f"({names[1]} − {names[0]}) / σ"))
+
+
+def _recording(first: Path, second: Path, kind: str) -> _Found:
+    """A recording beside what a scenario's rig makes of its maneuver."""
+    from rich.text import Text
+
+    from rig.recording import whole_or_means
+    from scenarios.loader import load
+    from scenarios.plots import residuals_figure
+    from scenarios.report import table
+    from scenarios.simulated import beside_simulation
+
+    scenario = load(second)
+    arm = scenario.rig.arm
+    recording, block = whole_or_means(first, None if arm is None else arm.dof, _BYTES_A_SAMPLE)
+    rows, laid = beside_simulation(recording, scenario)
+    known = [row.p_value for row in rows if row.p_value is not None]
+    # the smallest of several is small by chance more often
+    alike = not known or min(known) * len(known) >= _BY_CHANCE
+    document = {
+        "first": first,
+        "second": second,
+        "alike": alike,
+        "averaged": block,
+        "channels": [vars(row) for row in rows],
+    }
+    numbers = ("σ", "mean", "RMS", "RMS / σ", "recalibrated")
+    shown = table("channel", *numbers, "unit", numbers=numbers)
+    for row in rows:
+        factor, unit = (1e3, "mV") if row.unit == "V" else (1.0, row.unit.replace("_", "/"))
+        ratios = ("–" if each is None else f"{each:.3g}" for each in (row.rms_sigmas, row.recalibrated_sigmas))
+        sizes = (f"{factor * each:.3g}" for each in (row.sigma, row.mean, row.rms))
+        shown.add_row(row.channel, *sizes, *ratios, unit)
+    words = "alike, as far as chance goes" if alike else "they differ by more than the noise that the scenario states"
+    if not known:
+        words = "the scenario states no noise, so that nothing is said of chance"
+    note = "recalibrated: RMS / σ once sensitivities, offsets and directions are fitted to the recording"
+    return _Found(document, [shown, Text(f"\n{words}"), Text(note)], lambda: residuals_figure(recording.t, laid))
