@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosed_recordings import scenario as small
 
 import estimators
 import scenarios
@@ -56,6 +57,19 @@ def test_a_quiet_recording_has_no_gap(locked: Recording) -> None:
     assert found.causes == ()
     told = {(each["effect"], each["where"]) for each in found.cannot_tell}
     assert {("joint_offset", "joint1"), ("joint_offset", "joint6"), ("backlash", "joint6")} <= told
+
+
+def test_a_floor_that_goes_on_slower_than_poses_at_rest_show_is_no_gap() -> None:
+    """1/f over two decades, of which half a second at rest shows one; 19 of 20 draws were quiet."""
+    times = (0.1, 0.4, 2.0, 10.0)
+    noise = [
+        make_effect("noise_coloured", {"where": where, "tau_s": tau_s, "sigma_V": (4e-3,) * 3})
+        for where in ("accelerometer", "magnetometer")
+        for tau_s in times
+    ]
+    scenario = small().with_effects(noise)
+    found = estimators.diagnose(scenario.simulate(0), scenario.simulate_locked(0))
+    assert found.verdict == "no-gap"
 
 
 @pytest.mark.parametrize("name", CAUSES)

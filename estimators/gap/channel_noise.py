@@ -35,6 +35,8 @@ class ChannelNoise:
         parts: variance [V^2] and correlation time [s] of each exponentially correlated part; none for white noise.
         samples: how many samples it was learned from.
         duration_s: how long these lasted [s].
+        holds: in how many poses, each about a mean of its own.
+        spare: whether the last part was not seen there, and is only not excluded.
         folded: of the coloured parts, what means over blocks of samples make look white [V^2]; may be below zero.
         degrees: of Student's distribution where single readings have long tails, infinite where they are normal; None
             where no recording at rest tells.
@@ -46,6 +48,8 @@ class ChannelNoise:
     samples: int = 0
     duration_s: float = 0.0
     folded: float = 0.0
+    holds: int = 1
+    spare: bool = False
     degrees: float | None = np.inf
     tails: float = 0.0
 
@@ -53,6 +57,11 @@ class ChannelNoise:
     def coloured(self) -> float:
         """Variance of all coloured parts [V^2]."""
         return sum(size for size, _ in self.parts)
+
+    @property
+    def seen(self) -> tuple[tuple[float, float], ...]:
+        """The coloured parts that were seen."""
+        return self.parts[:-1] if self.spare else self.parts
 
     def samples_at(self, interval_s: float) -> float:
         """How many samples at another rate tell as much of the noise as those it was learned from.

@@ -79,7 +79,8 @@ class Held:
     @property
     def white(self) -> ChannelNoise:
         """All of it white."""
-        return ChannelNoise(self.variance, samples=self.count, duration_s=self.count * self.interval_s)
+        duration = self.count * self.interval_s
+        return ChannelNoise(self.variance, samples=self.count, duration_s=duration, holds=len(self.segments))
 
     def at(self, point: Array) -> ChannelNoise:
         """The noise of this shape that is most likely."""
@@ -131,7 +132,8 @@ def _with_spare(noise: ChannelNoise, source: Held) -> ChannelNoise:
         return noise
     slowest = max(tau_s for _, tau_s in noise.parts)
     longest = max(len(segment) for segment in source.segments) * source.interval_s
-    return replace(noise, parts=(*noise.parts, (_SPARE * noise.coloured, max(_SLOWER * slowest, longest))))
+    spare = _SPARE * noise.coloured, max(_SLOWER * slowest, longest)
+    return replace(noise, parts=(*noise.parts, spare), spare=True)
 
 
 def _shared(channels: Sequence[Held], shapes: Sequence[Array]) -> Array | None:
@@ -202,7 +204,8 @@ def _shaped(point: Array, variance: float, source: Held) -> ChannelNoise:
     parts = sorted(
         (float(np.exp(log_tau)), float(ratio) * unit) for ratio, log_tau in zip(ratios, point[1::2], strict=True)
     )
-    return ChannelNoise(unit, tuple((size, tau_s) for tau_s, size in parts), source.count, duration)
+    sizes = tuple((size, tau_s) for tau_s, size in parts)
+    return ChannelNoise(unit, sizes, source.count, duration, holds=len(source.segments))
 
 
 def _outside(point: Array, interval_s: float, longest_s: float) -> float:

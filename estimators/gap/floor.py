@@ -6,6 +6,7 @@ periodogram does; a spectrum of the sweep is judged with them free, weighed by t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from estimators.gap.channel_noise import ChannelNoise
+from rig.channels import COLUMNS_OF
 
 Array = NDArray[np.float64]
 
@@ -26,6 +28,12 @@ _STEP: Final = 0.05
 _WHITE, _COLOURED, _TIME = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5)
 #: Prior standard deviations of the logarithms of a coloured part's size and time about what was learned.
 _SIZES, _TIMES = 1.5, 0.7
+#: A coloured floor may go on below what the poses at rest show: parts so many times slower than each other, each as
+#: large as those that were seen, give or take a factor of exp(2). Noise of electronics falls with one over the
+#: frequency for as long as anyone has looked (Keshner, "1/f noise", Proceedings of the IEEE 70, 1982).
+_SLOWER, _UNSEEN = 4.0, 2.0
+#: The share of its expected size that such a part has in the floor as it was learned.
+_NEXT_TO_NOTHING: Final = 1e-6
 #: Logarithm of how much larger the slowest part may turn out, to start from.
 _LARGER: Final = 3.0
 #: Twice a gain below which it is not worth a search.
@@ -93,11 +101,37 @@ def _exponential(frequency: Array, decay: float) -> Array:
     return np.asarray((1.0 - decay**2) / (1.0 - 2.0 * decay * np.cos(2.0 * np.pi * frequency) + decay**2))
 
 
+def going_on(floor: Sequence[ChannelNoise], column: int, until_s: float) -> tuple[tuple[float, float], ...]:
+    """Sizes [V^2] and times [s] of parts that a channel's floor may have below what the poses at rest show.
+
+    None where no channel of its sensor is coloured.
+
+    Args:
+        floor: of the six channels. until_s: the slowest worth looking at [s].
+    """
+    (board,) = [range(6)[own] for own in COLUMNS_OF.values() if column in range(6)[own]]
+    coloured = [floor[index] for index in board if floor[index].seen]
+    if not coloured:
+        return ()
+    own = [floor[column]] if floor[column].seen else coloured
+    share = float(np.mean([np.mean([size for size, _ in noise.seen]) / noise.white for noise in own]))
+    slowest = max(tau_s for noise in own for _, tau_s in noise.seen)
+    first = max(_SLOWER * slowest, own[0].duration_s / own[0].holds)
+    many = 1 + max(0, int(np.floor(np.log(max(until_s / first, 1.0)) / np.log(_SLOWER))))
+    size = _NEXT_TO_NOTHING * share * floor[column].white
+    return tuple((size, first * _SLOWER**number) for number in range(many))
+
+
 @dataclass(frozen=True)
 class Learned:
-    """What the recording at rest tells of one channel's floor."""
+    """What the recording at rest tells of one channel's floor.
+
+    Attributes:
+        noise: as it was learned. unseen: how many parts, the last ones, are slower than it shows.
+    """
 
     noise: ChannelNoise
+    unseen: int = 0
 
     @property
     def free(self) -> int:
@@ -108,7 +142,9 @@ class Learned:
     def _at_rest(self) -> tuple[Array, Parts]:
         """Ordinates of each group of the periodogram at rest, and the spectrum there in shares of itself."""
         ordinates = max(2, self.noise.samples // 2)
-        edges = np.unique(np.concatenate([[0.5], np.geomspace(1.0, ordinates, 64), [ordinates]]).round().astype(int))
+        first = min(self.noise.holds, ordinates // 2)  # slower than a pose is held, nothing is seen
+        edges = np.geomspace(first, ordinates, 64)
+        edges = np.unique(np.concatenate([[first - 0.5], edges, [ordinates]]).round().astype(int))
         counts = np.diff(edges).astype(float)
         middles = np.asarray(0.5 * (edges[1:] + edges[:-1]) / (2.0 * ordinates), dtype=float)
         interval_s = max(self.noise.duration_s, 1e-12) / self.noise.samples
@@ -156,15 +192,15 @@ class Spectrum:
 
     @cached_property
     def alone(self) -> tuple[Array, float]:
-        """The floor's point that is likeliest without anything added, and minus twice the log likelihood."""
+        """The floor's point that is likeliest without anything added, and minus twice its log posterior."""
         nothing = np.zeros_like(self.power)
 
         def loss(point: Array) -> tuple[float, Array]:
             value, gradient = self._loss(np.array([*point, -np.inf]), nothing)
             return value, gradient[:-1]
 
-        starts = [np.zeros(self.learned.free)]
-        if len(self.learned.noise.parts) > 1:  # the slowest may be much larger than it seemed
+        starts = [self._expected.copy()]
+        if not self.learned.unseen and len(self.learned.noise.parts) > 1:  # the slowest may be larger than it seemed
             starts.append(np.where(np.arange(self.learned.free) == self.learned.free - 2, _LARGER, 0.0))
         ways = [minimize(loss, start, jac=True, method="L-BFGS-B", bounds=self._bounds) for start in starts]
         found = min(ways, key=lambda way: float(way.fun))
@@ -229,12 +265,26 @@ class Spectrum:
         sweep = 0.5 * (slopes * self.counts) @ slopes.T
         known = self.learned.information(point) + np.diag(self._prior)
         spread = np.linalg.slogdet(known + sweep)[1] - np.linalg.slogdet(known)[1]
-        return -0.5 * float(spread + self._prior[1:] @ point[1:] ** 2)
+        return -0.5 * float(spread + self._prior @ (point - self._expected) ** 2)
 
     @property
     def _prior(self) -> Array:
         """Prior precisions of the logarithms of the white part, and of the coloured parts' sizes and times."""
-        return np.array([1e-2, *[1.0 / _SIZES**2, 1.0 / _TIMES**2] * (self.learned.free // 2)])
+        found = np.array([1e-2, *[1.0 / _SIZES**2, 1.0 / _TIMES**2] * (self.learned.free // 2)])
+        found[self._unseen] = 1.0 / _UNSEEN**2
+        return found
+
+    @property
+    def _expected(self) -> Array:
+        """Their prior means."""
+        found = np.zeros(self.learned.free)
+        found[self._unseen] = -np.log(_NEXT_TO_NOTHING)
+        return found
+
+    @property
+    def _unseen(self) -> slice:
+        """Where a point has the sizes of parts that were not seen."""
+        return slice(self.learned.free - 2 * self.learned.unseen, None, 2)
 
     def misfit(self, bands: int, fewest: float) -> tuple[float, int]:
         """How far the squares are from the likeliest floor, and it from what was learned: chi-square and its degrees.
@@ -254,15 +304,20 @@ class Spectrum:
 
     @property
     def _bounds(self) -> list[tuple[float, float]]:
-        return [_WHITE, *[_COLOURED, _TIME] * (self.learned.free // 2)]
+        found = [_WHITE, *[_COLOURED, _TIME] * (self.learned.free // 2)]
+        found[self._unseen] = [(0.0, _COLOURED[1] - np.log(_NEXT_TO_NOTHING))] * self.learned.unseen
+        return found
 
     def _loss(self, point: Array, unit: Array) -> tuple[float, Array]:
         added = float(np.exp(point[-1]))
         total = self.floor.at(point[:-1]) + added * unit
         penalty, pull = self.learned.penalty(point[:-1])
         slope = (self.counts - self.power / total) / total
-        value = float(self.counts @ np.log(total) + np.sum(self.power / total)) + penalty
-        return value, np.array([*(self.floor.gradient(point[:-1]) @ slope + pull), added * float(unit @ slope)])
+        off = point[:-1] - self._expected
+        pulled = self._prior * off
+        value = float(self.counts @ np.log(total) + np.sum(self.power / total) + pulled @ off) + penalty
+        gradient = self.floor.gradient(point[:-1]) @ slope + pull + 2.0 * pulled
+        return value, np.array([*gradient, added * float(unit @ slope)])
 
 
 def groups(count: int, first: int) -> NDArray[np.intp]:

@@ -260,10 +260,10 @@ def _states(
     explained = Explained(bench.absorbed, each.linear.left)
     found = named(bench, explained, work.without, given)
     if not given.name:
-        floors = [moved_floor(bench, explained, work.at_rest), unnamed(bench, explained)]
+        floors = [moved_floor(bench, explained, work.at_rest, slower) for slower in (False, True)]
         if not work.at_rest:
             floors.append(unseen_floor(bench, explained))
-        for state in floors:
+        for state in (*floors, unnamed(bench, explained)):
             if state is not None:
                 found.append(
                     NoiseState(

@@ -37,6 +37,8 @@ FLOOR_UNSEEN: Final = 0.6
 FLOOR_RAISED: Final = 1.0
 #: With one, the probability that the floor is not quite what the poses at rest showed best.
 FLOOR_MOVED: Final = 0.5
+#: Of that, the share that a coloured floor goes on, slower than these can show.
+FLOOR_SLOWER: Final = 0.5
 #: A joint that stands still has little to bend under: a tenth.
 STILL: Final = 0.1
 #: Strengths are normal about zero with a scale between the one that this recording just shows, a signal-to-noise of

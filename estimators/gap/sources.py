@@ -147,12 +147,9 @@ def courses(bench: Bench) -> Iterator[tuple[Course, frozenset[str]]]:
             if np.std(direction) > 0.1:
                 both = direction * np.column_stack([np.ones(len(q)), waves[:, :2]])
                 yield Course(f"the direction of joint{joint + 1}", both, np.array([1.0, 0.5, 0.5])), every
-    else:
-        elements = base.R_base_tool.reshape(-1, 9)
-        yield (
-            Course("orientation", np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])]), np.ones(30)),
-            every,
-        )
+    elements = base.R_base_tool.reshape(-1, 9)
+    both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
+    yield Course("orientation", both, np.ones(both.shape[1])), every
     if base.position.size:
         centred = base.position - base.position.mean(axis=0)
         place = centred / np.maximum(np.sqrt(np.mean(centred**2, axis=0)), 1e-9)

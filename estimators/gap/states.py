@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from estimators.gap.bench import Bench, Step
-from estimators.gap.floor import groups
+from estimators.gap.floor import going_on, groups
 from estimators.gap.prior import (
     FLOOR_MOVED,
     FLOOR_RAISED,
+    FLOOR_SLOWER,
     FLOOR_UNSEEN,
     GRID,
     LARGEST,
@@ -95,17 +96,22 @@ def _stepped(bench: Bench, columns: Array, steps: Sequence[Step]) -> Array:
     return by_channel.reshape(columns.shape[1], -1).T
 
 
-def moved_floor(bench: Bench, explained: Explained, at_rest: bool) -> NoiseState | None:
+def moved_floor(bench: Bench, explained: Explained, at_rest: bool, slower: bool = False) -> NoiseState | None:
     """The floor as the sweep itself says it is, as far as what it was learned from allows.
 
     Args:
         at_rest: whether that was a recording at rest. Without, any spectrum may be the floor: see ``unseen_floor``.
+        slower: whether coloured noise goes on below what that shows.
     """
-    steps, weight = [], float(np.log(FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN))
+    coloured = any(going_on(bench.floor, column, 0.0) for column in bench.columns)
+    if slower and not coloured:
+        return None
+    share = FLOOR_SLOWER if slower else 1.0 - FLOOR_SLOWER if coloured else 1.0
+    steps, weight = [], float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
     for column in bench.columns:
-        own = spectrum(bench, explained, column)
+        learned, own = spectrum(bench, explained, column), spectrum(bench, explained, column, slower)
         point, _ = own.alone
-        before, after = own.floor.at(np.zeros(own.learned.free)), own.floor.at(point)
+        before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
         factor = np.sqrt(before / after)
         if np.abs(np.log(factor)).max() < 1e-3:
             continue
@@ -115,7 +121,8 @@ def moved_floor(bench: Bench, explained: Explained, at_rest: bool) -> NoiseState
         weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
     if not steps:
         return None
-    return NoiseState("floor", (), tuple(steps), weight + log_det(bench, steps))
+    name = "slower floor" if slower else "floor"
+    return NoiseState(name, (), tuple(steps), weight + log_det(bench, steps))
 
 
 def unseen_floor(bench: Bench, explained: Explained) -> NoiseState | None:

@@ -7,7 +7,7 @@ residual under a spectrum (Whittle's, with cosines) or under a variance in time,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 
 from estimators.gap.bench import Bench, Step
 from estimators.gap.blocks import block_means
-from estimators.gap.floor import Learned, Spectrum, groups, parts
+from estimators.gap.floor import Learned, Spectrum, going_on, groups, parts
 from estimators.gap.score import Explained, evidence
 from estimators.gap.tails import chi2_logsf
 from rig.channels import CHANNELS
@@ -204,7 +204,7 @@ def _by_frequency(
     return fits, units, dict.fromkeys(columns, float(np.mean(every)))
 
 
-def spectrum(bench: Bench, explained: Explained, column: int) -> Spectrum:
+def spectrum(bench: Bench, explained: Explained, column: int, slower: bool = False) -> Spectrum:
     """A channel's residual by cosine transform.
 
     Cosines are close to the eigenvectors of slowly correlated noise and of a random walk, without the jump between its
@@ -217,14 +217,17 @@ def spectrum(bench: Bench, explained: Explained, column: int) -> Spectrum:
     power = dct(residual, norm="ortho")[_TAKEN:] ** 2 / alive
     group = groups(count, _TAKEN)
     many = np.bincount(group)
-    noise = bench.noises[column]
+    noise, learned = bench.noises[column], bench.floor[column]
+    more = going_on(bench.floor, column, float(bench.t[-1] - bench.t[0])) if slower else ()
+    if more:
+        noise, learned = (replace(each, parts=(*each.seen, *more), spare=False) for each in (noise, learned))
     response = whitened_response(bench, column, frequency)
     floor = parts(noise, np.bincount(group, frequency) / many, bench.interval_s)
     middle = np.bincount(group, response) / many
     named = np.maximum(1.0 - np.bincount(group, _named(bench, column, len(frequency))) / many, 0.0)
     whitened = floor.times(middle, named)
     squares: Array = np.asarray(np.bincount(group, power), dtype=float)
-    return Spectrum(Learned(bench.floor[column]), whitened, squares, many.astype(float))
+    return Spectrum(Learned(learned, len(more)), whitened, squares, many.astype(float))
 
 
 def whitened_response(bench: Bench, column: int, frequency: Array) -> Array:
