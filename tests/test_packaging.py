@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -206,3 +207,9 @@ def test_the_locks_answer_pyproject() -> None:
         shared = locked("requirements.lock").items() & locked(lock).items()
         both = locked("requirements.lock").keys() & locked(lock).keys()
         assert {name for name, _ in shared} == both, f"{lock} has other versions than the tests: make lock"
+
+
+def test_the_citation_has_the_version() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (citation["version"], citation["license"]) == (project["version"], project["license"])
