@@ -18,6 +18,7 @@ from scipy.special import ndtri, stdtrit
 
 from estimators._json import Reader, dump, nullable
 from estimators.calibration_parts import AxisCalibration, FieldDirection, Quality
+from estimators.summary import summary
 from rig.channels import SENSORS
 from rig.documents import parse_json, read_bytes
 from rig.errors import RigError, shown, unknown_name
@@ -278,26 +279,28 @@ class Calibration:
 
     def __str__(self) -> str:
         """A readable table."""
-        from estimators.summary import summary
-
         return summary(self)
 
-    def to_json(self) -> str:
-        """The contract's text."""
+    def to_json(self) -> dict[str, Any]:
+        """The contract's object."""
         content = {
             "format": FORMAT,
             "recording": self.recording,
             "arm": self.arm,
             "sensors": {name: sensor.to_json() for name, sensor in self.sensors.items()},
         }
-        return dump(content | dict(self.extra))
+        return content | dict(self.extra)
+
+    def to_text(self) -> str:
+        """The contract's text: ``to_json``, indented."""
+        return dump(self.to_json())
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the contract's file, whole or not at all."""
-        write_text(path, self.to_json())
+        write_text(path, self.to_text())
 
     @classmethod
-    def from_json(cls, text: str | bytes, where: str = "calibration") -> Self:
+    def from_text(cls, text: str | bytes, where: str = "calibration") -> Self:
         """Read the contract's text.
 
         Raises:
@@ -327,6 +330,6 @@ class Calibration:
         """Read the contract's file.
 
         Raises:
-            RigError: no such file, or as of ``from_json``.
+            RigError: no such file, or as of ``from_text``.
         """
-        return cls.from_json(read_bytes(path, "a calibration"), str(path))
+        return cls.from_text(read_bytes(path, "a calibration"), str(path))

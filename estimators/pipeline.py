@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.assemble import assemble
-from estimators.calibration import Calibration, SensorCalibration
-from estimators.kinematic import Weighting, fit_sensor
-from estimators.model import Method
 from estimators.noise import NoiseFloor, given_floor, noise_floor
 from estimators.statistics import Statistics
 from rig.channels import ACCELEROMETER, SENSORS
-from rig.errors import RefusedFit, RigError, unknown_name
+from rig.errors import RigError, unknown_name
 from rig.recording import Metadata, Recording, RecordingScan, locked_beside, scan_recording, whole_or_beginning
 
 if TYPE_CHECKING:
-    from estimators.ellipsoid import Options
     from rig.arm import Arm
 
 Array = NDArray[np.float64]
@@ -30,104 +25,10 @@ PathLike = str | os.PathLike[str]
 FieldPoints = str | Sequence[float] | Mapping[str, str | Sequence[float]]
 Noise = NoiseFloor | Mapping[str, ArrayLike] | ArrayLike | Literal["residuals"]
 
-#: In which the directions are looked for that a refused fit has missed.
 UP_AT_REST: Final = (
     "the accelerometer reads a - g: its axes are given for g - a, the opposite of how they lie on the chip"
 )
-_SAMPLES_OF_A_REFUSAL: Final = 20_000
 _POINTS: Final = {"down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
-
-
-def calibrate(
-    run: Recording | PathLike | Sequence[Recording | PathLike],
-    method: Method | Literal["ellipsoid"] | None = None,
-    noise: Noise | None = None,
-    arm: Arm | None = None,
-    field_points: FieldPoints = "down",
-    weighting: Weighting = "likelihood",
-    sensors: Sequence[str] | None = None,
-    progress: Callable[[int], None] | None = None,
-    attitude_free: Options | None = None,
-    stated: Mapping[str, Any] | None = None,
-) -> Calibration:
-    """Calibrate the sensors of a recording, or of several at once.
-
-    Args:
-        run: a recording; a path is read in batches, so that its length does not matter. Several: one calibration holds
-            for all of them (``estimators.together``); by attitude only.
-        method: "simultaneous": one field direction a sensor, Renk (15), (21); "separate": one a channel, (14), (20);
-            "ellipsoid": without the attitude, from the constant magnitude of the fields, Camps et al. None:
-            simultaneous, or ellipsoid where the recording has no pose.
-        noise: the standard deviation of a reading, as a ``NoiseFloor``, as sensor -> (3,) or as (6,) [recorded unit];
-            None: the locked recording beside a path, else the residuals; "residuals": these in any case.
-        arm: gives the orientations from the joint angles. None: those of the tool if they were recorded, else the A465
-            where the metadata name it.
-        field_points: "down", "up" or any vector (3,), base frame, within 90 degrees of the field, or one of these for
-        each
-            sensor: it chooses between (field, axes) and (-field, -axes), which give the same readings.
-        weighting: "likelihood" or, as in the paper, "equal" for all channels of a simultaneous fit.
-        sensors: which of the recorded ones; None: all.
-        progress: called with the number of samples of every batch that is done.
-        attitude_free: options of "ellipsoid".
-        stated: the recording's metadata that are known better than it says: ``gravity_m_s2``, ``magnetic_field``,
-            ``magnetic_field_unit``.
-
-    Raises:
-        RigError: the recording has no attitude, its arm is not known, a joint is beyond its limit, an option is
-        unknown, or
-            there are fewer samples than parameters.
-        RefusedFit: the poses cannot determine the parameters, two solutions fit alike, or a channel does not respond.
-    """
-    if not isinstance(run, Recording | str | os.PathLike):
-        from estimators.together import calibrate_together
-
-        if method == "ellipsoid":
-            raise RigError("several recordings: found method 'ellipsoid', expected simultaneous or separate")
-        return calibrate_together(run, method, noise, arm, field_points, weighting, sensors, progress, stated)
-    from_file = not isinstance(run, Recording)
-    source: Recording | RecordingScan = run if isinstance(run, Recording) else scanned(run, arm)
-    if stated:
-        source = replace(source, metadata=replace(source.metadata, **stated))
-    chosen = chosen_sensors(source.sensors, sensors)
-    if method is None:
-        method = "simultaneous" if has_pose(source) else "ellipsoid"
-    points = {sensor: points_of(field_points, sensor) for sensor in chosen}
-    floors = floors_of(run if from_file else None, noise)
-    if method == "ellipsoid":
-        from estimators.ellipsoid import Options, calibrate_attitude_free
-
-        units = source.units if isinstance(source, Recording) else source.columns.units
-        known = {sensor: floors.of(sensor, units[sensor]) for sensor in chosen}
-        options = Options() if attitude_free is None else attitude_free
-        found = calibrate_attitude_free(source, chosen, known, floors.source, options, progress)
-        return Calibration(found.sensors, source.name, None, found.extra)
-    summed = summarise(source, chosen, arm, progress)
-    results: dict[str, SensorCalibration] = {}
-    for position, sensor in enumerate(chosen):
-        floor = floors.of(sensor, summed.units[sensor])
-        try:
-            fit = fit_sensor(
-                summed.statistics.select(slice(3 * position, 3 * position + 3)),
-                magnitude_of(summed.metadata, sensor),
-                method=method,
-                noise=None if floor is None else floor[0],
-                weighting=weighting,
-                field_points=points[sensor],
-                name=f"{summed.where}: {sensor}",
-            )
-        except RefusedFit as refusal:
-            raise _explained(refusal, source, points[sensor], arm) from refusal
-        results[sensor] = assemble(
-            fit,
-            unit=summed.units[sensor],
-            noise_source="residuals" if floor is None else floors.source,
-            floor_std=0.0 if floor is None else floor[1],
-            field_points=points[sensor],
-        )
-    if (own := results.get(ACCELEROMETER)) is not None and summed.metadata.accelerometer_reads == "a-g":
-        quality = replace(own.quality, warnings=(*own.quality.warnings, UP_AT_REST))
-        results[ACCELEROMETER] = replace(own, quality=quality)
-    return Calibration(results, source.name, summed.arm)
 
 
 @dataclass(frozen=True)
@@ -195,17 +96,6 @@ def statistics_of(batch: Recording, arm: Arm | None, readings: Sequence[Array], 
         return Statistics.from_joints(arm.rotation_map, batch.q, *readings)
     assert batch.tool_quaternion is not None  # as arm_of has found
     return Statistics.from_quaternions(batch.tool_quaternion, *readings)
-
-
-def _explained(
-    refusal: RefusedFit, source: Recording | RecordingScan, field: Sequence[float], arm: Arm | None
-) -> RefusedFit:
-    """The refusal with the directions that are missing, the field (3,) being where it is said to point."""
-    from estimators.coverage import with_missing_directions
-    from estimators.goodness import thinned
-
-    some = thinned(source, _SAMPLES_OF_A_REFUSAL)
-    return with_missing_directions(refusal, some, field, arm_of(some, arm, some.name))
 
 
 def has_pose(source: Recording | RecordingScan) -> bool:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from estimators.calibration import Calibration, SensorCalibration
 from rig.channels import ACCELEROMETER
+
+if TYPE_CHECKING:
+    from estimators.calibration import Calibration, SensorCalibration
 
 
 def summary(calibration: Calibration) -> str:

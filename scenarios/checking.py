@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +66,7 @@ def _recording(scan: RecordingScan) -> Checked:
         "joints": 0 if run.q is None else run.q.shape[1],
         "units": dict(run.units),
         "locked": locked_beside(scan.path),
-        "metadata": json.loads(meta.to_json()),
+        "metadata": meta.to_json(),
     }
     return Checked("recording", holds, tuple(_findings(scan, run)))
 

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
 from rig.errors import RigError, nearest, one_line, shown
+from scenarios.writer import NONE, toml_value
 
 Built = TypeVar("Built")
-
-#: What a file writes for None, which TOML does not have.
-NONE = "none"
 
 _PLAIN = {float: "a finite number", int: "an integer", str: "a text", bool: "true or false"}
 
@@ -167,8 +165,6 @@ def described(hint: Any) -> str:
 
 def written(value: Any) -> str:
     """A value as TOML writes it, kept short for a message."""
-    from scenarios.writer import toml_value
-
     try:
         return one_line(toml_value(value), 60)
     except TypeError:  # a date or a table: as Python shows it

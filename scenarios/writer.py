@@ -7,7 +7,8 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from scenarios.schema import NONE
+#: What a file writes for None, which TOML does not have.
+NONE = "none"
 
 
 def toml_value(value: Any) -> str:

@@ -29,7 +29,7 @@ def calibration(method: Method = "simultaneous", noise: Any = None) -> Calibrati
 
 @pytest.fixture(scope="module")
 def content() -> dict[str, Any]:
-    return json.loads(calibration().to_json())
+    return json.loads(calibration().to_text())
 
 
 def test_every_promised_key_is_there(content: dict[str, Any]) -> None:
@@ -119,7 +119,7 @@ def test_it_round_trips_to_the_last_bit(method: Method, noise: Any, tmp_path: Pa
 
 
 def test_separate_fits_name_each_channels_field() -> None:
-    sensor = json.loads(calibration("separate").to_json())["sensors"]["magnetometer"]
+    sensor = json.loads(calibration("separate").to_text())["sensors"]["magnetometer"]
     assert sensor["parameters"][:7] == [*SIMULTANEOUS[:4], "phi1_deg", "psi1_deg", "sensitivity2"]
     assert len(sensor["parameters"]) == 18
     for k, axis in enumerate(sensor["axes"]):
@@ -135,7 +135,7 @@ def test_unknown_keys_are_kept(content: dict[str, Any]) -> None:
     content = json.loads(json.dumps(content))
     content["laboratory"] = {"room": "3"}
     content["sensors"]["accelerometer"]["serial"] = "A-17"
-    again = json.loads(Calibration.from_json(json.dumps(content)).to_json())
+    again = json.loads(Calibration.from_text(json.dumps(content)).to_text())
     assert again["laboratory"] == {"room": "3"}
     assert again["sensors"]["accelerometer"]["serial"] == "A-17"
 
@@ -158,13 +158,13 @@ def test_the_contracts_own_keys_are_enough(content: dict[str, Any]) -> None:
         "bias",
     ]
     sensor = {name: content["sensors"]["magnetometer"][name] for name in names}
-    read = Calibration.from_json(json.dumps({"format": FORMAT, "sensors": {"magnetometer": sensor}}))["magnetometer"]
+    read = Calibration.from_text(json.dumps({"format": FORMAT, "sensors": {"magnetometer": sensor}}))["magnetometer"]
     assert read.value("sensitivity1") == sensor["axes"][0]["sensitivity"]
     assert read.value("psi_deg") == sensor["field"]["psi_deg"]
     assert read.std("beta1_deg") == np.sqrt(sensor["covariance"][2][2])
     free = {name: sensor[name] for name in ("reference_magnitude", "matrix", "bias", "fit_rms", "samples")}
     free |= {"method": "ellipsoid", "parameters": ["bias1"], "covariance": [[1e-6]], "identifiable": {"bias1": True}}
-    read = Calibration.from_json(json.dumps({"format": FORMAT, "sensors": {"magnetometer": free}}))["magnetometer"]
+    read = Calibration.from_text(json.dumps({"format": FORMAT, "sensors": {"magnetometer": free}}))["magnetometer"]
     assert read.axes == ()
     assert read.field_direction is None
     assert read.std("bias1") == 1e-3
@@ -211,17 +211,17 @@ def test_what_is_wrong_is_named_with_its_place(
     else:
         spoilt = value
     with pytest.raises(RigError, match=message):
-        Calibration.from_json(json.dumps(spoilt), "cal.json")
+        Calibration.from_text(json.dumps(spoilt), "cal.json")
 
 
 def test_missing_keys_and_files_are_named(content: dict[str, Any], tmp_path: Path) -> None:
     spoilt = json.loads(json.dumps(content))
     spoilt["sensors"]["accelerometer"]["matrx"] = spoilt["sensors"]["accelerometer"].pop("matrix")
     with pytest.raises(RigError, match=r"sensors.accelerometer: no 'matrix' \(nearest: 'matrx'\)"):
-        Calibration.from_json(json.dumps(spoilt))
+        Calibration.from_text(json.dumps(spoilt))
     for text in ("", "{", "not json", '{"format": NaN}', "\udcff".encode("utf-8", "surrogateescape")):
         with pytest.raises(RigError, match=r"not (JSON|UTF-8 text)"):
-            Calibration.from_json(text)
+            Calibration.from_text(text)
     with pytest.raises(RigError, match="no such file"):
         Calibration.read(tmp_path / "none.json")
     with pytest.raises(RigError, match="unknown calibrated sensor 'gyro'"):

@@ -29,7 +29,6 @@ from estimators.goodness import (
     repeats,
     residuals_of,
     robust_calibrate,
-    thinned,
     whiteness,
 )
 from estimators.goodness.quadratic_form import tail_probability
@@ -38,7 +37,7 @@ from estimators.stillness import still_poses
 from rig.arm import Arm
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import StaticPoses
-from rig.recording import Metadata, Recording
+from rig.recording import Metadata, Recording, thinned
 
 Array = NDArray[np.float64]
 

@@ -8,6 +8,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,40 @@ def imports(path: Path) -> Iterator[tuple[int, str]]:
         elif isinstance(node, ast.ImportFrom):
             anchor = package[: len(package) - node.level + 1] if node.level else ()
             yield node.lineno, ".".join((*anchor, *filter(None, [node.module])))
+
+
+def runtime(tree: ast.AST) -> Iterator[ast.AST]:
+    """All nodes but what stands under ``if TYPE_CHECKING``; function bodies too, where an import may hide a cycle."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            continue
+        yield node
+        yield from runtime(node)
+
+
+def modules() -> dict[str, Path]:
+    """Every module of ours by its dotted name."""
+    dotted = {path: path.relative_to(ROOT).with_suffix("").parts for path in sources(*LAYERS)}
+    return {".".join(parts[:-1] if parts[-1] == "__init__" else parts): path for path, parts in dotted.items()}
+
+
+def test_no_module_imports_itself_in_a_circle() -> None:
+    """``from package import name`` counts for the module of that name, or else for the package."""
+    known = modules()
+    imported: dict[str, set[str]] = {}
+    for name, path in known.items():
+        found: set[str] = set()
+        for node in runtime(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                inner = {f"{node.module}.{alias.name}" for alias in node.names}
+                found |= inner & known.keys() or {node.module}
+        imported[name] = found & known.keys() - {name}
+    try:
+        tuple(TopologicalSorter(imported).static_order())
+    except CycleError as error:
+        pytest.fail(" -> ".join(reversed(error.args[1])))
 
 
 def place(path: Path, line: int) -> str:

@@ -35,7 +35,7 @@ def run_of(count: int = 50) -> Recording:
 
 @pytest.mark.parametrize("piece", [1, 7, 64, 100_000])
 def test_lines_are_read_whatever_the_pieces(piece: int) -> None:
-    text = b"\xef\xbb\xbf# rig: " + Metadata(gravity_m_s2=9.81).to_json().encode() + b"\n" + HEADER + lines(200)
+    text = b"\xef\xbb\xbf# rig: " + Metadata(gravity_m_s2=9.81).to_text().encode() + b"\n" + HEADER + lines(200)
     reader = LineReader("x")
     parts = [found for at in range(0, len(text), piece) if (found := reader.feed(text[at : at + piece]))]
     np.testing.assert_array_equal(

@@ -149,8 +149,8 @@ def test_unit_conversions() -> None:
 
 def test_metadata_survive_json() -> None:
     metadata = Metadata(gravity_m_s2=9.80292, rate_Hz=100, notes=["a", {"b": None}], extra={"sensor_serial": 7})
-    assert Metadata.from_json(metadata.to_json(), "run") == metadata
-    assert json.loads(Metadata().to_json())["format"] == "rig-recording/1"
+    assert Metadata.from_text(metadata.to_text(), "run") == metadata
+    assert json.loads(Metadata().to_text())["format"] == "rig-recording/1"
     with pytest.raises(RigError, match="cannot be written as JSON"):
         Metadata(notes={1j})
     with pytest.raises(RigError, match="'arm', which has its own field"):

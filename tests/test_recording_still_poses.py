@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,5 +55,5 @@ def test_it_has_to_be_said(tmp_path: Path) -> None:
 def test_times_that_are_there_are_taken(tmp_path: Path) -> None:
     STILL.write(tmp_path / "run.parquet")
     assert read_recording(tmp_path / "run.parquet").t.tolist() == STILL.t.tolist()
-    assert json.loads(STILL.metadata.to_json())["still_poses"] is True
+    assert STILL.metadata.to_json()["still_poses"] is True
     assert "still_poses" not in Metadata().to_json()

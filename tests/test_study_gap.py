@@ -15,7 +15,7 @@ from rig.errors import RigError
 from scenarios.plots.style import save
 from validation.paper.dip import dip_argument
 from validation.paper.renk_text import misfits
-from validation.paper.twin import SCENARIO, settled, stray_fields, subsets_of_twin
+from validation.paper.twin import SCENARIO, settled, spread_limits, spread_ratios, stray_fields, subsets_of_twin
 from validation.paper.twin_page import (
     DIAGNOSIS,
     FOLDER,
@@ -25,8 +25,6 @@ from validation.paper.twin_page import (
     make_gap_page,
     meets,
     page,
-    spread_limits,
-    spread_ratios,
 )
 from validation.plots.gap import gap_figure
 

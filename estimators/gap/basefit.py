@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
+from estimators.dispatch import calibrate
 from estimators.gap.bench import Bench, known
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.colour import fit_floor, held
 from estimators.gap.rounded import COARSE, rounded_floor
 from estimators.goodness.residuals import residuals_of
 from estimators.noise import held_poses
-from estimators.pipeline import arm_of, calibrate
+from estimators.pipeline import arm_of
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect

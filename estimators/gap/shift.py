@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.calibration import Calibration
+from estimators.dispatch import calibrate
 from estimators.gap.basefit import cleared
 from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
-from estimators.pipeline import calibrate
 from rig.channels import CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import Effect
 from rig.errors import RigError

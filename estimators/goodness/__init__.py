@@ -8,7 +8,6 @@ from estimators.goodness.outliers import Outliers, efficiency, outliers
 from estimators.goodness.readings import Clipped, Repeats, clipped, repeats
 from estimators.goodness.residuals import Residuals, residuals_of
 from estimators.goodness.robust import Rejection, reject_outliers, robust_calibrate
-from estimators.goodness.sampling import thinned, whole_or_thinned
 from estimators.goodness.several import as_one, judged_together
 from estimators.goodness.whiteness import Whiteness, whiteness
 
@@ -37,7 +36,5 @@ __all__ = [
     "repeats",
     "residuals_of",
     "robust_calibrate",
-    "thinned",
     "whiteness",
-    "whole_or_thinned",
 ]

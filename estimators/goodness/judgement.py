@@ -21,13 +21,12 @@ from estimators.goodness.optimum import Transfer, at_optimum
 from estimators.goodness.outliers import Outliers, outliers
 from estimators.goodness.readings import Clipped, Repeats, clipped, copies, repeats
 from estimators.goodness.residuals import Residuals, residuals_of, selected
-from estimators.goodness.sampling import thinned
 from estimators.goodness.whiteness import Whiteness, whiteness
 from estimators.goodness.words import reasons, remarks
 from estimators.stillness import still_poses
 from rig.channels import ACCELEROMETER
 from rig.errors import RefusedFit, RigError
-from rig.recording import Recording, scan_recording
+from rig.recording import Recording, scan_recording, thinned
 
 if TYPE_CHECKING:
     from rig.arm import Arm

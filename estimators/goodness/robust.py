@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration, SensorCalibration
+from estimators.dispatch import calibrate
 from estimators.goodness.outliers import CUT, efficiency, robust_scale
 from estimators.kinematic import Weighting, fit_sensor
 from estimators.model import Method
+from estimators.pipeline import FieldPoints, Noise, magnitude_of
 from estimators.statistics import Statistics
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
-    from estimators.pipeline import FieldPoints, Noise
     from rig.arm import Arm
 
 Array = NDArray[np.float64]
@@ -75,8 +76,6 @@ def robust_calibrate(
     Raises:
         RigError, RefusedFit: as of ``estimators.calibrate`` and ``reject_outliers``.
     """
-    from estimators.pipeline import calibrate  # which asks this package whether its result is good
-
     used = arm if arm is not None else _named_arm(run)
     found: dict[str, SensorCalibration] = {}
     rejected: dict[str, Rejection] = {}
@@ -118,8 +117,6 @@ def reject_outliers(run: Recording, sensor: str, arm: Arm | None = None, cut: fl
     """
     if not cut >= 2.0:
         raise RigError(f"cut: found {cut}, expected 2 standard deviations or more")
-    from estimators.pipeline import magnitude_of
-
     readings = run.readings(sensor)
     coefficients = _least_absolute(run, sensor, arm)
     kept = _near(run, readings, coefficients, arm, cut)

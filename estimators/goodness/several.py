@@ -11,10 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from estimators.calibration import Calibration
 from estimators.goodness.judgement import MOST_SAMPLES, judged
-from estimators.goodness.sampling import thinned
 from estimators.pipeline import arm_of
 from rig.channels import ACCELEROMETER, MAGNETOMETER
-from rig.recording import Recording, RecordingScan, joined
+from rig.recording import Recording, RecordingScan, joined, thinned
 from rig.units import conversion_factor
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ from rig.recording.blocks import block_length, block_means, joined, whole_or_beg
 from rig.recording.files import RecordingScan, RecordingWriter, locked_beside, read_recording, scan_recording
 from rig.recording.metadata import FORMAT, Metadata
 from rig.recording.samples import Recording
+from rig.recording.thinning import thinned, whole_or_thinned
 
 __all__ = [
     "FORMAT",
@@ -17,6 +18,8 @@ __all__ = [
     "locked_beside",
     "read_recording",
     "scan_recording",
+    "thinned",
     "whole_or_beginning",
     "whole_or_means",
+    "whole_or_thinned",
 ]

@@ -209,7 +209,7 @@ def scan_recording(
         raise RigError(f"batch_rows: found {batch_rows}, expected 1 or more")
     table = open_table(path)
     where = str(table.path)
-    metadata = Metadata() if table.metadata is None else Metadata.from_json(table.metadata, where)
+    metadata = Metadata() if table.metadata is None else Metadata.from_text(table.metadata, where)
     if metadata.still_poses and TIME not in table.names:
         table = NumberedTable(table)
     expected = JOINTS_OF_ARM.get(metadata.arm) if joints is None else joints
@@ -258,7 +258,7 @@ class RecordingWriter:
             RigError: the file cannot be written, or the batch has other columns than the first.
         """
         if self._first is None or self._writer is None:
-            writer = TableWriter(self._path, batch.columns.names, batch.metadata.to_json())
+            writer = TableWriter(self._path, batch.columns.names, batch.metadata.to_text())
             self._first, self._writer = batch, self._opened.enter_context(writer)
         elif batch.columns != self._first.columns:
             raise RigError(

@@ -78,33 +78,36 @@ class Metadata:
         object.__setattr__(self, "extra", dict(self.extra))
         if taken := sorted(set(self.extra) & _RESERVED):
             raise RigError(f"metadata extra: found {taken[0]!r}, which has its own field")
-        self.to_json()  # nothing may be accepted that cannot be written
+        self.to_text()  # nothing may be accepted that cannot be written
 
     def field_unit(self, sensor: str) -> str:
         """The unit of calibrated readings: "m_s2"; the magnetic field's unit, or "raw" where that is relative."""
         return "m_s2" if sensor == ACCELEROMETER else self.magnetic_field_unit or "raw"
 
-    def to_json(self) -> str:
-        """One line of JSON with ``format`` first; keys that say nothing beyond their default None are left out.
-
-        Raises:
-            RigError: notes or an extra value that JSON cannot hold.
-        """
+    def to_json(self) -> dict[str, Any]:
+        """An object with ``format`` first; keys that say nothing beyond their default None are left out."""
         known = {name: getattr(self, name) for name in _NAMES}
         stated = {name: value for name, value in known.items() if value is not None or name not in _OPTIONAL}
         if self.accelerometer_reads == READS[0]:
             del stated["accelerometer_reads"]
         if not self.still_poses:
             del stated["still_poses"]
-        content = {"format": FORMAT, **stated, **self.extra}
+        return {"format": FORMAT, **stated, **self.extra}
+
+    def to_text(self) -> str:
+        """``to_json`` in one line.
+
+        Raises:
+            RigError: notes or an extra value that JSON cannot hold.
+        """
         try:
-            return json.dumps(content, allow_nan=False)
+            return json.dumps(self.to_json(), allow_nan=False)
         except (TypeError, ValueError, RecursionError) as error:
             raise RigError(f"metadata cannot be written as JSON: {error}") from error
 
     @classmethod
-    def from_json(cls, text: str | bytes, where: str) -> Metadata:
-        """Read the JSON of ``to_json``; missing keys have their defaults, unknown ones go to ``extra``.
+    def from_text(cls, text: str | bytes, where: str) -> Metadata:
+        """Read the JSON of ``to_text``; missing keys have their defaults, unknown ones go to ``extra``.
 
         Raises:
             RigError: not a JSON object, another format, an invalid value, a key that is nearly a known one; ``where``

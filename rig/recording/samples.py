@@ -253,7 +253,7 @@ class Recording:
         Raises:
             RigError: another ending, or the file cannot be written.
         """
-        with TableWriter(path, self.columns.names, self.metadata.to_json(), rows=len(self)) as writer:
+        with TableWriter(path, self.columns.names, self.metadata.to_text(), rows=len(self)) as writer:
             writer.write(self.table())
 
     @property

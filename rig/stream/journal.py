@@ -76,7 +76,7 @@ class Journal:
                 self._file = self.csv.open("ab", buffering=0)
                 return
             self._file = self.csv.open("xb", buffering=0)
-            self._file.write(f"# rig: {self._metadata.to_json()}\n{','.join(self._names)}\n".encode())
+            self._file.write(f"# rig: {self._metadata.to_text()}\n{','.join(self._names)}\n".encode())
         except FileExistsError:
             raise RigError(f"{self.csv}: is there already: expected --resume to go on with it, or another -o") from None
         except OSError as error:

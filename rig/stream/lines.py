@@ -157,7 +157,7 @@ class LineReader:
             return rest
         if found := _COMMENT.fullmatch(line):
             if self._metadata is None:
-                self._metadata = Metadata.from_json(found[1], self._where)
+                self._metadata = Metadata.from_text(found[1], self._where)
             return rest
         if line.startswith(b"{"):
             return self._begin_json(line, rest)
@@ -193,7 +193,7 @@ class LineReader:
             return rest
         if set(content) == {"rig"}:
             if self._metadata is None:
-                self._metadata = Metadata.from_json(json.dumps(content["rig"]), self._where)
+                self._metadata = Metadata.from_text(json.dumps(content["rig"]), self._where)
             return rest
         self._json = True
         self._start(tuple(content) if self._given is None else self._given)

@@ -123,9 +123,8 @@ def calibrate(
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
     from estimators.ellipsoid import Options
-    from estimators.goodness import whole_or_thinned
     from estimators.pipeline import has_pose
-    from rig.recording import Recording, locked_beside, scan_recording
+    from rig.recording import Recording, locked_beside, scan_recording, whole_or_thinned
     from scenarios.cli._start import parsed_start
 
     arm = chosen_arm(arm_file, tip)
@@ -209,7 +208,7 @@ def calibrate(
     if output is not None:
         calibration.write(output)
     if as_json:
-        click.echo(calibration.to_json())
+        click.echo(calibration.to_text())
         return _status(calibration)
     from scenarios.calibration_report import calibration_report
     from scenarios.report import show
@@ -235,9 +234,9 @@ def _status(calibration: Calibration) -> int:
 def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | None, path: Path) -> None:
     """The directions that the recording has shown each calibrated sensor, by stretches if it is long; those at rest of
     an accelerometer alone that was calibrated by them."""
-    from estimators.goodness import thinned
     from estimators.goodness.judgement import at_rest
     from rig.arm import Arm
+    from rig.recording import thinned
     from scenarios.overlay import overlays
     from scenarios.plots import projection_figure, save
 

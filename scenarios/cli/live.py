@@ -338,7 +338,6 @@ def _good(calibration: Calibration, sensor: str) -> bool:
 def _document(
     session: Session, made: Path, cal: Path, calibration: Calibration | None, refused: RigError | None
 ) -> dict[str, Any]:
-    import json
 
     return {
         "recording": made,
@@ -348,7 +347,7 @@ def _document(
         "left_out": session.snapshot.left_out,
         "calibration": None if calibration is None else cal,
         "refused": None if refused is None else str(refused),
-        "sensors": {} if calibration is None else json.loads(calibration.to_json())["sensors"],
+        "sensors": {} if calibration is None else calibration.to_json()["sensors"],
         "alarms": [
             {
                 "sensor": alarm.sensor,

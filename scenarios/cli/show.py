@@ -162,8 +162,7 @@ def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) ->
         return
     if not run.exists() and not run.suffix:
         raise RigError(f"{run}: no such file or folder, expected a recording or a study")
-    from estimators.goodness import whole_or_thinned
-    from rig.recording import scan_recording
+    from rig.recording import scan_recording, whole_or_thinned
 
     recording, thinned = whole_or_thinned(scan_recording(run, joints=None if arm is None else arm.dof), _DRAWN)
     if thinned:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.dispatch import calibrate
 from estimators.gap.basefit import all_readings, cleared, estimated_floor, fitted_pipeline, learn_floor, posed, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
@@ -16,7 +17,6 @@ from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.rebase import around
 from estimators.gap.score import Explained
 from estimators.gap.stochastic import fit_effect
-from estimators.pipeline import calibrate
 from rig.arm import Arm
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls

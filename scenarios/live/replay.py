@@ -92,7 +92,7 @@ def _without_pose(batch: Recording) -> Recording:
 
 
 def _head(batch: Recording, names: tuple[str, ...], form: Form) -> bytes:
-    said = batch.metadata.to_json()
+    said = batch.metadata.to_text()
     if form == "json":
         return f'{{"rig": {said}}}\n'.encode()
     return f"# rig: {said}\n{','.join(names)}\n".encode()

@@ -14,10 +14,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import f
 
 from estimators import Calibration, calibrate
 from estimators.model import Method
-from rig.channels import ACCELEROMETER, MAGNETOMETER
+from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.directions import angles_from_direction, direction_from_angles
 from rig.effects import Effect, make_effect
 from rig.maneuver import TorusSweep
@@ -26,7 +27,7 @@ from scenarios.loader import load
 from scenarios.scenario import Scenario
 from scenarios.studies.subset_results import SubsetStudy
 from scenarios.studies.subsets import study
-from validation.paper.published import ParameterTable, parameter_table, renk
+from validation.paper.published import ParameterTable, parameter_table, renk, spread_table
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,9 @@ SCENARIO: Final = "renk2005-gap"
 #: The tables of the separate and of the simultaneous fit of each sensor.
 SEPARATE: Final = {ACCELEROMETER: "3", MAGNETOMETER: "8"}
 SIMULTANEOUS: Final = {ACCELEROMETER: "5", MAGNETOMETER: "10"}
+SPREADS: Final = dict(zip(SENSORS, ("7", "12"), strict=True))
+#: Spreads of the paper that no noise makes: a slip of the unit, and an angle that cannot be told.
+SLIPS: Final = {("12", "phi_deg"), ("12", "psi_deg"), ("7", "psi_deg")}
 #: Steps of the fixed point, which gains a digit in each.
 _ROUNDS: Final = 8
 
@@ -200,3 +204,17 @@ def _noise_squared(scenario: Scenario) -> Array:
         if effect.name == "noise_excess" and effect.where.startswith("mag"):
             squared[int(effect.where[-1]) - 1] += effect.extra_sigma**2  # type: ignore[attr-defined]
     return np.asarray(squared)
+
+
+def spread_limits() -> tuple[float, float]:
+    """95 % of the ratios of two standard deviations of 25 values each, of one distribution."""
+    return float(np.sqrt(f.ppf(0.025, 24, 24))), float(np.sqrt(f.ppf(0.975, 24, 24)))
+
+
+def spread_ratios(found: SubsetStudy) -> dict[tuple[str, str], float]:
+    """(table, parameter) -> the rig's standard deviation over the published one, but for slips."""
+    return {
+        (SPREADS[row.sensor], row.parameter): row.std / spread_table(SPREADS[row.sensor]).std[row.parameter].value
+        for row in found.parameters
+        if (SPREADS[row.sensor], row.parameter) not in SLIPS
+    }

@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f
 
 from estimators.gap.diagnosis import ESTABLISHED, chance
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.files import own_folder, write_text
 from scenarios.loader import load
+from scenarios.plots.style import save
 from scenarios.scenario import Scenario
 from scenarios.studies.subset_results import SubsetStudy
 from validation.paper.compare import early_stop_words
@@ -26,11 +26,16 @@ from validation.paper.published import spread_table
 from validation.paper.renk_text import misfits
 from validation.paper.twin import (
     SCENARIO,
+    SLIPS,
+    SPREADS,
     StrayField,
     published_apart,
+    spread_limits,
+    spread_ratios,
     stray_fields,
     subsets_of_twin,
 )
+from validation.plots.gap import gap_figure
 
 Array = NDArray[np.float64]
 
@@ -38,9 +43,6 @@ PAGE: Final = "gap.md"
 FOLDER: Final = "gap"
 PICTURE: Final = "gap.png"
 DIAGNOSIS: Final = f"{SCENARIO}.diagnosis.json"
-SPREADS: Final = dict(zip(SENSORS, ("7", "12"), strict=True))
-#: Spreads of the paper that no noise makes: a slip of the unit, and an angle that cannot be told.
-SLIPS: Final = {("12", "phi_deg"), ("12", "psi_deg"), ("7", "psi_deg")}
 #: A stray field meets the paper where fit errors are this close, relative, and fields this close [deg].
 _CLOSE: Final = (0.03, 0.1)
 #: The Earth's own field is there where its dip is this close to IGRF's [deg].
@@ -53,9 +55,6 @@ def make_gap_page(folder: Path) -> tuple[Path, ...]:
     Raises:
         RigError: the folder cannot be made or written to.
     """
-    from scenarios.plots.style import save
-    from validation.plots.gap import gap_figure
-
     beside = own_folder(folder / FOLDER)
     document = diagnosed()
     write_text(beside / DIAGNOSIS, json.dumps(document, indent=1) + "\n")
@@ -181,20 +180,6 @@ def _spreads(found: SubsetStudy) -> Iterator[str]:
             verdict = "agrees" if low <= ratio <= high else "**differs**"
         rows.append((number, row.parameter, published.text, f"{row.std:.3g}", f"{ratio:.2f}", verdict))
     yield from markdown(("table", "parameter", "published", "the rig's", "ratio", ""), rows)
-
-
-def spread_limits() -> tuple[float, float]:
-    """95 % of the ratios of two standard deviations of 25 values each, of one distribution."""
-    return float(np.sqrt(f.ppf(0.025, 24, 24))), float(np.sqrt(f.ppf(0.975, 24, 24)))
-
-
-def spread_ratios(found: SubsetStudy) -> dict[tuple[str, str], float]:
-    """(table, parameter) -> the rig's standard deviation over the published one, but for slips."""
-    return {
-        (SPREADS[row.sensor], row.parameter): row.std / spread_table(SPREADS[row.sensor]).std[row.parameter].value
-        for row in found.parameters
-        if (SPREADS[row.sensor], row.parameter) not in SLIPS
-    }
 
 
 def off(field: StrayField) -> tuple[float, float]:

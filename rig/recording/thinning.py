@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.memory import limit_bytes
-from rig.recording import Recording, RecordingScan, joined, scan_recording
+from rig.recording.blocks import joined
+from rig.recording.files import RecordingScan, scan_recording
+from rig.recording.samples import Recording
 
 #: Samples of a stretch: successive ones are needed to see repeats and correlation, and many stretches to see all
 #: orientations.
