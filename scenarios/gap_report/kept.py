@@ -123,7 +123,7 @@ def write_outcome(outcome: Outcome, out: Path, saved: Path | None = None) -> Non
     texts = {
         drawn: outcome.page,
         found: json.dumps(document_of(outcome), indent=1, allow_nan=False) + "\n",
-        corrected: None if calibration is None else calibration.to_json(),
+        corrected: None if calibration is None else calibration.to_text(),
         proposal: outcome.next,
     }
     if saved is not None:
