@@ -55,7 +55,7 @@ def drawable_urdf(path: Path) -> tuple[bytes, tuple[str, ...]]:
 
     A mesh is kept if its file lies in the folder tree of the URDF, or in that of a package: a folder of the package's
     name that holds the URDF, lies beside it or is named in ROS_PACKAGE_PATH. Its kind is one of .stl, .obj, .dae and
-    .glb, and its size bounded. No URL is kept, and no texture.
+    .glb, and its size bounded. No URL is kept, and no texture; nor what a link collides with, if it is drawn.
 
     Returns:
         The XML, and what was left out, with the reason.
@@ -68,6 +68,9 @@ def drawable_urdf(path: Path) -> tuple[bytes, tuple[str, ...]]:
     total = 0
     for texture in list(root.iter("texture")):
         texture.getparent().remove(texture)
+    for link in root.iter("link"):
+        for shape in link.findall("collision") if link.find("visual") is not None else []:
+            link.remove(shape)
     for mesh in list(root.iter("mesh")):
         name = mesh.get("filename", "")
         try:

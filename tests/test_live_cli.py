@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,17 @@ def test_it_stops_when_it_is_enough(here: Path, rig: Rig) -> None:
     own = estimators.Calibration.read("live.calibration.json")["magnetometer"]
     # five sigma of three offsets, in one of half a million runs further off
     assert (np.abs(own.bias - [5.0, -8.0, 3.0]) < 5.0 * np.array([own.std(f"offset{k}") for k in (1, 2, 3)])).all()
+
+
+def test_a_sensor_that_is_refused_does_not_keep_the_other_from_its_calibration(here: Path, rig: Rig) -> None:
+    run = read_recording("run.csv")
+    still = np.full((len(run), 3), 2.5) + 1e-4 * np.random.default_rng(0).standard_normal((len(run), 3))
+    replace(run, magnetometer=still).write("deaf.csv")
+    result = rig("live", "deaf.csv", "-o", "live.parquet", "--keep-going", "--idle", "0.2")
+    assert result.status == 1
+    assert "magnetometer" in result.err
+    found = estimators.Calibration.read("live.calibration.json")
+    assert tuple(found.sensors) == ("accelerometer",)
 
 
 def test_what_is_not_enough_ends_with_status_one(here: Path, rig: Rig) -> None:

@@ -16,6 +16,7 @@ from diagnosed_recordings import recorded
 import scenarios
 from rig.errors import RigError
 from rig.place import IGRF_DAYS, Place
+from rig.recording import read_recording
 
 AT = "42.28,-83.74,0"
 
@@ -106,6 +107,15 @@ def test_a_calibration_takes_the_fields_of_its_place(rig: Rig, tmp_path: Path) -
     given = rig("calibrate", path, "--at", AT, "--gravity", "9.7", "--field", "0.5G", "--json")
     assert given.err == ""  # nothing is left to the place
     assert json.loads(given.out)["sensors"]["accelerometer"]["reference_magnitude"] == 9.7
+
+
+def test_an_imported_log_takes_the_fields_of_its_place(rig: Rig, tmp_path: Path) -> None:
+    pytest.importorskip("boule", reason="the extra torusrig[place] is not installed")
+    rows = (f"{0.01 * k},{math.cos(k):.6f},{math.sin(k):.6f},0.0" for k in range(50))
+    (tmp_path / "log.csv").write_text("\n".join(["t,ax,ay,az", *rows]) + "\n")
+    rig.done("import", tmp_path / "log.csv", "--at", AT, "-o", tmp_path / "run.parquet")
+    stated = read_recording(tmp_path / "run.parquet").metadata
+    assert stated.gravity_m_s2 == pytest.approx(somigliana(42.28), rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -118,3 +118,14 @@ def test_a_large_urdf_is_read(tmp_path: Path) -> None:
     urdf.write_text(arm_with().replace("</robot>", f"{links}</robot>"))
     assert Arm.from_urdf(urdf, "l6").dof == 6
     assert len(drawable_urdf(urdf)[1]) == 0
+
+
+def test_what_a_link_collides_with_is_not_drawn_over_its_looks(tmp_path: Path) -> None:
+    shape = "<geometry><box size='1 1 1'/></geometry>"
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        f"<robot name='a'><link name='drawn'><visual>{shape}</visual><collision>{shape}</collision></link>"
+        f"<link name='bare'><collision>{shape}</collision></link></robot>"
+    )
+    content, _ = drawable_urdf(urdf)
+    assert content.count(b"<visual>") == content.count(b"<collision>") == 1

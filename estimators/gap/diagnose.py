@@ -27,7 +27,7 @@ from estimators.gap.report import conclude
 from estimators.gap.states import NoiseState
 from estimators.goodness.readings import copies
 from estimators.goodness.words import copied
-from rig.effects import EFFECTS, Kind
+from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Recording, locked_beside, read_recording
 from rig.threads import one_blas_thread
@@ -42,6 +42,8 @@ PathLike = str | os.PathLike[str]
 FEWEST = 200
 #: Where known causes leave less than this share of the defective readings, these are looked at anew.
 _FEWER = 0.7
+#: Units of parameters that only times give a meaning. That something happened between two poses, their order shows.
+_OF_TIME = ("s", "Hz", "V/sqrt(s)")
 
 
 def diagnose(
@@ -94,6 +96,9 @@ def examined(
     check_names(without)
     given = arm
     recording, arm = posed(recording, given)
+    untimed = [] if not recording.untimed else [name for name in EFFECTS if needs_times(EFFECTS[name])]
+    said = tuple(without)
+    without = tuple(dict.fromkeys((*without, *untimed)))
     rest = _locked(run, locked)
     floor, step, source = _floor(recording, rest, arm)
     ideal = bench = set_up(recording, floor, arm)
@@ -121,6 +126,10 @@ def examined(
         result = replace(result, calibration=corrected_calibration(recording, clean, posterior, source))
     except RigError as error:  # never at the cost of the diagnosis
         result = replace(result, warnings=(*result.warnings, f"no corrected calibration: {error}"))
+    if untimed:
+        why = "the poses have no times, only an order"
+        beside = [{"effect": name, "where": "everywhere", "why": why} for name in untimed if name not in said]
+        result = replace(result, cannot_tell=(*result.cannot_tell, *beside))
     if maneuver2 is not None and effects:
         second = maneuver2 if isinstance(maneuver2, Recording) else read_recording(maneuver2)
         check(second)
@@ -130,6 +139,12 @@ def examined(
         share = elsewhere(other, other.change(effects))
         result = replace(result, closed_on="both", closed_elsewhere=share)
     return replace(result, seconds=time.perf_counter() - begun), bench
+
+
+def needs_times(effect: type[Effect]) -> bool:
+    """Whether an effect says nothing of poses that have an order but no times."""
+    of_time = (item.unit in _OF_TIME and item.name != "at_s" for item in effect.parameters())
+    return effect.name == "motion_acceleration" or any(of_time)
 
 
 def check_names(without: Sequence[str]) -> None:

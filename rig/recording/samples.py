@@ -121,6 +121,11 @@ class Recording:
         return float(self.t[-1]) - float(self.t[0])
 
     @property
+    def untimed(self) -> bool:
+        """Whether the samples are still poses whose numbers stand for their times."""
+        return self.metadata.still_poses and bool((self.t == np.arange(len(self))).all())
+
+    @property
     def rate_Hz(self) -> float:
         """The stated sampling rate, else samples per duration [Hz].
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from math import hypot
 from typing import TYPE_CHECKING, Any
@@ -62,12 +63,25 @@ def stated_metadata(gravity: float | None, field: str | None) -> dict[str, Any]:
     return found
 
 
+def unit_of_field(scan: RecordingScan) -> str:
+    """The unit of the field that a recording states or records; uT where that is none of the field's."""
+    from rig.units import UNITS
+
+    recorded = scan.columns.units.get(MAGNETOMETER, "")
+    of_field = [unit for unit in UNITS[MAGNETOMETER] if unit not in UNITS[ACCELEROMETER]]
+    return scan.metadata.magnetic_field_unit or (recorded if recorded in of_field else "uT")
+
+
 def stated_by_place(
-    stated: dict[str, Any], at: str | None, date: str | None, scan: RecordingScan
+    stated: dict[str, Any], at: str | None, date: str | None, sensors: Sequence[str], unit: str
 ) -> tuple[dict[str, Any], str]:
     """What the place adds to ``stated``, which goes before it, and this in words.
 
-    The field is in the unit that the recording states or records, in uT where that is none of the field's.
+    Args:
+        stated: what is known already.
+        at, date: the options.
+        sensors: gravity for an accelerometer, the field for a magnetometer.
+        unit: of the field.
 
     Raises:
         RigError: no place or day, one without the other, or a library that is not installed.
@@ -79,7 +93,7 @@ def stated_by_place(
     import datetime
 
     from rig.place import Place
-    from rig.units import UNITS, conversion_factor
+    from rig.units import conversion_factor
 
     try:
         numbers = [float(part) for part in at.split(",")]
@@ -95,15 +109,12 @@ def stated_by_place(
         place = Place(*numbers)
         found: dict[str, Any] = {}
         words = []
-        if ACCELEROMETER in scan.sensors and "gravity_m_s2" not in stated:
+        if ACCELEROMETER in sensors and "gravity_m_s2" not in stated:
             found["gravity_m_s2"] = place.gravity()
             words.append(f"normal gravity {found['gravity_m_s2']:.5f} m/s^2")
-        if MAGNETOMETER in scan.sensors and "magnetic_field" not in stated:
+        if MAGNETOMETER in sensors and "magnetic_field" not in stated:
             if day is None:
                 raise RigError("found without --date, expected both: the magnetic field changes from year to year")
-            recorded = scan.columns.units[MAGNETOMETER]
-            of_field = [unit for unit in UNITS[MAGNETOMETER] if unit not in UNITS[ACCELEROMETER]]
-            unit = scan.metadata.magnetic_field_unit or (recorded if recorded in of_field else "uT")
             size = hypot(*place.magnetic_field_nT(day)) * conversion_factor("nT", unit)
             found |= {"magnetic_field": size, "magnetic_field_unit": unit}
             words.append(f"field {size:.5g} {unit} by the IGRF on {day}, without what steel and magnets nearby add")

@@ -22,7 +22,7 @@ from scenarios.cli._options import (
     progress_bar,
     without_locked,
 )
-from scenarios.cli._stated import stated_by_place, stated_metadata, stated_options, with_assumptions
+from scenarios.cli._stated import stated_by_place, stated_metadata, stated_options, unit_of_field, with_assumptions
 
 if TYPE_CHECKING:
     from estimators import Calibration, NoiseFloor
@@ -134,7 +134,7 @@ def calibrate(
     if unused := unused_words(scan):
         click.echo(f"rig: {unused}", err=True)
     stated = stated_metadata(gravity, field)
-    by_place, words = stated_by_place(stated, at, date, scan)
+    by_place, words = stated_by_place(stated, at, date, scan.sensors, unit_of_field(scan))
     stated |= by_place
     if words:
         click.echo(f"rig: {words}", err=True)

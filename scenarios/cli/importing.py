@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rig.channels import ACCELEROMETER, SENSORS
 from scenarios.cli._options import (
     PATH,
     RECORDING_SUFFIXES,
@@ -18,7 +19,7 @@ from scenarios.cli._options import (
     print_json,
     progress_bar,
 )
-from scenarios.cli._stated import stated_metadata
+from scenarios.cli._stated import stated_by_place, stated_metadata, stated_options
 
 if TYPE_CHECKING:
     from scenarios.importing import Imported, Mapping
@@ -37,10 +38,7 @@ if TYPE_CHECKING:
 @click.option("--specific-force", is_flag=True, help="The accelerometer reads +1 g upward at rest; else detected.")
 @click.option("--clock-offset", metavar="S|auto", help="Added to the times of the poses; auto: estimated.")
 @click.option("--time-unit", type=Choice(("s", "ms", "us", "ns")), help="Of the time column.")
-@click.option("--gravity", type=click.FloatRange(min=0, min_open=True), metavar="M_S2", help="Its magnitude.")
-@click.option(
-    "--field", metavar="VALUE[UNIT]", help="The magnetic field's magnitude: 0.55G, 55uT, 55000nT, or relative."
-)
+@stated_options
 @json_option
 def import_(
     logs: tuple[Path, ...],
@@ -56,6 +54,8 @@ def import_(
     time_unit: Any,
     gravity: float | None,
     field: str | None,
+    at: str | None,
+    date: str | None,
     as_json: bool,
 ) -> None:
     """Make one recording of LOGs: text tables, MCAP files, ROS 2 bags; several of them are joined by their times.
@@ -75,9 +75,12 @@ def import_(
       rig import log.csv -o run.parquet --map map.toml
       rig import imu.csv poses.csv -o run.parquet --clock-offset auto
       rig import bag_folder --arm ur5e.urdf -o run.parquet
+      rig import log.csv --at 42.28,-83.74,260 --date 2026-11-22 -o run.parquet
     """
     if output is not None:
         check_output(output, RECORDING_SUFFIXES, *logs, map_file, arm_file)
+    from dataclasses import replace
+
     from scenarios.importing import import_logs
 
     options = {
@@ -91,6 +94,7 @@ def import_(
     given, there = _mapping(
         map_file, {key: value for key, value in options.items() if value is not None}, gravity, field
     )
+    given, place = _placed(given, at, date)
     arm = chosen_arm(arm_file, tip)
     with progress_bar(f"importing {logs[0]}"):
         found = import_logs(logs, given if there else None, arm, given)
@@ -101,6 +105,8 @@ def import_(
         write_text(map_file, found.mapping.to_toml([f"Of {', '.join(log.name for log in logs)}: confirm or change."]))
     if output is not None:
         found.recording.write(output)
+    if place:
+        found = replace(found, said=(*found.said, place))
     if as_json:
         print_json(_document(found, output, map_file))
         return
@@ -130,6 +136,18 @@ def _mapping(
     mapping = read_mapping(path) if path is not None and there else Mapping()
     stated = replace(mapping.metadata, **stated_metadata(gravity, field))
     return replace(mapping, conventions=replace(mapping.conventions, **options), metadata=stated), there
+
+
+def _placed(mapping: Mapping, at: str | None, date: str | None) -> tuple[Mapping, str]:
+    """The mapping with gravity and, of a day, the field of a place, where they are not stated; and this in words."""
+    from dataclasses import replace
+
+    stated = mapping.metadata
+    known = {"gravity_m_s2": stated.gravity_m_s2, "magnetic_field": stated.magnetic_field}
+    left = {key: value for key, value in known.items() if value is not None}
+    sensors = SENSORS if date is not None else (ACCELEROMETER,)
+    found, words = stated_by_place(left, at, date, sensors, stated.magnetic_field_unit or "uT")
+    return replace(mapping, metadata=replace(stated, **found)), words
 
 
 def _document(found: Imported, output: Path | None, map_file: Path | None) -> dict[str, Any]:

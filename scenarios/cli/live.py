@@ -315,8 +315,9 @@ def _finish(session: Session, made: Path, cal: Path, plan: Plan, as_json: bool) 
         from scenarios.live.finish import calibrated
 
         try:
-            calibration = calibrated(made, plan.options, plan.arm, alarms)
+            calibration, others = calibrated(made, plan.options, plan.arm, alarms)
             calibration.write(cal)
+            refused = next(iter(others), None)
         except RigError as error:
             refused = error
     if as_json:

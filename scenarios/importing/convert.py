@@ -123,6 +123,7 @@ def _joined(
         if len(set(sizes.values())) > 1:
             raise RigError(f"{main.log}: without times all must have as many rows, found {sizes}")
         t = np.arange(len(main.values), dtype=float)
+        metadata = replace(metadata, still_poses=True)
         said.append(f"no time: each of the {len(t)} rows is a still pose, t_s counts them")
     else:
         if pose is not None:

@@ -16,13 +16,16 @@ from estimators.ellipsoid import read_thinned
 from estimators.live import Options
 from estimators.live.alarm import Alarm
 from estimators.live.calibrator import MOST_SAMPLES
+from rig.errors import RefusedFit
 from rig.recording import Recording, scan_recording
 
 if TYPE_CHECKING:
     from rig.arm import Arm
 
 
-def calibrated(path: Path, options: Options, arm: Arm | None, alarms: Sequence[Alarm]) -> Calibration:
+def calibrated(
+    path: Path, options: Options, arm: Arm | None, alarms: Sequence[Alarm]
+) -> tuple[Calibration, tuple[RefusedFit, ...]]:
     """The calibration of a recording by the estimators that are used offline, judged on held-out pieces of it.
 
     Args:
@@ -31,22 +34,42 @@ def calibrated(path: Path, options: Options, arm: Arm | None, alarms: Sequence[A
         arm: for joint angles.
         alarms: of the stream; one within the samples that count makes the calibration no good.
 
+    Returns:
+        The calibration of the sensors that the data tell, and why they do not tell another.
+
     Raises:
-        RefusedFit: the data cannot tell the parameters.
+        RefusedFit: they tell none.
     """
     run = _run(path, options)
     ellipsoid = EllipsoidOptions(parameters=options.parameters)
     posed = options.attitude and (run.pose != "none" if isinstance(run, Recording) else True)
-    found = estimators.calibrate(
-        run,
-        method=None if posed else "ellipsoid",
-        noise="residuals",
-        arm=arm if posed else None,
-        field_points=dict(options.field_points) if options.field_points else "down",
-        attitude_free=ellipsoid,
-    )
+
+    def fitted(sensors: Sequence[str] | None) -> Calibration:
+        return estimators.calibrate(
+            run,
+            method=None if posed else "ellipsoid",
+            noise="residuals",
+            arm=arm if posed else None,
+            field_points=dict(options.field_points) if options.field_points else "down",
+            sensors=sensors,
+            attitude_free=ellipsoid,
+        )
+
+    refused: list[RefusedFit] = []
+    try:
+        found = fitted(None)
+    except RefusedFit as refusal:
+        told: list[Calibration] = []
+        for sensor in (run if isinstance(run, Recording) else scan_recording(run)).sensors:
+            try:
+                told.append(fitted((sensor,)))
+            except RefusedFit as own:
+                refused.append(own)
+        if not told:
+            raise refusal
+        found = told[0]
     judged = estimators.judged(run, found, arm if posed else None, at_most=MOST_SAMPLES)
-    return _alarmed(judged, run, alarms)
+    return _alarmed(judged, run, alarms), tuple(refused)
 
 
 def _run(path: Path, options: Options) -> Recording | Path:
