@@ -1,4 +1,12 @@
-"""Estimators: volts in, answers out.
+"""Volts in, answers out.
+
+- ``calibrate(run)``: sensitivities, offsets and axes of the sensors of one recording or several, with their covariance.
+- ``is_it_good(..)``, ``judged(..)``: whether a calibration is good, and if not, why.
+- ``robust_calibrate(run)``: the same without outliers.
+- ``diagnose(run)``: where a recording disagrees with the model, and which unmodelled effects cause it.
+- ``noise_floor(locked)``: the noise of a recording at rest.
+- ``still_poses(run)``: when the sensor stood still, and what it read.
+- ``apply(calibration, run)``: readings as fields.
 
 ``estimators.coverage``, ``estimators.ellipsoid`` and ``estimators.stillness`` hold what else a user may want of them.
 The diagnosis is imported when it is first asked for: that takes as long as everything else together.
@@ -48,3 +56,7 @@ def __getattr__(name: str) -> Any:
 
         return getattr(gap, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

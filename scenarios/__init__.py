@@ -1,4 +1,10 @@
-"""What a user runs: named scenarios, the command line, reports and pictures."""
+"""What a user runs: named scenarios, the command line, reports and pictures.
+
+- ``names()``: the scenarios that come with the rig.
+- ``load(name or file)``: a ``Scenario``; its ``simulate(seed)`` is a recording, its ``truth`` what made it.
+
+The console command ``rig`` is ``scenarios.cli``.
+"""
 
 from __future__ import annotations
 
@@ -20,3 +26,7 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -51,7 +51,7 @@ def test_it_covers_the_truth(gap: str) -> None:
     found = diagnose(run, locked)
     assert found.calibration is not None
     plain = calibrate(run, noise=noise_floor(locked))
-    square, freedom = distance(Calibration.from_json(found.calibration.to_json()))
+    square, freedom = distance(Calibration.from_text(found.calibration.to_text()))
     assert freedom >= 24
     assert distance(plain)[0] > 3.0 * square
     assert square < OF_FLOOR**2 * chdtri(freedom, FALSE_FAILURE)
