@@ -125,7 +125,8 @@ def temporaries(folder: Path) -> list[str]:
 
 def torn(folder: Path) -> list[str]:
     """Files that cannot be read to their end; a session's journal grows line by line and may lack one's end."""
-    return [str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file() and not _whole(path)]
+    files = [path for path in folder.rglob("*") if path.is_file() and ".rig-" not in path.name]
+    return [str(path.relative_to(folder)) for path in files if not _whole(path)]
 
 
 def _whole(path: Path) -> bool:
