@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from estimators.gap.basefit import estimated_floor, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.converge import converged
 from estimators.gap.defects import readings_of
+from estimators.gap.tones import _allowed
 from rig.arm import Arm
 from rig.effects import EFFECTS, Kind, make_effect
 from rig.recording import Recording
@@ -119,3 +121,12 @@ def test_one_repeated_row_is_a_dropout(bench: Bench) -> None:
     found = dropouts.examined(readings_of(replace(bench, readings=readings), step), "acquisition")
     assert found is not None
     assert np.flatnonzero(found.affected.all(axis=1)).tolist() == [700]
+
+
+def test_a_slow_recording_folds_a_band_once() -> None:
+    """Sampled once in 30 years, a band of 2 Hz may appear anywhere; its 6e11 resolved frequencies are not listed."""
+    bench = SimpleNamespace(count=400, interval_s=1e9, base=SimpleNamespace(q_encoder=None))
+    mains = SimpleNamespace(effect=SimpleNamespace(bands=((49.0, 51.0),)))
+    frequency = np.arange(401) / (800 * bench.interval_s)
+    allowed = _allowed(mains, bench, frequency)  # type: ignore[arg-type]
+    assert allowed[frequency > 1.5 / (400 * 1e9)].all()

@@ -121,9 +121,10 @@ def test_what_does_not_fit_is_averaged_or_cut(long: Path, monkeypatch: pytest.Mo
     assert (len(found), block) == (5000, 4)
     assert whole_or_means(long, block=10)[0].rate_Hz == pytest.approx(10.0, rel=1e-3)
     assert whole_or_beginning(long)[1] == ""
-    found, words = whole_or_beginning(long, bytes_a_sample=(64 << 20) / 5000)
+    found, words = whole_or_beginning(long, bytes_a_sample=(64 << 20) / 5000, fixed=0.0)
     assert len(found) == 5000
     assert "its first 5,000 samples are used" in words
+    assert len(whole_or_beginning(long, bytes_a_sample=(64 << 20) / 5000)[0]) == 1000  # a fifth, whatever else is taken
 
 
 def test_a_long_recording_is_thinned_with_a_word(rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

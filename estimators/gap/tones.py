@@ -100,6 +100,7 @@ def _allowed(candidate: Candidate, bench: Bench, frequency: Array) -> NDArray[np
         arm = np.zeros(len(frequency), dtype=bool)
     allowed = np.zeros(len(frequency), dtype=bool)
     for low, high in candidate.effect.bands:
+        high = min(high, low + 1.0 / bench.interval_s)  # folded, the rest of the band is the same once more
         fine = np.arange(low, high, 0.25 * resolution) * bench.interval_s
         folded = np.abs(fine - np.round(fine)) / bench.interval_s
         allowed[np.unique(np.clip(np.round(folded / frequency[1]).astype(int), 0, len(frequency) - 1))] = True

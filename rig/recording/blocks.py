@@ -24,6 +24,8 @@ Model = Callable[[Recording], Mapping[str, Array]]
 _SHORTEST_LINE: Final = 4
 #: Of the memory that may be taken, the samples get so much at least.
 _LEAST: Final = 0.2
+#: The interpreter with what a command loads [bytes].
+_PROGRAM: Final = 260e6
 
 
 def whole_or_means(
@@ -63,15 +65,22 @@ def block_length(scan: RecordingScan, bytes_a_sample: float, fixed: float = 0.0)
     rows = scan.rows
     if rows is None:
         rows = scan.path.stat().st_size // max(2 * len(scan.table.names), _SHORTEST_LINE)
+    return max(1, int(np.ceil(rows * bytes_a_sample / _room(fixed))))
+
+
+def _room(fixed: float) -> float:
+    """What the samples may take of the memory, besides what is taken anyway [bytes]."""
     limit = limit_bytes()
-    return max(1, int(np.ceil(rows * bytes_a_sample / max(limit - fixed, _LEAST * limit))))
+    return max(limit - fixed, _LEAST * limit)
 
 
-def whole_or_beginning(path: str | os.PathLike[str], bytes_a_sample: float = 450.0) -> tuple[Recording, str]:
+def whole_or_beginning(
+    path: str | os.PathLike[str], bytes_a_sample: float = 450.0, fixed: float = _PROGRAM
+) -> tuple[Recording, str]:
     """A recording whole, or so much of its beginning as may be taken of memory: noise has to be successive samples.
 
     Args:
-        path, bytes_a_sample: as of ``whole_or_means``.
+        path, bytes_a_sample, fixed: as of ``whole_or_means``.
 
     Returns:
         The recording, and a word about what was left out; "" where nothing was.
@@ -80,7 +89,7 @@ def whole_or_beginning(path: str | os.PathLike[str], bytes_a_sample: float = 450
         RigError: as of reading.
     """
     scan = scan_recording(path)
-    most = max(int(limit_bytes() / bytes_a_sample), 1)
+    most = max(int(_room(fixed) / bytes_a_sample), 1)
     if scan.rows is not None and scan.rows <= most:
         return scan.read(), ""
     parts: list[Recording] = []
