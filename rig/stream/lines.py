@@ -164,7 +164,11 @@ class LineReader:
         if line.startswith(b"#"):
             return rest
         self._delimiter = next((mark for mark in _DELIMITERS if mark in line), b" ")
-        cells = next(csv.reader(io.StringIO(self._cells(line).decode("utf-8", "replace"))), [])
+        text = self._cells(line).decode("utf-8", "replace")
+        try:
+            cells = next(csv.reader(io.StringIO(text)), [])
+        except csv.Error:
+            raise RigError(f"{self._where}: found {shown(text[:40])}, expected lines of text: CSV or JSON") from None
         names = [cell.strip() for cell in cells]
         numeric = all(_is_number(name) for name in names)
         if self._given is not None:
