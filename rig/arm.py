@@ -236,6 +236,15 @@ class Arm:
             position[rows] = xpos[:, links]
         return LinkPoses(rotation, position)
 
+    def joint_anchors(self, q: ArrayLike) -> Array:
+        """(n, N, 3) [m] a point on each joint's axis, base frame, at joint values ``q`` (n, N) [rad, m]."""
+        angles = self._angles(q)
+        own = [int(np.argmax(self.chain.members == joint)) for joint in self.chain.joints]
+        found = np.empty((len(angles), self.dof, 3))
+        for rows, (anchors,) in self.chain.evaluated(angles, "xanchor"):
+            found[rows] = anchors[:, own]
+        return found
+
     def site_acceleration(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """The sensor's acceleration (n, 3) [m/s^2], base frame, without gravity, by ``mj_inverse``.
 

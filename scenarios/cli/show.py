@@ -117,29 +117,49 @@ def _draw_effect(name: str | None, output: Path | None, where: str | None) -> No
 @click.argument("run", type=PATH)
 @click.option("-o", "--output", type=PATH, metavar="F.rrd", help="Write the view instead of opening it.")
 @click.option("--calibration", type=PATH, metavar="CAL", help="Lay this calibration over it; its own otherwise.")
+@click.option("--diagnosis", type=PATH, metavar="D", help="Show on the arm what this diagnosis of RUN found.")
+@click.option("--web", is_flag=True, help="Serve the viewer to a browser of this machine, until Ctrl-C.")
 @arm_options
 @memory_option
 @json_option
 def view(
-    run: Path, output: Path | None, calibration: Path | None, arm_file: Path | None, tip: str | None, as_json: bool
+    run: Path,
+    output: Path | None,
+    calibration: Path | None,
+    diagnosis: Path | None,
+    web: bool,
+    arm_file: Path | None,
+    tip: str | None,
+    as_json: bool,
 ) -> None:
     """Look at RUN in the rerun viewer: the arm in its sweep, the readings, and what a calibration leaves over; or at a
     study, which is a folder.
 
-    A recording whose poses are known is calibrated for this, unless a calibration is given. Without -o the viewer
-    opens; nothing but this machine can reach it.
+    A recording whose poses are known is calibrated for this, unless a calibration is given. With --diagnosis the joint,
+    link or sensor at fault is painted and named, a stray magnet stands where it sits with its uncertainty, and what the
+    causes do and what is left before and after are beside it. Without -o the viewer opens; nothing but this machine can
+    reach it, nor with --web, for machines without a screen.
 
     \b
     Example:
       rig view run.parquet
       rig view run.parquet --calibration cal.json -o run.rrd
+      rig view run.parquet --diagnosis diagnosis/run.diagnosis.json --web
     """
+    if diagnosis is not None and calibration is not None:
+        raise RigError("--calibration: found beside --diagnosis, which has its own, expected one or the other")
     if output is not None:
-        check_output(output, (".rrd",), run, calibration, arm_file)
+        check_output(output, (".rrd",), run, calibration, diagnosis, arm_file)
     target = output if output is not None else Path(mkdtemp(prefix="rig-view-")) / f"{run.stem}.rrd"
     try:
-        _draw(run, calibration, chosen_arm(arm_file, tip), target)
-        if output is None:
+        arm = chosen_arm(arm_file, tip)
+        if diagnosis is None:
+            _draw(run, calibration, arm, target)
+        else:
+            _draw_diagnosis(run, diagnosis, arm, target)
+        if web:
+            _serve(target)
+        elif output is None:
             from scenarios.view import open_view
 
             _watch(open_view(target))
@@ -151,6 +171,41 @@ def view(
         print_json({"view": target, "opened": output is None})
     else:
         click.echo(f"{target}: {'opened in the viewer' if output is None else 'written'}")
+
+
+def _serve(target: Path) -> None:
+    """Serve the view until somebody ends it."""
+    from scenarios.view import serve_view
+
+    server, address = serve_view(target)
+    try:
+        click.echo(f"{address}\nserved to this machine until Ctrl-C", err=True)
+        server.wait()
+    finally:
+        server.terminate()
+        server.wait()
+    raise RigError(f"the viewer for browsers ended by itself with status {server.returncode}, expected it to stay")
+
+
+def _draw_diagnosis(run: Path, diagnosis: Path, arm: Arm | None, target: Path) -> None:
+    from estimators.gap.basefit import posed
+    from estimators.gap.reading import diagnosis_of
+    from rig.documents import read_json
+    from rig.recording import locked_beside, whole_or_means
+    from scenarios.gap_report import gap_residuals
+    from scenarios.gap_report.batch import BYTES_A_SAMPLE
+    from scenarios.view import write_diagnosis_view
+
+    found = diagnosis_of(read_json(diagnosis, "a diagnosis"), str(diagnosis))
+    if run.stem not in found.recordings:
+        raise RigError(f"{diagnosis}: is of {' and '.join(found.recordings)}, expected a diagnosis of {run.stem}")
+    joints = None if arm is None else arm.dof
+    with progress_bar(f"drawing {run}"):
+        recording, block = whole_or_means(run, joints, BYTES_A_SAMPLE)
+        recording, arm = posed(recording, arm)
+        beside = locked_beside(run)
+        locked = None if beside is None else whole_or_means(beside, joints, block=block)[0]
+        write_diagnosis_view(found, gap_residuals(recording, found, locked, arm), target)
 
 
 def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) -> None:

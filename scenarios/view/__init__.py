@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from scenarios.view.viewer import open_view
+from scenarios.view.diagnosed import write_diagnosis_view
+from scenarios.view.viewer import open_view, serve_view
 from scenarios.view.write import Detail, write_view
 
-__all__ = ["Detail", "open_view", "write_view"]
+__all__ = ["Detail", "open_view", "serve_view", "write_diagnosis_view", "write_view"]

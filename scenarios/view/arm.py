@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
+from xml.etree import ElementTree
 
 import numpy as np
 import rerun as rr
@@ -27,6 +29,15 @@ BASE: Final = "base"
 _STICK_RADIUS_M = 0.012
 
 
+#: The colour of a shape, by its name in a URDF: a component of another archetype is an error in the viewer.
+_PAINTED: Final[dict[str, Callable[[tuple[int, int, int]], rr.AsComponents]]] = {
+    "box": lambda colour: rr.Boxes3D.from_fields(colors=[colour]),
+    "cylinder": lambda colour: rr.Cylinders3D.from_fields(colors=[colour]),
+    "sphere": lambda colour: rr.Ellipsoids3D.from_fields(colors=[colour]),
+    "mesh": lambda colour: rr.Asset3D.from_fields(albedo_factor=[*colour, 255]),
+}
+
+
 class ArmView:
     """An arm in a view.
 
@@ -47,11 +58,14 @@ class ArmView:
         self.base = BASE
         self._stream, self._arm = stream, arm
         self._joints: dict[str, Any] = {}
+        self._tree: Any = None
+        self._shapes: dict[str, list[str]] = {}
         if arm.urdf is None:
             stream.log(ARM, rr.CoordinateFrame(BASE), static=True)
             stream.log(ARM, rr.LineStrips3D.from_fields(radii=_STICK_RADIUS_M, colors=[rgb(GREY)]), static=True)
             return
-        tree = _log_urdf(stream, arm.urdf)
+        self._tree = tree = _log_urdf(stream, arm.urdf)
+        self._shapes = _shapes(drawable_urdf(arm.urdf)[0])
         for name in arm.joint_names:
             joint = tree.get_joint_by_name(name)
             if joint is None:
@@ -67,6 +81,14 @@ class ArmView:
             within_a_turn = np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi  # it computes in single precision
             columns = joint.compute_transform_columns(within_a_turn.tolist(), clamp=False)
             self._stream.send_columns(f"{TRANSFORMS}/{name}", indexes=at(t), columns=columns)
+
+    def colour(self, number: int, colour: tuple[int, int, int]) -> None:
+        """Paint the link that a joint moves, counted from zero; a stick figure has no links to paint."""
+        if self._tree is None or number >= len(self._arm.joint_names):
+            return
+        link = self._joints[self._arm.joint_names[number]].child_link
+        for path, shape in zip(self._tree.get_visual_geometry_paths(link), self._shapes.get(link, ()), strict=False):
+            self._stream.log(path, _PAINTED[shape](colour), static=True)
 
     def _move_sticks(self, t: Array, q: Array) -> None:
         """A line from the base through the origins of the links to the sensor."""
@@ -92,6 +114,15 @@ def log_arm(stream: rr.RecordingStream, arm: Arm, t: Array, q: Array) -> str:
     shown = ArmView(stream, arm)
     shown.move(t, q)
     return shown.base
+
+
+def _shapes(urdf: bytes) -> dict[str, list[str]]:
+    """Link -> what each of its visuals is, of a URDF that may be drawn."""
+    found: dict[str, list[str]] = {}
+    for link in ElementTree.fromstring(urdf).iter("link"):
+        geometries = [visual.find("geometry") for visual in link.iter("visual")]
+        found[str(link.get("name"))] = [each[0].tag for each in geometries if each is not None and len(each)]
+    return found
 
 
 def _log_urdf(stream: rr.RecordingStream, urdf: Path) -> rr.urdf.UrdfTree:

@@ -60,19 +60,23 @@ def blueprint(contents: Contents) -> rrb.Blueprint:
         root = rrb.Horizontal(
             contents=[_sweep_view(contents.base, contents.arm, contents.reach), root], column_shares=[4, 5]
         )
-    time = rrb.TimePanel(
-        state="collapsed",
-        timeline=TIMELINE,
-        playback_speed=round(max((contents.end_s - contents.start_s) / PLAYED_IN_S, 1.0), 1),
-        play_state="playing",
-        loop_mode="all",
-    )
     return rrb.Blueprint(
         root,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        time,
+        played(contents.start_s, contents.end_s),
         auto_views=False,
+    )
+
+
+def played(start_s: float, end_s: float) -> rrb.TimePanel:
+    """The time panel, playing the whole recording again and again."""
+    return rrb.TimePanel(
+        state="collapsed",
+        timeline=TIMELINE,
+        playback_speed=round(max((end_s - start_s) / PLAYED_IN_S, 1.0), 1),
+        play_state="playing",
+        loop_mode="all",
     )
 
 
@@ -92,9 +96,14 @@ def _sensor_column(sensor: str, contents: Contents) -> rrb.Container:
 
 
 def _series(origin: str, title: str, contents: Contents, legend: bool) -> rrb.TimeSeriesView:
-    start, end = (rrb.TimeRangeBoundary.absolute(seconds=at) for at in (contents.start_s, contents.end_s))
+    return series_view(origin, title, contents.start_s, contents.end_s, legend)
+
+
+def series_view(origin: str, title: str, start_s: float, end_s: float, legend: bool) -> rrb.TimeSeriesView:
+    """A plot of what lies below an entity, over the whole recording."""
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=at) for at in (start_s, end_s))
     # Unless told, the plot starts as a short window about the time cursor.
-    whole = rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)) if contents.end_s > contents.start_s else None
+    whole = rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)) if end_s > start_s else None
     return rrb.TimeSeriesView(
         origin=origin,
         name=title,
@@ -124,13 +133,19 @@ def _sphere_title(sensor: str, overlay: Overlay | None) -> str:
 
 
 def _sweep_view(base: str, arm: bool, reach: Array) -> rrb.Spatial3DView:
+    title = f"The sweep of the {'arm' if arm else 'sensor'}, blue first, yellow last"
+    return spatial_view(title, [f"/{ARM}/**", f"/{SWEEP}/**"], base, reach)
+
+
+def spatial_view(title: str, contents: list[str], base: str, reach: Array) -> rrb.Spatial3DView:
+    """A view of the scene about the arm that holds points ``reach`` (m, 3) [m], base frame."""
     low, high = reach.min(axis=0), reach.max(axis=0)
     centre = (low + high) / 2.0
     radius = max(float(np.linalg.norm(high - low)) / 2.0, 0.1)
     return rrb.Spatial3DView(
         origin="/",
-        contents=[f"/{ARM}/**", f"/{SWEEP}/**"],
-        name=f"The sweep of the {'arm' if arm else 'sensor'}, blue first, yellow last",
+        contents=contents,
+        name=title,
         spatial_information=rrb.SpatialInformation(target_frame=base),
         eye_controls=rrb.EyeControls3D(
             position=centre + 1.9 * radius * EYE_FROM, look_target=centre, eye_up=(0.0, 0.0, 1.0)

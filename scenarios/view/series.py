@@ -24,7 +24,7 @@ BAND: Final = "band"
 def log_readings(stream: rr.RecordingStream, sensor: str, t: Array, readings: Array, unit: str, samples: int) -> None:
     """A sensor's readings (n, 3) [unit], at most ``samples`` of each channel."""
     for channel, values, colour in zip(CHANNELS_OF[sensor], readings.T, AXES_ON_DARK, strict=True):
-        _log_line(stream, f"{READINGS}/{sensor}/{channel}", t, values, f"{channel} [{unit}]", colour, samples)
+        log_line(stream, f"{READINGS}/{sensor}/{channel}", t, values, f"{channel} [{unit}]", colour, samples)
 
 
 def log_residuals(stream: rr.RecordingStream, t: Array, overlay: Overlay, samples: int) -> None:
@@ -32,7 +32,7 @@ def log_residuals(stream: rr.RecordingStream, t: Array, overlay: Overlay, sample
     for number, (name, sigma) in enumerate(zip(overlay.names, overlay.sigma, strict=True)):
         values, colour = overlay.residuals[:, number], AXES_ON_DARK[number]
         path = f"{RESIDUALS}/{overlay.sensor}/{name}"
-        _log_line(stream, path, t, values, f"{name} [{overlay.unit}]", colour, samples)
+        log_line(stream, path, t, values, f"{name} [{overlay.unit}]", colour, samples)
         ends = np.array([t[0], t[-1]])
         names = ["+3σ", "−3σ"]
         style = rr.SeriesLines(colors=[rgb(GREY)] * 2, names=names, widths=[1.5] * 2)
@@ -43,9 +43,10 @@ def log_residuals(stream: rr.RecordingStream, t: Array, overlay: Overlay, sample
         )
 
 
-def _log_line(
+def log_line(
     stream: rr.RecordingStream, path: str, t: Array, values: Array, name: str, colour: str, samples: int
 ) -> None:
+    """One series, at most ``samples`` of it, none of its peaks left out."""
     rows = extremes(values, samples)
     extremes_too = rr.components.AggregationPolicy.MinMax  # where samples are closer than pixels; else their average
     style = rr.SeriesLines(colors=[rgb(colour)], names=[name], widths=[1.0], aggregation_policy=extremes_too)

@@ -64,6 +64,34 @@ def open_view(path: str | os.PathLike[str]) -> subprocess.Popen[bytes]:
         raise RigError(f"{command[0]}: the viewer cannot be started: {error.strerror}") from error
 
 
+def serve_view(path: str | os.PathLike[str]) -> tuple[subprocess.Popen[bytes], str]:
+    """Serve an .rrd file and a viewer for browsers, on this machine only: the process, and the page's address.
+
+    Raises:
+        RigError: the file is missing, or the viewer does not start or answer within some seconds.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise RigError(f"{file}: no such file, expected an .rrd file")
+    data, page = free_port(), free_port()
+    command = [str(viewer_program()), "--serve-web", "--bind", ADDRESS, "--port", str(data)]
+    command += ["--web-viewer-port", str(page), str(file)]
+    quiet = subprocess.DEVNULL
+    try:
+        server = subprocess.Popen(command, env=viewer_environment(), stdin=quiet, stdout=quiet, stderr=quiet)
+    except OSError as error:
+        raise RigError(f"{command[0]}: the viewer cannot be started: {error.strerror}") from error
+    deadline = time.monotonic() + _ANSWERS_S
+    while time.monotonic() < deadline and server.poll() is None:
+        with socket.socket() as probe:
+            if probe.connect_ex((ADDRESS, page)) == 0:
+                source = f"rerun%2Bhttp%3A%2F%2F{ADDRESS}%3A{data}%2Fproxy"
+                return server, f"http://{ADDRESS}:{page}/?url={source}"
+        time.sleep(0.1)
+    server.terminate()
+    raise RigError(f"{file}: the viewer for browsers did not answer within {_ANSWERS_S:g} s")
+
+
 def start_viewer() -> str:
     """Start a viewer window that waits for a live stream, and outlives this process; its address, on this machine only.
 
