@@ -297,7 +297,7 @@ def test_only_the_next_maneuver_of_an_earlier_diagnosis_is_removed(rig: Rig, her
     rig.done("diagnose", "run.parquet", "--out", "o")
     assert (here / "o" / "run.next.toml").read_text() == "mine"
     rig.done("diagnose", "run.parquet", "--out", "o")
-    assert listed("o") == {"run.diagnosis.json", "run.html"}
+    assert listed("o") == {"run.diagnosis.json", "run.calibration.json", "run.html"}
 
 
 def test_a_killed_process_costs_its_own_recording_only(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from estimators.gap.rebase import around
 from estimators.gap.scan import Scanner
 from estimators.gap.score import Explained
 from estimators.gap.search import Explanation, Member, Search, set_prior, unseen_places, visible
-from estimators.gap.states import NoiseState, gain, moved_floor, named, unnamed, unseen_floor
+from estimators.gap.states import NoiseState, moved_floor, named, under_steps, unnamed, unseen_floor
 
 Array = NDArray[np.float64]
 
@@ -279,7 +279,7 @@ def _states(
     for state in found:
         prior = work.prior.log_set([*state.drawn, *held])
         fresh = state.steps[len(given.steps) :]
-        promise = each.linear.averaged[0] + prior + state.log_weight + gain(bench, explained, fresh)
+        promise = under_steps(bench, each.linear, fresh).averaged[0] + prior + state.log_weight
         result.append((promise, state, scanner, each))
     return result
 

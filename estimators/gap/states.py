@@ -7,7 +7,7 @@ Each is a further step of whitening, and a log weight: the determinant of that s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from estimators.gap.bench import Bench, Step
+from estimators.gap.evidence import Linear
 from estimators.gap.floor import going_on, groups
 from estimators.gap.prior import (
     FLOOR_MOVED,
@@ -77,14 +78,13 @@ def log_det(bench: Bench, steps: Sequence[Step]) -> float:
     return own - 0.5 * float(np.linalg.slogdet(information.T @ information)[1])
 
 
-def gain(bench: Bench, explained: Explained, steps: Sequence[Step]) -> float:
-    """By how much steps raise the log likelihood of a residual, but for ``log_det``; effects are not refitted."""
-    stepped = _stepped(bench, bench.absorbed, steps)
-    after = _stepped(bench, explained.residual[:, None], steps)[:, 0]
-    moment = stepped.T @ after
-    taken = moment @ np.linalg.solve(stepped.T @ stepped, moment)
-    before = explained.residual
-    return 0.5 * float(before @ before - after @ after + taken)
+def under_steps(bench: Bench, linear: Linear, steps: Sequence[Step]) -> Linear:
+    """Linearised effects after further steps of whitening; they are not refitted."""
+    absorbed = bench.absorbed.shape[1]
+    every = _stepped(bench, np.column_stack([bench.absorbed, linear.left, linear.tangent]), steps)
+    basis, rest = every[:, :absorbed], every[:, absorbed:]
+    rest = rest - basis @ np.linalg.solve(basis.T @ basis, basis.T @ rest)
+    return replace(linear, left=rest[:, 0], tangent=rest[:, 1:])
 
 
 def _stepped(bench: Bench, columns: Array, steps: Sequence[Step]) -> Array:
