@@ -35,7 +35,7 @@ from estimators.pipeline import (
 )
 from estimators.statistics import Statistics
 from rig.channels import ACCELEROMETER, SENSORS
-from rig.errors import RigError
+from rig.errors import RigError, in_short
 from rig.recording import Recording, RecordingScan
 from rig.units import conversion_factor
 
@@ -256,13 +256,6 @@ def contributions(joint: Joint) -> list[dict[str, Any]]:
             }
         )
     return found
-
-
-def in_short(names: Sequence[str]) -> str:
-    """``a and b``, or ``a, b and 5 more``."""
-    if len(names) <= 3:
-        return " and ".join(names)
-    return f"{names[0]}, {names[1]} and {len(names) - 2} more"
 
 
 def check_alike(sources: Sequence[Recording | RecordingScan]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
 #: Letters of a message, with what the command line puts before it, at most.
@@ -110,3 +110,10 @@ def _printable(text: str) -> Iterator[str]:
             yield f"\\x{ord(letter) - 0xDC00:02x}"
         else:
             yield letter.encode("unicode_escape").decode("ascii")
+
+
+def in_short(names: Sequence[str]) -> str:
+    """``a and b``, or ``a, b and 5 more``."""
+    if len(names) <= 3:
+        return " and ".join(names)
+    return f"{names[0]}, {names[1]} and {len(names) - 2} more"

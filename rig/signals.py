@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -154,3 +154,23 @@ def sampled(signals: Signals, rows: slice) -> Signals:
         if per_sample and (value.ndim > 1 or item.name in _SCALAR_PER_SAMPLE):  # (3,) fields hold for every sample
             kept[item.name] = value[rows]
     return replace(signals, **kept)
+
+
+def joined(parts: Sequence[Signals]) -> Signals:
+    """The signals of several recordings one after another; what not all of them have is left out."""
+    found: dict[str, Any] = {}
+    for item in fields(Signals):
+        values = [getattr(part, item.name) for part in parts]
+        if item.name in ("arm", "references", "known_links", "currents"):
+            continue
+        if any(value is None for value in values):
+            found[item.name] = None
+        elif any(value.shape == (3,) for value in values) and item.name in ("acceleration", "gravity", "magnetic"):
+            found[item.name] = np.concatenate(
+                [np.broadcast_to(value, (len(part), 3)) for value, part in zip(values, parts, strict=True)]
+            )
+        else:
+            found[item.name] = np.concatenate(values) if all(value.size for value in values) else _empty()
+    numbers = set.intersection(*(set(part.currents) for part in parts))
+    found["currents"] = {joint: np.concatenate([part.currents[joint] for part in parts]) for joint in sorted(numbers)}
+    return replace(parts[0], **found, known_links=None)

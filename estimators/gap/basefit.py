@@ -207,16 +207,26 @@ def _set_up(
     given: Sequence[Effect],
 ) -> Bench:
     """The bench around the calibration of the readings less a change (n, 6)."""
-    noise: Mapping[str, Array] = {
+    noise = floor_of(recording, floor)
+    left = cleared(recording, change)
+    calibration = calibrate(left, noise=noise, arm=arm if recording.q is not None else None)
+    bench = placed(recording, signals_of(recording, arm), fitted_pipeline(calibration, recording), floor)
+    return replace(bench, given=tuple(given))
+
+
+def placed(recording: Recording, signals: Signals, pipeline: Pipeline, floor: tuple[ChannelNoise, ...]) -> Bench:
+    """A recording, its angles or poses, on the bench beside a fitted pipeline with its sensors."""
+    readings = all_readings(recording)
+    base = pipeline.expected(signals, np.random.default_rng(0))
+    return Bench(known(base), pipeline, readings, floor, np.ones_like(readings), floor)
+
+
+def floor_of(recording: Recording, floor: Sequence[ChannelNoise]) -> dict[str, Array]:
+    """sensor -> (3,) standard deviation of its readings at rest."""
+    return {
         sensor: np.sqrt([floor[column].variance for column in range(*COLUMNS_OF[sensor].indices(len(CHANNELS)))])
         for sensor in recording.sensors
     }
-    left = cleared(recording, change)
-    calibration = calibrate(left, noise=noise, arm=arm if recording.q is not None else None)
-    pipeline = fitted_pipeline(calibration, recording)
-    base = pipeline.expected(signals_of(recording, arm), np.random.default_rng(0))
-    readings = all_readings(recording)
-    return Bench(known(base), pipeline, readings, floor, np.ones_like(readings), floor, given=tuple(given))
 
 
 def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise, ...]:
@@ -225,7 +235,12 @@ def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise
     Smooth gaps cancel in second differences; coloured noise does too, so that this floor is a lower bound of it.
     """
     calibration = calibrate(recording, noise="residuals", arm=arm if recording.q is not None else None)
-    base = fitted_pipeline(calibration, recording).expected(signals_of(recording, arm), np.random.default_rng(0))
+    return floor_beside(recording, arm, fitted_pipeline(calibration, recording))
+
+
+def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> tuple[ChannelNoise, ...]:
+    """As ``estimated_floor``, beside a fitted pipeline with the recording's sensors."""
+    base = pipeline.expected(signals_of(recording, arm), np.random.default_rng(0))
     floors = []
     for values in (all_readings(recording) - base.volts).T:
         differences = np.diff(values, n=2)

@@ -22,7 +22,7 @@ from estimators.gap.blocks import block_means, block_poses, neighbours
 from estimators.gap.channel_noise import ChannelNoise, Whitener
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.directions import tangent_basis
-from rig.effects import Effect
+from rig.effects import Effect, Stage
 from rig.pipeline import Pipeline
 from rig.signals import Signals
 
@@ -40,18 +40,20 @@ class Step:
         column: the channel.
         factor: (count,) of each whitened reading, or of each coefficient of their cosine transform (DCT-II).
         in_time: which of the two.
+        part: the number of the recording, of several, whose readings it is of.
     """
 
     column: int
     factor: Array
     in_time: bool
+    part: int = 0
 
     def shortened(self, count: int) -> Step:
         """For means over neighbouring samples: the step's lowest frequencies, or the mean of its factors."""
         if not self.in_time:
-            return Step(self.column, self.factor[:count], in_time=False)
+            return replace(self, factor=self.factor[:count])
         factor = self.factor[: len(self.factor) // count * count].reshape(count, -1).mean(axis=1)
-        return Step(self.column, factor, in_time=True)
+        return replace(self, factor=factor)
 
     def __call__(self, white: Array) -> Array:
         """Whitened values (..., count)."""
@@ -107,6 +109,38 @@ class Bench:
     samples: int = 1
     steps: tuple[Step, ...] = ()
     given: tuple[Effect, ...] = ()
+
+    @property
+    def parts(self) -> tuple[Bench, ...]:
+        """The recordings on the bench, each on its own: this one; of several see ``estimators.gap.stack``."""
+        return (self,)
+
+    @property
+    def stretches(self) -> tuple[slice, ...]:
+        """Where each of the parts is among the means of a channel."""
+        return (slice(0, self.count),)
+
+    @property
+    def single(self) -> tuple[slice, ...]:
+        """Where each of the parts is among the samples."""
+        return (slice(0, len(self.base)),)
+
+    def rows(self, number: int) -> NDArray[np.intp]:
+        """Where one of the parts is in the whole vector, in the order of its own channels."""
+        own, part = self.stretches[number], self.parts[number]
+        within = np.arange(own.start, own.stop)
+        return np.concatenate(
+            [index * self.count + within for index, c in enumerate(self.columns) if c in part.columns]
+        )
+
+    def lacking(self, effect: type[Effect]) -> str:
+        """What some recording lacks for an effect, in words; empty where all have all."""
+        return next(filter(None, (effect.lacking(part.base) for part in self.parts)), "")
+
+    def around(self, pipeline: Pipeline) -> Bench:
+        """The bench with another calibration."""
+        base = pipeline.expected(self.base, np.random.default_rng(0), first=Stage.FIELD)  # the poses are what they were
+        return replace(self, pipeline=pipeline, base=base)
 
     @property
     def floor_samples(self) -> Array:

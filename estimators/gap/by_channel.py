@@ -13,7 +13,7 @@ from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import Defect
 from estimators.gap.diagnosis import Channel
 from estimators.gap.posterior import Posterior
-from estimators.gap.stochastic import NoiseOffer
+from estimators.gap.stochastic import EVERY, NoiseOffer
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect
 
@@ -25,40 +25,64 @@ def channels(
     settled: Bench,
     effects: Sequence[Effect],
     offers: Sequence[NoiseOffer],
-    defects: Sequence[Defect],
-    floor: tuple[ChannelNoise, ...],
+    defects: Sequence[Sequence[Defect]],
+    floors: Sequence[tuple[ChannelNoise, ...]],
     quiet: bool,
     other: bool,
     after: Array,
-) -> dict[str, Channel]:
-    """Gap of each channel, before and after; never above the root mean square of its residual."""
+) -> list[dict[str, Channel]]:
+    """Of each recording the gap of each channel, before and after; never above the root mean square of its residual.
+
+    Args:
+        defects, floors: of each recording.
+    """
     change = settled.change(effects) if effects else np.zeros_like(bench.residual)
     gap = settled.left_over(change) if effects else change
     left = settled.left_over(settled.residual - change) if effects else bench.residual
-    whole = (
-        sum(float(np.mean((gap[:, column] / bench.whiteners[column].sigma) ** 2)) for column in bench.columns)
-        * bench.count
-        / max(bench.samples, 1)
-    )
+    whole = 0.0
+    for part, rows in zip(bench.parts, bench.single, strict=False):
+        sigma = [part.whiteners[column].sigma for column in part.columns]
+        squares = np.mean(np.square(gap[rows][:, part.columns] / sigma), axis=0)
+        whole += float(squares.sum()) * part.count / max(part.samples, 1)
     ratio = float(np.median(after)) / max(whole, 1e-12) if effects else 0.0
-    found = {}
-    for column in bench.columns:
-        tails = floor[column].tails  # of which the readings were relieved
-        sigma = math.sqrt(floor[column].variance + tails)
-        own = float(np.mean(gap[:, column] ** 2))
-        gaps = [defect.gap for defect in defects] + [offer.gap for offer in offers]
-        named = float(sum(each[column] ** 2 for each in gaps))
-        rms_before = float(np.sqrt(np.mean(bench.residual[:, column] ** 2) + tails))
-        rms_after = float(np.sqrt(np.mean(left[:, column] ** 2) + tails))
-        remains = own * min(ratio, 1.0)
-        if other:
-            remains = max(remains, rms_after**2 - sigma**2 - named)
-        gap_before = 0.0 if quiet else min(math.sqrt(own + named + (max(remains, 0.0) if other else 0.0)), rms_before)
-        gap_after = 0.0 if quiet else min(math.sqrt(max(remains, 0.0)), rms_after)
-        told = gap_before > 1e-3 * sigma
-        closed = max(-1.0, 1.0 - (gap_after / gap_before) ** 2) if told and (effects or named) else None
-        found[CHANNELS[column]] = Channel(sigma, rms_before, gap_before, rms_after, gap_after, closed)
+    found = []
+    for number, (part, rows) in enumerate(zip(bench.parts, bench.single, strict=False)):
+        own_gaps = [defect.gap for defect in defects[number]]
+        own_gaps += [each.gap for offer in offers for each in offer.every if each.part in (number, EVERY)]
+        own = {}
+        for column in part.columns:
+            tails = floors[number][column].tails  # of which the readings were relieved
+            sigma_V = math.sqrt(floors[number][column].variance + tails)
+            named = float(sum(each[column] ** 2 for each in own_gaps))
+            before, fitted, rest = (float(np.mean(values[rows, column] ** 2)) for values in (bench.residual, gap, left))
+            own[CHANNELS[column]] = _channel(
+                sigma_V, before + tails, fitted, rest + tails, named, ratio, quiet, other, bool(effects)
+            )
+        found.append(own)
     return found
+
+
+def _channel(
+    sigma: float,
+    before: float,
+    fitted: float,
+    rest: float,
+    named: float,
+    ratio: float,
+    quiet: bool,
+    other: bool,
+    means: bool,
+) -> Channel:
+    """From the floor and mean squares: before, of the fitted gap, of what is left, and of named noise and defects."""
+    rms_before, rms_after = math.sqrt(before), math.sqrt(rest)
+    remains = fitted * min(ratio, 1.0)
+    if other:
+        remains = max(remains, rest - sigma**2 - named)
+    gap_before = 0.0 if quiet else min(math.sqrt(fitted + named + (max(remains, 0.0) if other else 0.0)), rms_before)
+    gap_after = 0.0 if quiet else min(math.sqrt(max(remains, 0.0)), rms_after)
+    told = gap_before > 1e-3 * sigma
+    closed = max(-1.0, 1.0 - (gap_after / gap_before) ** 2) if told and (means or named) else None
+    return Channel(sigma, rms_before, gap_before, rms_after, gap_after, closed)
 
 
 def cannot_tell(posterior: Posterior, bench: Bench, without: Sequence[str]) -> tuple[dict[str, str], ...]:
@@ -71,7 +95,7 @@ def cannot_tell(posterior: Posterior, bench: Bench, without: Sequence[str]) -> t
         if (name, where) not in shown
     ]
     for effect in EFFECTS.values():
-        lacking = effect.lacking(bench.base)
+        lacking = bench.lacking(effect)
         if lacking and effect.name not in without:
             found += [
                 {"effect": effect.name, "where": where, "why": f"the recording lacks {lacking}"}

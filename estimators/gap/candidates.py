@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, Columns
+from estimators.gap.stack import only_in, part_of
 from rig.effects import EFFECTS, Effect, Kind
 from rig.effects.parameters import Parameter, Value
 
 Array = NDArray[np.float64]
 Shape = Mapping[str, Value]
 
+#: A recording, of several, with fewer samples shows no course in time: a few still poses, say.
+_COURSE = 100
 #: Strength, relative to typical, at which a derivative is taken: small against any curvature, large against rounding.
 STEP = 1e-3
 
@@ -41,7 +44,9 @@ class Candidate:
     @property
     def label(self) -> str:
         """Effect and place in one word, unique among candidates."""
-        return "/".join([f"{self.effect.name}@{self.where}", *self.names.values()])
+        part = part_of(self.effect)
+        recording = [] if part is None else [f"#{part + 1}"]
+        return "/".join([f"{self.effect.name}@{self.where}", *self.names.values(), *recording])
 
     @property
     def smooth(self) -> bool:
@@ -106,13 +111,17 @@ def all_candidates(bench: Bench, without: Sequence[str] = ()) -> list[Candidate]
     """
     found = []
     for effect in EFFECTS.values():
-        if effect.kind is not Kind.MEAN or effect.name in without or effect.lacking(bench.base):
+        if effect.kind is not Kind.MEAN or effect.name in without or bench.lacking(effect):
             continue
         choices = effect.choices()
+        kinds = [effect]
+        if effect.of_recording and len(bench.parts) > 1:
+            kinds = [only_in(effect, number) for number, part in enumerate(bench.parts) if part.count >= _COURSE]
         for where, *names in itertools.product(effect.places_on(bench.base), *choices.values()):
-            candidate = Candidate(effect, where, dict(zip(choices, names, strict=True)))
-            if where not in names and present(candidate, bench):
-                found.append(candidate)
+            for kind in kinds:
+                candidate = Candidate(kind, where, dict(zip(choices, names, strict=True)))
+                if where not in names and present(candidate, bench):
+                    found.append(candidate)
     return found
 
 

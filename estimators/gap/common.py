@@ -16,7 +16,7 @@ from estimators.gap.bench import Bench
 from estimators.gap.discrepancy import Term, Weighed, blocks_term, weighed_terms
 from estimators.gap.evidence import Linear
 from estimators.gap.sources import Source
-from estimators.gap.stochastic import NoiseOffer
+from estimators.gap.stochastic import EVERY, NoiseOffer
 from rig.effects import EFFECTS, Effect, Kind
 
 Array = NDArray[np.float64]
@@ -27,10 +27,16 @@ _STEPS, _RATIO = 24, 1.25
 
 @dataclass(frozen=True)
 class CommonNoise:
-    """A noise effect with one error for all channels, at a shape, and its term."""
+    """A noise effect with one error for all channels, at a shape, and its term.
+
+    Attributes:
+        effect: at strength one. response: (n, 6, r) of the readings. floor: (n, 6) of these, single [recorded unit].
+        term: of the discrepancy that it is.
+    """
 
     effect: Effect
     response: Array
+    floor: Array
     term: Term
 
     def offer(self, found: Weighed) -> NoiseOffer:
@@ -51,29 +57,24 @@ class CommonNoise:
             searched=1,
             std=np.array([0.5 * deviation / max(root, 1e-300)]),
             spread=np.array([deviation]),
-            added=raw / self.scale**2,
+            added=raw / self.floor**2,
             in_time=True,
             gap=np.sqrt(raw.mean(axis=0)),
+            part=EVERY,
         )
-
-    @property
-    def scale(self) -> Array:
-        """(6,) floor [recorded unit] that the response was divided by."""
-        return np.asarray(self.term.scale)
 
 
 def common_noises(bench: Bench, without: Sequence[str]) -> list[CommonNoise]:
     """Those that a recording can show."""
     found = []
-    sigma = np.array([whitener.sigma if whitener is not None else np.nan for whitener in bench.whiteners])
-    sigma = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, np.inf)
+    floor = _of_parts(bench, [_floor(part) for part in bench.parts], np.inf)
     for effect in EFFECTS.values():
-        if effect.name in without or not is_common(effect) or effect.lacking(bench.base):
+        if effect.name in without or not is_common(effect) or bench.lacking(effect):
             continue
         for shape in effect.searched(bench.base):
             probe = effect.from_mapping({"where": effect.places[0], **shape})
-            response = np.nan_to_num(probe.response(bench.base, bench.pipeline))
-            series = (response / sigma[:, None] * bench.weights[:, :, None]).transpose(2, 1, 0)[:, bench.columns]
+            response = _of_parts(bench, [probe.response(part.base, part.pipeline) for part in bench.parts])
+            series = (response / floor[:, :, None] * bench.weights[:, :, None]).transpose(2, 1, 0)[:, bench.columns]
             if not series.any():
                 continue
             tau_s = float(np.max(shape.get("tau_s", 0.0)))
@@ -82,8 +83,22 @@ def common_noises(bench: Bench, without: Sequence[str]) -> list[CommonNoise]:
             term = blocks_term(
                 bench, source, min(pieces, bench.count), -float(np.log(len(effect.searched(bench.base))))
             )
-            found.append(CommonNoise(probe, response, replace(term, steps=_STEPS, ratio=_RATIO, scale=tuple(sigma))))
+            found.append(CommonNoise(probe, response, floor, replace(term, steps=_STEPS, ratio=_RATIO)))
     return found
+
+
+def _of_parts(bench: Bench, values: Sequence[Array], beyond: float = 0.0) -> Array:
+    """(count, ...) of each recording's values, and of rows that are none's."""
+    found = np.concatenate(values)
+    rest = np.full((bench.count - len(found), *found.shape[1:]), beyond)
+    return np.concatenate([np.nan_to_num(found, posinf=np.inf), rest])
+
+
+def _floor(member: Bench) -> Array:
+    """(n, 6) [recorded unit]; infinite where a channel is not there."""
+    sigma = np.array([whitener.sigma for whitener in member.whiteners])
+    sigma = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, np.inf)
+    return np.broadcast_to(sigma, (member.count, len(sigma)))
 
 
 def is_common(effect: type[Effect]) -> bool:

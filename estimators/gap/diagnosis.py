@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from rig.errors import in_short
 from rig.files import write_text
 
 if TYPE_CHECKING:
@@ -52,6 +53,8 @@ class Cause:
         equivalent: causes that do the same to this recording, each ``effect``, ``where`` and ``probability``.
         parameters: by name; widths over all explanations that hold the cause.
         closed: share of the gap that it closes.
+        recording: of several, the one in which alone it acts, or in which it begins; None: all of them.
+        evidence: of several, by name: by how much each one's log likelihood falls where it is taken out again.
     """
 
     effect: str
@@ -60,6 +63,8 @@ class Cause:
     equivalent: tuple[Mapping[str, Any], ...]
     parameters: Mapping[str, Estimate]
     closed: Closed
+    recording: str | None = None
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -111,7 +116,8 @@ class Diagnosis:
         omitted: the probability of the explanations that are not listed.
         hypotheses: the explanations, the likeliest first.
         causes: those of the likeliest explanation and those that are likely, the likeliest first; empty for no gap.
-        channels: by name. follows: shares of the gap by what it follows.
+        channels: by name; over all recordings. by_recording: of several, by its name, each one's own.
+        follows: shares of the gap by what it follows.
         closed: share of the squared gap that the causes close. closed_on: what that was judged on.
         closed_elsewhere: the share of another maneuver's gap that they close there; None without one.
         rig: against a fitted rig, of whose remainder all the rest then tells: its ``name`` and ``effects``, whether it
@@ -147,11 +153,17 @@ class Diagnosis:
     names: Mapping[str, str] = field(default_factory=dict)
     rig: Mapping[str, Any] | None = None
     calibration: Calibration | None = field(default=None, repr=False, compare=False)
+    by_recording: Mapping[str, Mapping[str, Channel]] = field(default_factory=dict)
 
     @property
     def recording(self) -> str:
         """The name of what was diagnosed."""
-        return " and ".join(self.recordings)
+        return in_short(self.recordings)
+
+    @property
+    def name(self) -> str:
+        """Of its files."""
+        return self.recordings[0] if len(self.recordings) == 1 else "together"
 
     @property
     def leading(self) -> tuple[Cause, ...]:
@@ -190,7 +202,11 @@ class Diagnosis:
                 ],
                 "causes": [self._cause(cause) for cause in self.causes],
                 "where": {
-                    "channels": {name: asdict(channel) for name, channel in self.channels.items()},
+                    "channels": {
+                        recording: {name: asdict(channel) for name, channel in own.items()}
+                        for recording, own in self.by_recording.items()
+                    }
+                    or {name: asdict(channel) for name, channel in self.channels.items()},
                     "follows": [dict(share) for share in self.follows],
                 },
                 "closed": {**asdict(self.closed), "on": self.closed_on, "other_maneuver": self.closed_elsewhere},
@@ -209,6 +225,9 @@ class Diagnosis:
         for estimate in found["parameters"].values():
             if estimate["why"] is None:
                 del estimate["why"]
+        for key in ("recording", "evidence"):
+            if not found[key]:
+                del found[key]
         if cause.where in self.names:
             found["name"] = self.names[cause.where]
         return found
@@ -357,3 +376,20 @@ def _plain(value: Any) -> Any:
         return value
     number = float(value)
     return number if math.isfinite(number) else None
+
+
+def pooled(each: Sequence[Mapping[str, Channel]], counts: Sequence[int] | None = None) -> Mapping[str, Channel]:
+    """Root mean squares over recordings with so many samples; all alike where that is not known."""
+    if len(each) == 1:
+        return each[0]
+    counts = [1] * len(each) if counts is None else counts
+    found = {}
+    for name in dict.fromkeys(name for one in each for name in one):
+        there = [(one[name], count) for one, count in zip(each, counts, strict=True) if name in one]
+        total = sum(count for _, count in there)
+        keys = ("noise_floor", "rms_before", "gap_before", "rms_after", "gap_after")
+        own = {key: math.sqrt(sum(count * getattr(one, key) ** 2 for one, count in there) / total) for key in keys}
+        told = any(one.closed is not None for one, _ in there) and own["gap_before"] > 0.0
+        closed = max(-1.0, 1.0 - (own["gap_after"] / own["gap_before"]) ** 2) if told else None
+        found[name] = Channel(**own, closed=closed)
+    return found

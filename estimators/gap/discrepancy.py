@@ -41,7 +41,7 @@ class Term:
         basis: function that projects whitened (m, k) onto its eigenvectors, scaled: (r, k).
         values: (r,) eigenvalues of W' G W.
         steps, ratio: of the grid of amplitudes.
-        unit: variance of the source's error for a variance of one here. scale: (6,) what its response was divided by.
+        unit: variance of the source's error for a variance of one here.
         projected: whether ``values`` are with the calibration projected out.
     """
 
@@ -53,7 +53,6 @@ class Term:
     steps: int = DISCREPANCY_STEPS
     ratio: float = 2.0
     unit: float = 1.0
-    scale: tuple[float, ...] = ()
     projected: bool = True
 
     @cached_property
@@ -79,28 +78,28 @@ class Means:
     rough: Bench
 
     @property
-    def size(self) -> int:
-        """Neighbours."""
-        return self.fine.count // self.rough.count
-
-    @property
     def count(self) -> int:
         """Sums a channel."""
         return self.rough.count
 
     def __call__(self, columns: Array) -> Array:
         """Whitened columns (c n, k) as (c m, k)."""
-        if self.size == 1:
+        if self.rough is self.fine:
             return columns
-        channels, many = len(self.fine.columns), self.count * self.size
-        cut = columns.reshape(channels, self.fine.count, -1)[:, :many]
-        shape = (channels, self.count, self.size, cut.shape[-1])
-        return np.asarray(cut.reshape(shape).sum(axis=2).reshape(channels * self.count, -1) / np.sqrt(self.size))
+        by_channel = columns.reshape(len(self.fine.columns), self.fine.count, -1)
+        found = np.empty((len(self.fine.columns), self.count, by_channel.shape[-1]))
+        for fine, own in zip(self.fine.stretches, self.rough.stretches, strict=True):
+            count = own.stop - own.start
+            size = (fine.stop - fine.start) // count
+            cut = by_channel[:, fine.start : fine.start + count * size]
+            shape = (len(found), count, size, cut.shape[-1])
+            found[:, own] = cut.reshape(shape).sum(axis=2) / np.sqrt(size)
+        return found.reshape(-1, found.shape[-1])
 
     @cached_property
     def absorbed(self) -> Array:
         """(c m, rank) orthonormal basis of the calibration's tangent."""
-        return self.fine.absorbed if self.size == 1 else orthonormal(self(self.fine.tangent))
+        return self.fine.absorbed if self.rough is self.fine else orthonormal(self(self.fine.tangent))
 
     def linear(self, fine: Linear) -> Linear:
         """A linearised set of effects, the calibration projected out here too."""

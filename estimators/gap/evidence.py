@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from estimators.gap.bench import Bench, project
 from estimators.gap.prior import scales
 from estimators.gap.refine import Fitted, Refit
+from estimators.gap.stack import part_of
 
 Array = NDArray[np.float64]
 
@@ -164,5 +165,6 @@ def _width(fit: Fitted, name: str, typical: float, bench: Bench) -> float:
     if name != "freq_Hz" or not fit.candidate.effect.tone:
         return 1.0
     bands = fit.candidate.effect.bands
-    band = sum(high - low for low, high in bands) if bands else 0.5 * bench.samples / bench.interval_s
+    own = bench.parts[part_of(fit.candidate.effect) or 0]
+    band = sum(high - low for low, high in bands) if bands else 0.5 * own.samples / own.interval_s
     return float(band / np.sqrt(2.0 * np.pi) / typical)

@@ -17,6 +17,7 @@ from estimators.gap.diagnosis import (
     Hypothesis,
     Number,
     Remainder,
+    pooled,
 )
 from rig.documents import read_json
 from rig.errors import RigError, shown, unknown_name
@@ -45,10 +46,16 @@ def diagnosis_of(document: Any, where: str) -> Diagnosis:
     if (verdict := top.text("verdict")) not in _VERDICTS:
         raise unknown_name(f"verdict in {where}", verdict, _VERDICTS)
     place, left = top.within("where"), top.within("remainder")
-    channels = place.within("channels")
+    recordings, channels = top.strings("recordings"), place.within("channels")
+    own = [recordings[0]] if len(recordings) == 1 else list(channels.content)
+    each_channel = {name: channels if len(recordings) == 1 else channels.within(name) for name in own}
+    by_recording = {
+        name: {channel: _channel(held.within(channel)) for channel in held.content}
+        for name, held in each_channel.items()
+    }
     closed = top.within("closed")
     return Diagnosis(
-        recordings=top.strings("recordings"),
+        recordings=recordings,
         samples=top.whole("samples"),
         seconds=top.number("seconds"),
         verdict=verdict,  # type: ignore[arg-type]
@@ -59,7 +66,7 @@ def diagnosis_of(document: Any, where: str) -> Diagnosis:
             for each in top.items("hypotheses")
         ),
         causes=tuple(_cause(each) for each in top.items("causes")),
-        channels={name: _channel(channels.within(name)) for name in channels.content},
+        channels=pooled(list(by_recording.values())),
         follows=tuple(each.content for each in place.items("follows")),
         closed=_closed(closed),
         closed_on=closed.text("on"),
@@ -75,6 +82,7 @@ def diagnosis_of(document: Any, where: str) -> Diagnosis:
         warnings=top.strings("warnings", ()),
         closed_elsewhere=_number(closed, "other_maneuver"),
         rig=None if (rig := top.optional("rig")) is None else rig.content,
+        by_recording=by_recording if len(recordings) > 1 else {},
         names={
             each.text("where"): name for each in top.items("causes") if (name := each.optional_text("name")) is not None
         },
@@ -103,6 +111,8 @@ def _cause(cause: Reader) -> Cause:
         equivalent,
         {name: _estimate(parameters.within(name)) for name in parameters.content},
         _closed(cause.within("closed")),
+        cause.optional_text("recording"),
+        cause.numbers("evidence") if cause.plain("evidence") else {},
     )
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimators.gap.bench import Bench
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.directions import tangent_basis
-from rig.effects import Effect, Stage
+from rig.effects import Effect
 from rig.pipeline import Pipeline
 from rig.sensor import TriaxialSensor
 
@@ -38,8 +38,7 @@ def rebased(bench: Bench, effects: Sequence[Effect]) -> Bench:
 
 def around(bench: Bench, pipeline: Pipeline) -> Bench:
     """The bench with another calibration."""
-    base = pipeline.expected(bench.base, np.random.default_rng(0), first=Stage.FIELD)  # the poses are what they were
-    return replace(bench, pipeline=pipeline, base=base)
+    return bench.around(pipeline)
 
 
 def stepped(pipeline: Pipeline, step: Array) -> Pipeline:

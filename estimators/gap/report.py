@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from estimators.gap import by_channel, closure, marginal
 from estimators.gap.bench import Bench, project
+from estimators.gap.by_recording import of_several
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.converge import converged
 from estimators.gap.defects import Defect
-from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, Remainder, verdict_of
+from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, Remainder, pooled, verdict_of
 from estimators.gap.discrepancy import Weighed, weighed
 from estimators.gap.evidence import linearised
 from estimators.gap.posterior import Hypothesis as Weighing
@@ -24,9 +25,11 @@ from estimators.gap.prior import Prior
 from estimators.gap.rebase import around
 from estimators.gap.refine import at
 from estimators.gap.shift import calibration_shift
+from estimators.gap.stack import Stack
 from estimators.gap.stochastic import NoiseOffer
 from rig.channels import CHANNELS
 from rig.effects import Effect
+from rig.errors import in_short
 from rig.recording import Recording
 
 Array = NDArray[np.float64]
@@ -51,28 +54,34 @@ def defect_probability(defect: Defect, prior: Prior) -> float:
 
 
 def conclude(
-    recording: Recording,
+    recordings: Sequence[Recording],
     bench: Bench,
     posterior: Posterior,
-    defects: Sequence[Defect],
+    defects: Sequence[Sequence[Defect]],
     without: Sequence[str],
-    floor: tuple[ChannelNoise, ...],
-    source: str,
+    floors: Sequence[tuple[ChannelNoise, ...]],
+    sources: Sequence[str],
 ) -> tuple[Diagnosis, list[Effect]]:
     """The diagnosis that a posterior supports, and the mean effects of its leading explanation.
 
     Args:
-        recording, bench: what was diagnosed; the bench with the base fit's noise, defects left out.
+        recordings, bench: what was diagnosed; the bench with the base fit's noise, defects left out.
         posterior: over everything but the defects.
-        defects: of single readings.
+        defects: of each recording's single readings.
         without: effects left out of the catalogue: their defects have no name.
-        floor: noise of each channel. source: where it comes from.
+        floors: of each recording, the noise of each channel. sources: where these come from.
     """
-    if source != "locked recording":  # nobody knows the converter's own step: a lattice is no cause
-        defects = [defect for defect in defects if defect.effect != "adc_quantisation"]
-    named = [defect for defect in defects if defect.effect not in without]
-    nameless = [defect for defect in defects if defect.effect in without]
-    certain = {(d.effect, d.where): defect_probability(d, posterior.prior) for d in named}
+    defects = [
+        # nobody knows the converter's own step: a lattice is no cause
+        [defect for defect in own if source == "locked recording" or defect.effect != "adc_quantisation"]
+        for own, source in zip(defects, sources, strict=True)
+    ]
+    named = [(defect, number) for number, own in enumerate(defects) for defect in own if defect.effect not in without]
+    nameless = [defect for own in defects for defect in own if defect.effect in without]
+    certain: dict[tuple[str, str], float] = {}
+    for each, _ in named:
+        key = each.effect, each.where
+        certain[key] = max(certain.get(key, 0.0), defect_probability(each, posterior.prior))
     same = marginal.twins(posterior)
     places = marginal.places(posterior, same)
     hypotheses, masses, omitted = _listed(posterior, places, same, certain, bool(nameless))
@@ -90,28 +99,36 @@ def conclude(
     settled = around(bench, leading.explanation.bench.pipeline) if effects else bench
     other = masses["other"] >= 0.5
     remainder = _remainder(posterior, nameless, other, rng)
+    offers = leading.state.offers
+    channels = by_channel.channels(bench, settled, effects, offers, defects, floors, quiet, other, after)
+    counts = [len(recording) for recording in recordings]
+    names = [recording.name for recording in recordings]
+    estimated = [name for name, source in zip(names, sources, strict=True) if source != "locked recording"]
+    if len(names) > 1 and estimated:
+        warned = f"the noise floor is estimated from the recording itself: {in_short(estimated)}"
+    else:
+        warned = "the noise floor is estimated from the recording itself"
     return Diagnosis(
-        recordings=(recording.name,),
-        samples=len(recording),
+        recordings=tuple(names),
+        samples=sum(counts),
         seconds=0.0,
         verdict=kind,
         posterior=masses,
         omitted=omitted,
         hypotheses=hypotheses,
         causes=causes,
-        channels=by_channel.channels(
-            bench, settled, effects, leading.state.offers, defects, floor, quiet, other, after
-        ),
+        channels=pooled(channels, counts),
         follows=() if quiet else _follows(posterior),
         closed=closed,
         closed_on="held-out blocks",
         remainder=remainder,
-        calibration_shift=calibration_shift(recording, settled, effects, floor) if effects and not quiet else {},
+        calibration_shift=calibration_shift(recordings, settled, effects, floors) if effects and not quiet else {},
         cannot_tell=by_channel.cannot_tell(posterior, bench, without),
         next=None,
-        floor=source,
+        floor=" and ".join(dict.fromkeys(sources)),
         names={} if bench.base.arm is None else bench.base.arm.place_names,
-        warnings=() if source == "locked recording" else ("the noise floor is estimated from the recording itself",),
+        warnings=(warned,) if estimated else (),
+        by_recording=dict(zip(names, channels, strict=True)) if len(names) > 1 else {},
     ), effects
 
 
@@ -153,7 +170,7 @@ def _at_every_sample(leading: Weighing, bench: Bench) -> list:  # type: ignore[t
     fits = leading.explanation.fits
     if bench.block == 1 or not fits:
         return fits
-    full = around(replace(bench, steps=leading.explanation.bench.steps), leading.explanation.bench.pipeline)
+    full = around(bench.stepped(leading.explanation.bench.steps), leading.explanation.bench.pipeline)
     return converged(fits, full).fits
 
 
@@ -183,12 +200,11 @@ def _gap(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def _noise_gap(
-    offers: Sequence[NoiseOffer], defects: Sequence[Defect], bench: Bench, rng: np.random.Generator
+    offers: Sequence[NoiseOffer], defects: Sequence[tuple[Defect, int]], bench: Bench, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """The same of noise and defects: whitened squares that they add, and what of these stays wrong."""
     after, before = np.zeros(1), np.zeros(1)
-    sigma = np.array([whitener.sigma for whitener in bench.whiteners])
-    for offer in offers:
+    for offer in [each for one in offers for each in one.every]:
         for index, spread in enumerate(offer.spread):
             column = bench.columns[index] if len(offer.spread) > 1 else None
             size = float(np.nansum(offer.added if column is None else offer.added[:, column]))
@@ -196,8 +212,10 @@ def _noise_gap(
             wrong = closure.of_noise(max(root, 1e-300), float(spread), rng)
             after = after + size * np.minimum(wrong, 1.0) ** 2
             before = before + size
-    for defect in defects:
-        size = float(np.nansum((defect.gap / sigma) ** 2)) * bench.count
+    for defect, number in defects:
+        part = bench.parts[number]
+        sigma = np.array([whitener.sigma for whitener in part.whiteners])
+        size = float(np.nansum((defect.gap / sigma) ** 2)) * part.count
         wrong = closure.of_noise(
             1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))) if defect.affected.any() else 1e-3, rng
         )
@@ -216,7 +234,7 @@ def _causes(
     leading: Weighing,
     places: Mapping[str, marginal.Place],
     same: Mapping[str, str],
-    defects: Sequence[Defect],
+    defects: Sequence[tuple[Defect, int]],
     certain: Mapping[tuple[str, str], float],
     after: Array,
     before: Array,
@@ -247,12 +265,18 @@ def _causes(
             if offer is None:  # a twin of what is listed elsewhere
                 continue
             estimates, closed = _of_noise(offer), _closed_noise(offer, rng)
-        found.append(Cause(effect, where, probability, equivalent, estimates, closed))
-    for defect in defects:
+        bench = leading.explanation.bench
+        cause = Cause(effect, where, probability, equivalent, estimates, closed)
+        if isinstance(bench, Stack):
+            cause = of_several(cause, label, mean[0][0] if mean else own[0][0], bench)
+        found.append(cause)
+    for defect, number in defects:
         estimates = {name: Estimate(*values) for name, values in defect.parameters.items()}
         wrong = closure.of_noise(1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))), rng)
         part = closure.share(np.minimum(wrong, 1.0) ** 2, np.ones(len(wrong)))
-        found.append(Cause(defect.effect, defect.where, certain[defect.effect, defect.where], (), estimates, part))
+        cause = Cause(defect.effect, defect.where, certain[defect.effect, defect.where], (), estimates, part)
+        bench = leading.explanation.bench
+        found.append(replace(cause, recording=bench.names[number]) if isinstance(bench, Stack) else cause)
     return tuple(sorted(found, key=lambda cause: -cause.probability))
 
 
@@ -331,12 +355,17 @@ def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rn
                 added = float(np.sum(1.0 / np.maximum(step.factor, 1e-9) ** 2 - 1.0))
                 follows.append(
                     {
-                        "source": f"noise of {CHANNELS[step.column]} by itself",
-                        "course": _band(step.factor, rough),
+                        "source": f"noise of {CHANNELS[step.column]} by itself{_in(rough, step.part)}",
+                        "course": _band(step.factor, rough.parts[step.part]),
                         "share": float(np.clip(added / max(added, gap), 0.0, 1.0)),
                     }
                 )
     return Remainder("structured" if other or nameless else "noise", tuple(follows), float(hidden))
+
+
+def _in(bench: Bench, number: int) -> str:
+    """Which of several recordings, in words."""
+    return f" in {bench.names[number]}" if isinstance(bench, Stack) and len(bench.parts) > 1 else ""
 
 
 def _band(factor: Array, bench: Bench) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from estimators.gap.bench import Bench, Columns, Step
 from estimators.gap.candidates import Candidate, Shape, still
 from estimators.gap.score import Explained, Score, solve
+from estimators.gap.stack import part_of
 from estimators.gap.tones import best_tone, envelopes
 
 Array = NDArray[np.float64]
@@ -139,7 +140,7 @@ class Scanner:
         rough = (
             fine
             if self.rough is self.fine
-            else self.rough.stepped([step.shortened(self.rough.bench.count) for step in steps])
+            else self.rough.stepped([step.shortened(_length(self.rough.bench, step)) for step in steps])
         )
         return Scanner(rough, fine, self._envelopes)
 
@@ -159,7 +160,9 @@ class Scanner:
         return self.fine.best(candidate, explained)[0]
 
     def _tone(self, candidate: Candidate, explained: Explained) -> Offer:
-        bench = self.fine.bench
+        bench, part = self.fine.bench, part_of(candidate.effect)
+        if part is not None:
+            bench, explained = bench.parts[part], explained.of(bench.rows(part))
         if candidate.label not in self._envelopes:
             self._envelopes[candidate.label] = envelopes(candidate, bench)
         raw = self._envelopes[candidate.label]
@@ -207,11 +210,18 @@ def _stepped(columns: Columns, bench: Bench, steps: Sequence[Step]) -> Columns:
     """Whitened columns after further steps."""
     values = columns.values
     for step in steps:
-        first = bench.columns.index(step.column) * bench.count - columns.first
-        if 0 <= first < len(values) and values[first : first + bench.count].any():
+        first = bench.columns.index(step.column) * bench.count + bench.stretches[step.part].start - columns.first
+        own = slice(first, first + _length(bench, step))
+        if 0 <= first < len(values) and values[own].any():
             values = values if values is not columns.values else values.copy(order="F")
-            values[first : first + bench.count] = step(values[first : first + bench.count].T).T
+            values[own] = step(values[own].T).T
     return Columns(values, columns.first)
+
+
+def _length(bench: Bench, step: Step) -> int:
+    """How many means a step is of."""
+    own = bench.stretches[step.part]
+    return int(own.stop - own.start)
 
 
 def _statistics(grams: Array, moments: Array, scale: Array) -> Array:

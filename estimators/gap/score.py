@@ -89,6 +89,10 @@ class Explained:
         """(c n, p + k)."""
         return self.absorbed if self.added is None else np.hstack([self.absorbed, self.added])
 
+    def of(self, rows: NDArray[np.intp]) -> Explained:
+        """In some of the rows: for columns that are zero outside them, and residuals."""
+        return Explained(self.absorbed[rows], self.residual[rows], None if self.added is None else self.added[rows])
+
     def score(self, columns: Columns, gram: Array | None = None) -> Score:
         """Score columns.
 

@@ -370,7 +370,7 @@ def unseen_places(bench: Bench, without: Sequence[str]) -> dict[str, tuple[str, 
     found = {}
     for effect in EFFECTS.values():
         own = tuple(where for where in effect.places if where in there)
-        if own and effect.kind is not Kind.MEAN and effect.name not in without and not effect.lacking(bench.base):
+        if own and effect.kind is not Kind.MEAN and effect.name not in without and not bench.lacking(effect):
             found[effect.name] = own
     return found
 

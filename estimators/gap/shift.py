@@ -8,31 +8,41 @@ import numpy as np
 
 from estimators.calibration import Calibration
 from estimators.dispatch import calibrate
-from estimators.gap.basefit import cleared
+from estimators.gap.basefit import cleared, floor_of
 from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
-from rig.channels import CHANNELS, CHANNELS_OF, COLUMNS_OF
+from estimators.together import calibrate_together
+from rig.channels import CHANNELS_OF
 from rig.effects import Effect
 from rig.errors import RigError
 from rig.recording import Recording
 
 
 def calibration_shift(
-    recording: Recording, bench: Bench, effects: Sequence[Effect], floor: tuple[ChannelNoise, ...]
+    recordings: Sequence[Recording],
+    bench: Bench,
+    effects: Sequence[Effect],
+    floors: Sequence[tuple[ChannelNoise, ...]],
 ) -> dict[str, dict[str, float]]:
-    """Parameter -> before, after, sigmas; of the recording as it is and with the causes' change taken out.
+    """Parameter -> before, after, sigmas; of the recordings as they are and with the causes' change taken out.
 
     Names are ``accel1.sensitivity`` and so on; angles in degrees, of axes and fields that can be told.
     """
-    recording = cleared(recording, bench.given_change)
-    corrected = cleared(recording, bench.change(effects))
-    noise = {
-        sensor: np.sqrt([floor[column].variance for column in range(*COLUMNS_OF[sensor].indices(len(CHANNELS)))])
-        for sensor in recording.sensors
-    }
+    change, given = bench.change(effects), bench.given_change
+    whole = len(bench.base)
+    given = np.broadcast_to(given, (whole, given.shape[-1])) if len(given) != whole else given
+    before_all, corrected, noise = [], [], []
+    for recording, rows, floor in zip(recordings, bench.single, floors, strict=False):
+        own = cleared(recording, given[rows])
+        before_all.append(own)
+        corrected.append(cleared(own, change[rows]))
+        noise.append(floor_of(recording, floor))
     arm = bench.base.arm
     try:
-        before, after = (calibrate(each, noise=noise, arm=arm) for each in (recording, corrected))
+        if len(corrected) == 1:
+            before, after = (calibrate(each, noise=noise[0], arm=arm) for each in (before_all[0], corrected[0]))
+        else:
+            before, after = (calibrate_together(each, noise=noise, arm=arm) for each in (before_all, corrected))
     except RigError:  # the correction made a fit that is refused: nothing to compare
         return {}
     return _compared(before, after)

@@ -150,6 +150,11 @@ def courses(bench: Bench) -> Iterator[tuple[Course, frozenset[str]]]:
     elements = base.R_base_tool.reshape(-1, 9)
     both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
     yield Course("orientation", both, np.ones(both.shape[1])), every
+    if len(bench.parts) > 1:
+        which = np.zeros((len(base), len(bench.parts)))
+        for number, own in enumerate(bench.stretches[: len(bench.parts)]):
+            which[own, number] = 1.0
+        yield Course("the recording", which, np.ones(len(bench.parts))), every
     if base.position.size:
         centred = base.position - base.position.mean(axis=0)
         place = centred / np.maximum(np.sqrt(np.mean(centred**2, axis=0)), 1e-9)
@@ -201,6 +206,7 @@ def _source(bench: Bench, name: str, kind: str, changes: list[Array], column: in
         own = np.stack([change[:, each] for change in changes], axis=1)
         if own.any():
             series[:, index] = bench.whiten_channel(each, own).T
+    series[:, :, bench.stretches[len(bench.parts) - 1].stop :] = 0.0  # a calibration from before has no errors
     return Source(name, series, kind, column)
 
 

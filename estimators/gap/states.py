@@ -91,8 +91,8 @@ def _stepped(bench: Bench, columns: Array, steps: Sequence[Step]) -> Array:
     """Whitened columns (c n, m) after further steps."""
     by_channel = columns.T.reshape(columns.shape[1], len(bench.columns), bench.count).copy()
     for step in steps:
-        index = bench.columns.index(step.column)
-        by_channel[:, index] = step(by_channel[:, index])
+        own = bench.columns.index(step.column), bench.stretches[step.part]
+        by_channel[:, *own] = step(by_channel[:, *own])
     return by_channel.reshape(columns.shape[1], -1).T
 
 
@@ -103,21 +103,23 @@ def moved_floor(bench: Bench, explained: Explained, at_rest: bool, slower: bool 
         at_rest: whether that was a recording at rest. Without, any spectrum may be the floor: see ``unseen_floor``.
         slower: whether coloured noise goes on below what that shows.
     """
-    coloured = any(going_on(bench.floor, column, 0.0) for column in bench.columns)
+    places = [(number, column) for number, part in enumerate(bench.parts) for column in part.columns]
+    coloured = any(going_on(bench.parts[number].floor, column, 0.0) for number, column in places)
     if slower and not coloured:
         return None
     share = FLOOR_SLOWER if slower else 1.0 - FLOOR_SLOWER if coloured else 1.0
     steps, weight = [], float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
-    for column in bench.columns:
-        learned, own = spectrum(bench, explained, column), spectrum(bench, explained, column, slower)
+    for number, column in places:
+        part, left = bench.parts[number], explained.of(bench.rows(number))
+        learned, own = spectrum(part, left, column), spectrum(part, left, column, slower)
         point, _ = own.alone
         before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
         factor = np.sqrt(before / after)
         if np.abs(np.log(factor)).max() < 1e-3:
             continue
-        group = groups(bench.count, 1)
+        group = groups(part.count, 1)
         full = np.concatenate([factor[:1], factor[group]])
-        steps.append(Step(column, full, in_time=False))
+        steps.append(Step(column, full, in_time=False, part=number))
         weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
     if not steps:
         return None
@@ -142,25 +144,36 @@ def named(bench: Bench, explained: Explained, without: Sequence[str], given: Noi
     """States with one more noise effect of the catalogue each, the most evident first."""
     held = {offer.label for offer in given.offers}
     found = []
-    for offer in noise_offers(bench, explained, without):
-        if offer.label in held or offer.gain <= 0.0:
+    for offer in _offers(bench, explained, without):
+        if offer.label in held:
             continue
-        steps = offer.steps(bench)
-        weight = given.log_weight + log_det(bench, steps) + _cost(offer)
+        steps = tuple(step for each in offer.every for step in each.steps(bench.parts[each.part]))
+        weight = given.log_weight + log_det(bench, steps) + sum(_cost(each) for each in offer.every)
         found.append(NoiseState("", (*given.offers, offer), (*given.steps, *steps), weight, given.other))
     return found
 
 
+def _offers(bench: Bench, explained: Explained, without: Sequence[str]) -> list[NoiseOffer]:
+    """Of every noise effect at every place, with a strength of its own in each recording that shows it."""
+    found: dict[str, list[NoiseOffer]] = {}
+    for number, part in enumerate(bench.parts):
+        own = explained if len(bench.parts) == 1 else explained.of(bench.rows(number))
+        for offer in noise_offers(part, own, without):
+            if offer.gain > 0.0:
+                found.setdefault(offer.label, []).append(replace(offer, part=number))
+    return [replace(first, more=tuple(rest)) for first, *rest in found.values()]
+
+
 def unnamed(bench: Bench, explained: Explained) -> NoiseState | None:
     """Noise of each channel by itself, of any spectrum."""
-    count = bench.count
-    number = np.arange(1, count)
-    edges = np.geomspace(1.0, count, _BANDS + 1)
-    band = np.clip(np.searchsorted(edges, number, side="right") - 1, 0, _BANDS - 1)
     steps, weight = [], float(np.log(OTHER * OTHER_NOISE))
-    for column in bench.columns:
-        alive = max(float(np.mean(bench.weights[:, column] > 0)), 1e-9)
-        power = dct(bench.channel(explained.residual, column), norm="ortho")[1:] ** 2 / alive
+    for number, column in ((number, column) for number, part in enumerate(bench.parts) for column in part.columns):
+        part = bench.parts[number]
+        edges = np.geomspace(1.0, part.count, _BANDS + 1)
+        band = np.clip(np.searchsorted(edges, np.arange(1, part.count), side="right") - 1, 0, _BANDS - 1)
+        alive = max(float(np.mean(part.weights[:, column] > 0)), 1e-9)
+        own = part.channel(explained.residual[bench.rows(number)], column)
+        power = dct(own, norm="ortho")[1:] ** 2 / alive
         many = np.bincount(band, minlength=_BANDS).astype(float)
         ratio = np.bincount(band, power, minlength=_BANDS) / np.maximum(many, 1.0)
         raised = np.where(many > 0, np.maximum(ratio, 1.0), 1.0)
@@ -170,7 +183,7 @@ def unnamed(bench: Bench, explained: Explained) -> NoiseState | None:
         weight -= float(np.sum(price[kept])) + _BANDS * np.log(2.0) * 0.2
         if kept.any():
             factor = 1.0 / np.sqrt(np.where(kept, raised, 1.0))
-            steps.append(Step(column, np.concatenate([[1.0], factor[band]]), in_time=False))
+            steps.append(Step(column, np.concatenate([[1.0], factor[band]]), in_time=False, part=number))
     if not steps:
         return None
     return NoiseState("noise", (), tuple(steps), weight + log_det(bench, steps), other=True)

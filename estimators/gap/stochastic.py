@@ -30,6 +30,8 @@ _TAKEN = 1
 _LOWEST, _HIGHEST = 1e-5, 1e8
 #: Squares whose units differ by less than this factor's logarithm are alike; units below this share are none.
 _ALIKE, _LEAST = 0.03, 1e-12
+#: The number that stands for all recordings.
+EVERY = -1
 #: Frequencies at least at which a spectrum's mean is taken.
 _DENSE = 4096
 
@@ -48,6 +50,8 @@ class NoiseOffer:
         added: (n, 6) variance that it adds to whitened readings, in time or by cosine transform.
         in_time: which of the two.
         gap: (6,) [recorded unit] root mean square of what it adds to the readings.
+        part: the number of the recording, of several, whose noise it is of; -1: of all, with one strength. more: of the
+            other recordings, with strengths of their own.
     """
 
     effect: Effect
@@ -59,6 +63,13 @@ class NoiseOffer:
     added: Array
     in_time: bool
     gap: Array
+    part: int = 0
+    more: tuple[NoiseOffer, ...] = ()
+
+    @property
+    def every(self) -> tuple[NoiseOffer, ...]:
+        """Itself and those of the other recordings."""
+        return (self, *self.more)
 
     @property
     def evidence(self) -> float:
@@ -79,7 +90,9 @@ class NoiseOffer:
         """What whitens this noise too, on its bench."""
         factor = 1.0 / np.sqrt(1.0 + self.added)
         touched = [column for column in bench.columns if np.any(factor[:, column] != 1.0)]
-        return tuple(Step(column, np.ascontiguousarray(factor[:, column]), self.in_time) for column in touched)
+        return tuple(
+            Step(column, np.ascontiguousarray(factor[:, column]), self.in_time, self.part) for column in touched
+        )
 
 
 def noise_offers(bench: Bench, explained: Explained, without: Sequence[str] = ()) -> list[NoiseOffer]:

@@ -81,6 +81,9 @@ class Effect(ABC):
     on_mount: ClassVar[bool] = False
     #: What a recording must have for the effect to act on it.
     requires: ClassVar[tuple[Requirement, ...]] = ()
+    #: True where its parameters are those of one recording: a phase, a warm-up, a course in time. In several recordings
+    #: it is another one each; a jump is not, as it stays.
+    of_recording: ClassVar[bool] = False
     #: True where the effect acts by being there, even with all its strengths at zero.
     acts_at_zero: ClassVar[bool] = False
     #: True where the effect is a sine in time of ``freq_Hz`` and ``phase_rad``. At frequency zero and phase pi/2 it is

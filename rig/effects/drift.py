@@ -37,6 +37,7 @@ class BiasWarmup(Effect):
     """
 
     name = "bias_warmup"
+    of_recording = True
     stage = Stage.VOLTS
     places = SENSORS
 

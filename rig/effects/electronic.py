@@ -47,6 +47,7 @@ class SupplyRatiometric(Effect):
     """
 
     name = "supply_ratiometric"
+    of_recording = True
     stage = Stage.VOLTS
     places = ("supply",)
 
@@ -99,6 +100,7 @@ class MainsHum(Effect):
     """
 
     name = "mains_hum"
+    of_recording = True
     stage = Stage.VOLTS
     places = ("acquisition",)
     tone = True

@@ -61,6 +61,7 @@ class Vibration(Effect):
     """
 
     name = "vibration"
+    of_recording = True
     stage = Stage.FIELD  # after the pose: the path's own acceleration does not contain it
     places = ("accelerometer",)
     tone = True

@@ -33,6 +33,13 @@ if TYPE_CHECKING:
 @click.command(short_help="Name what causes a recording's sim-to-real gap.")
 @click.argument("runs", type=PATH, nargs=-1, required=True, metavar="RUN...")
 @click.option("--locked", type=PATH, metavar="F", help="Locked-arm recording, for the noise floor.")
+@click.option("--together", is_flag=True, help="One calibration and the same causes for all RUNs, in their order.")
+@click.option(
+    "--calibration",
+    type=PATH,
+    metavar="CAL",
+    help="Of the same rig, from before: for a RUN that cannot be calibrated alone.",
+)
 @click.option("--maneuver2", type=PATH, metavar="F", help="Another maneuver of the same rig, to judge the causes on.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue; repeatable.")
 @click.option("--prior", type=PATH, metavar="F.toml", help="Weights of the effects that this arm is prone to.")
@@ -53,6 +60,8 @@ if TYPE_CHECKING:
 def diagnose(
     runs: tuple[Path, ...],
     locked: Path | None,
+    together: bool,
+    calibration: Path | None,
     maneuver2: Path | None,
     without: tuple[str, ...],
     prior: Path | None,
@@ -81,18 +90,37 @@ def diagnose(
     others, and what DIR holds of the same files, options and version is kept. DIR/fleet.csv, .json and .html tell
     which cause is on which arm since when, by the metadata serial and recorded.
 
+    --together: several maneuvers of one rig, poses and sweeps, of whatever days, are one piece of evidence:
+    DIR/together.diagnosis.json and .html. A maneuver proposed before is added like this.
+
     \b
     Example:
       rig diagnose run.parquet
       rig diagnose lab/*.parquet --out reports --jobs 2
       rig diagnose lab/*.parquet --out reports --cluster tcp://10.0.0.1:8786
       rig diagnose run.parquet --prior our-arm.toml
+      rig diagnose run.parquet next.parquet --together
+      rig diagnose sweep.parquet --calibration cal.json
       rig diagnose run.parquet --save-scenario improved.toml && rig sweep improved.toml -o again.parquet
       rig diagnose another.parquet --rig improved.toml
     """
     chosen = without_locked(runs)
-    inputs = [path for path in (locked, maneuver2, prior, fitted, arm_file) if path is not None]
-    _check(chosen, without, saved, out, inputs)
+    if maneuver2 is not None and (calibration is not None or together):
+        raise RigError("--maneuver2: found with --together or --calibration, expected it as one more RUN --together")
+    if fitted is not None and (calibration is not None or together):
+        raise RigError("--rig: found with --together or --calibration, expected one recording by itself")
+    if together and cluster is not None:
+        raise RigError("--together: found --cluster, expected one of them: it is one diagnosis, made here")
+    if together and len(chosen) == 1:
+        raise RigError(f"--together: found one recording, {chosen[0]}, expected several")
+    _check(
+        chosen,
+        without,
+        saved,
+        out,
+        [path for path in (locked, maneuver2, prior, fitted, arm_file, calibration) if path is not None],
+        together,
+    )
     from estimators.gap.prior import read_prior
     from rig.recording import scan_recording
     from scenarios.gap_report.batch import Outcome, Task, outcomes
@@ -106,11 +134,25 @@ def diagnose(
         if path is not None:
             scan_recording(path, joints=None if arm is None else arm.dof)
     workers = Workers(jobs, cluster)
-    together = workers.at_once(len(chosen))
     rig = None if fitted is None else read_fitted_rig(fitted)
+    groups = [chosen] if together else [[run] for run in chosen]
     tasks = [
-        Task(run, locked, maneuver2, without, arm_file, tip, saved is not None, minutes, together, weights, rig=rig)
-        for run in chosen
+        Task(
+            first,
+            locked,
+            maneuver2,
+            without,
+            arm_file,
+            tip,
+            saved is not None,
+            minutes,
+            workers.at_once(len(groups)),
+            weights,
+            others=tuple(others),
+            calibration=calibration,
+            rig=rig,
+        )
+        for first, *others in groups
     ]
     if len(tasks) > 1 or cluster is not None:
         return _fleet(tasks, workers, out, as_json)
@@ -180,11 +222,19 @@ def _tell_averaged(task: Task, about: About | None) -> None:
         click.echo(one_line(words), err=True)
 
 
-def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out: Path, others: Sequence[Path]) -> None:
+def _check(
+    runs: Sequence[Path],
+    without: Sequence[str],
+    saved: Path | None,
+    out: Path,
+    others: Sequence[Path],
+    together: bool = False,
+) -> None:
     """Refuse, before any work, what could not end well.
 
     Args:
         others: what is read beside the recordings.
+        together: whether there is one diagnosis of all recordings.
     """
     from rig.effects import EFFECTS
     from rig.recording import locked_beside
@@ -202,7 +252,7 @@ def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out
         named[run.stem] = run
     if saved is not None:
         check_output(saved, (".toml",), *runs, *map(locked_beside, runs), *others)
-        if len(runs) > 1:
+        if len(runs) > 1 and not together:
             raise RigError(f"--save-scenario: found {len(runs)} recordings, expected one, whose rig it is")
     if len(runs) > 1 and "fleet" in named:
         raise RigError(f"{named['fleet']}: found the name 'fleet', expected another: fleet.html is the page of all")
@@ -211,9 +261,10 @@ def _check(runs: Sequence[Path], without: Sequence[str], saved: Path | None, out
         raise RigError(f"{out}: {existing} is a file, expected a folder for the results")
     if not os.access(existing, os.W_OK):
         raise RigError(f"{out}: folder {existing} cannot be written to")
-    for run in runs:
-        for written in paths(out, run.stem) if out.is_dir() else ():
-            check_output(written, (written.suffix,), run, locked_beside(run), *others)
+    read = [path for run in runs for path in (run, locked_beside(run))]
+    for name in ["together"] if together else [run.stem for run in runs]:
+        for written in paths(out, name) if out.is_dir() else ():
+            check_output(written, (written.suffix,), *read, *others)
             if saved is not None and saved.absolute() == written.absolute():
                 raise RigError(f"--save-scenario {saved}: is another of the files written, expected another name")
 
@@ -223,7 +274,7 @@ def _tell(outcome: Outcome, out: Path, saved: Path | None) -> None:
     from scenarios.gap_report.terminal import diagnosis_tables
     from scenarios.report import show
 
-    document, page, proposal, calibration = paths(out, outcome.diagnosis.recording)
+    document, page, proposal, calibration = paths(out, outcome.diagnosis.name)
     show(diagnosis_tables(outcome.diagnosis, outcome.units))
     click.echo(f"\n{page}, {document}: written")
     if outcome.diagnosis.calibration is not None:

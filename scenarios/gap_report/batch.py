@@ -38,10 +38,11 @@ BYTES_ANYWAY: Final = 400e6
 
 @dataclass(frozen=True)
 class Task:
-    """One recording to diagnose.
+    """One recording to diagnose, or several together.
 
     Attributes:
-        run: its file.
+        run: its file. others: those of others that are diagnosed together with it.
+        calibration: the file of one from before, of the same rig.
         locked: the locked recording; None: the one beside it, if there is one.
         maneuver2: another maneuver of the same rig.
         without: effects to leave out of the catalogue.
@@ -68,6 +69,8 @@ class Task:
     memory: str | None = None
     origin: Mapping[str, Any] | None = None
     rig: FittedRig | None = None
+    others: tuple[Path, ...] = ()
+    calibration: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,10 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     Raises:
         RigError, RefusedFit: the recording cannot be read or diagnosed.
     """
+    if task.others or task.calibration is not None:
+        from scenarios.gap_report.together import carry_out_together
+
+        return carry_out_together(task, progress)
     arm = None if task.arm_file is None else Arm.from_file(task.arm_file, task.tip)
     joints = None if arm is None else arm.dof
     means = partial(
@@ -117,7 +124,8 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     locked = None if beside is None else means(beside, block=block)[0]
     second = None if task.maneuver2 is None else means(task.maneuver2, block=block, fitted=fitted)[0]
     with one_blas_thread():
-        diagnosis, bench = examined(recording, locked, second, task.without, arm, progress, task.prior, task.rig)
+        found = examined(recording, locked, second, task.without, arm, progress, task.prior, task.rig)
+        diagnosis, bench = found.diagnosis, found.bench
         residuals = gap_residuals(recording, diagnosis, locked, arm, bench)
         open_between = bool(rivals(diagnosis))
         rig, text, step, unsaved = None, None, None, None
@@ -173,8 +181,9 @@ def outcomes(
 
 def _elsewhere(task: Task) -> Task:
     """The task for another machine: its files by whole paths, and what they must be."""
-    named = {name: getattr(task, name) for name in ("run", "locked", "maneuver2", "arm_file")}
+    named = {name: getattr(task, name) for name in ("run", "locked", "maneuver2", "arm_file", "calibration")}
     whole = replace(task, memory=stated(), **{name: path and path.absolute() for name, path in named.items()})
+    whole = replace(whole, others=tuple(path.absolute() for path in task.others))
     with suppress(RigError, OSError):  # what is missing its own turn will tell
         return replace(whole, origin=origin(whole))
     return whole

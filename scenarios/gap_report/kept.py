@@ -58,6 +58,8 @@ def origin(task: Task) -> dict[str, Any]:
         RigError, OSError: a file is missing.
     """
     files = {"recording": task.run, "locked": task.locked or locked_beside(task.run), "maneuver2": task.maneuver2}
+    files["calibration"] = task.calibration
+    files |= {f"recording {number}": path for number, path in enumerate(task.others, start=2)}
     files["arm"] = None if task.arm_file is None else model_file(task.arm_file)
     return {
         "version": package_version(),
@@ -117,7 +119,7 @@ def write_outcome(outcome: Outcome, out: Path, saved: Path | None = None) -> Non
         RigError: a file cannot be written.
     """
     out.mkdir(parents=True, exist_ok=True)
-    found, drawn, proposal, corrected = paths(out, outcome.diagnosis.recording)
+    found, drawn, proposal, corrected = paths(out, outcome.diagnosis.name)
     again = found.exists()
     calibration = outcome.diagnosis.calibration
     texts = {

@@ -190,7 +190,7 @@ def next_step(
             advice = "Without joint angles no maneuver can be proposed: record tool poses that differ more, or faster."
         return NextStep({"why": advice or _NONE, "maneuver": None}, None)
     scenario = None if rig is None else found.to_toml(rig)
-    words = found.to_json(None if scenario is None else f"{diagnosis.recording}.next.toml")
+    words = found.to_json(None if scenario is None else f"{diagnosis.name}.next.toml")
     return NextStep({**words, "why": " ".join(filter(None, [words["why"], advice]))}, scenario)
 
 

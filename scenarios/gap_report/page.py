@@ -16,22 +16,24 @@ from scenarios.version import package_version
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
-def page(diagnosis: Diagnosis, residuals: GapResiduals, without: Sequence[str] = ()) -> str:
+def page(diagnosis: Diagnosis, residuals: GapResiduals | Sequence[GapResiduals], without: Sequence[str] = ()) -> str:
     """The page of a diagnosis.
 
     Args:
-        residuals: of the same recording, from ``gap_residuals``.
+        residuals: of the same recording, from ``gap_residuals``; or of each of several.
         without: effects that were left out of the catalogue.
     """
+    every = [residuals] if isinstance(residuals, GapResiduals) else list(residuals)
     title = f"{diagnosis.recording}: {VERDICTS[diagnosis.verdict].lower()}"
     parts = [
-        _head(diagnosis, residuals, without),
-        sections.fitted_rig(diagnosis, residuals),
+        _head(diagnosis, every, without),
+        sections.fitted_rig(diagnosis, every[0]),
         sections.explanations(diagnosis),
         sections.next_step(diagnosis),
-        sections.where(diagnosis, residuals),
+        sections.recordings(diagnosis),
+        *(sections.where(diagnosis, each) for each in every),
         sections.which(diagnosis),
-        sections.how_far(diagnosis, residuals),
+        sections.how_far(diagnosis, every),
         sections.calibration(diagnosis),
         sections.remainder(diagnosis),
         sections.untold(diagnosis),
@@ -53,12 +55,13 @@ def document(title: str, parts: Iterable[str]) -> str:
     )
 
 
-def _head(diagnosis: Diagnosis, residuals: GapResiduals, without: Sequence[str]) -> str:
-    run = residuals.recording
+def _head(diagnosis: Diagnosis, residuals: Sequence[GapResiduals], without: Sequence[str]) -> str:
+    runs = [each.recording for each in residuals]
     facts = [
         f"{diagnosis.samples:,} samples",
-        f"{run.duration_s:,.0f} s at {run.rate_Hz:.4g} Hz",
-        " and ".join(run.sensors),
+        *(f"{run.duration_s:,.0f} s at {run.rate_Hz:.4g} Hz" for run in runs if len(runs) == 1),
+        *([] if len(runs) == 1 else [f"{len(runs)} recordings"]),
+        " and ".join(dict.fromkeys(sensor for run in runs for sensor in run.sensors)),
         f"noise floor: {diagnosis.floor}",
     ]
     if without:
@@ -121,7 +124,7 @@ def _foot(diagnosis: Diagnosis) -> str:
         "simulator and the calibration refitted. <b>Closed</b>: 1 − (gap after / gap before)². <b>Probability</b>: "
         "after this recording, from 0 to 1, of all explanations that were weighed.",
         f"torusrig {escape(package_version())}, {diagnosis.seconds:.1f} s. All numbers: "
-        f"<code>{escape(diagnosis.recording)}.diagnosis.json</code>. To simulate a rig with these causes: "
-        f"<code>rig sweep SCENARIO --with {escape(diagnosis.recording)}.diagnosis.json -o RUN.parquet</code>",
+        f"<code>{escape(diagnosis.name)}.diagnosis.json</code>. To simulate a rig with these causes: "
+        f"<code>rig sweep SCENARIO --with {escape(diagnosis.name)}.diagnosis.json -o RUN.parquet</code>",
     )
     return "<footer>" + "".join(f"<p>{line}</p>" for line in lines) + "</footer>"

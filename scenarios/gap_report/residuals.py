@@ -93,8 +93,8 @@ def gap_residuals(
         before=bench.residual,
         after=after,
         left_out=left_out,
-        white_before=_whitened(bench, bench.residual),
-        white_after=None if after is None else _whitened(_with_noise(known, causes, after), after),
+        white_before=whitened(bench, bench.residual),
+        white_after=None if after is None else whitened(with_noise(known, causes, after), after),
         causes=causes,
         bench=bench,
         calibrated=known.pipeline,
@@ -155,7 +155,7 @@ def _recalibrated(
     return around(bench, pipeline)
 
 
-def _with_noise(bench: Bench, causes: Sequence[Effect], after: Array) -> Bench:
+def with_noise(bench: Bench, causes: Sequence[Effect], after: Array) -> Bench:
     """The bench with the named noise whitened as well."""
     for effect in causes:
         if effect.kind is Kind.NOISE:
@@ -165,7 +165,7 @@ def _with_noise(bench: Bench, causes: Sequence[Effect], after: Array) -> Bench:
     return bench
 
 
-def _whitened(bench: Bench, residual: Array) -> Array:
+def whitened(bench: Bench, residual: Array) -> Array:
     """(n, 6) a residual in whitened coordinates, channel by channel."""
     white = np.full_like(residual, np.nan)
     for column in bench.columns:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from html import escape
 
 from estimators.gap.diagnosis import Cause, Diagnosis, chance, percent
@@ -73,19 +74,41 @@ def fitted_rig(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     )
 
 
+def recordings(diagnosis: Diagnosis) -> str:
+    """What each of several recordings says for each cause; empty for one."""
+    if len(diagnosis.recordings) == 1:
+        return ""
+    told = [cause for cause in diagnosis.causes if cause.evidence]
+    rows = [
+        (escape(name), *(f"{cause.evidence.get(name, 0.0):.4g}" for cause in told)) for name in diagnosis.recordings
+    ]
+    titles = ("recording", *(cause_title(cause.effect, cause.where) for cause in told))
+    return "\n".join(
+        [
+            "<h2>Which recording says so</h2>",
+            '<p class="soft">One calibration and the same causes for all of them. By how much the log likelihood of '
+            "each falls where a cause is taken out again: 5 is hundred to one.</p>",
+            _table(titles, rows, numbers=range(1, len(titles))) if told else "<p>No cause is told of.</p>",
+        ]
+    )
+
+
 def where(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
-    """By channel, by what it follows, over the joint angles, over frequency, over time."""
+    """By channel, by what it follows, over the joint angles, over frequency, over time; of one of several."""
+    several = len(diagnosis.recordings) > 1
+    if several:
+        diagnosis = replace(diagnosis, channels=diagnosis.by_recording[residuals.recording.name])
     explained = residuals.after is not None
     both = [("before", "before")] + ([("after", "after")] if explained else [])
     named = explained and any(effect.kind.value == "noise" for effect in residuals.causes)
     parts = [
-        "<h2>Where it lies</h2>",
+        f"<h2>Where it lies in {escape(residuals.recording.name)}</h2>" if several else "<h2>Where it lies</h2>",
         "<h3>By channel</h3>",
         _key([*((f"gap {words}", css) for words, css in both), ("noise floor", "tick")]),
         _figure(charts.channel_bars(diagnosis, shown_units(residuals.recording.units)), ""),
     ]
     follows = list(diagnosis.follows)
-    if follows:
+    if follows and residuals.recording.name == diagnosis.recordings[0]:
         parts += [
             "<h3>By what it follows</h3>",
             '<div class="pair">',
@@ -170,11 +193,11 @@ def _cause(cause: Cause, status: str) -> str:
     return "".join(parts) + "</section>"
 
 
-def how_far(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
+def how_far(diagnosis: Diagnosis, residuals: Sequence[GapResiduals]) -> str:
     """The share of the gap that is gone, and the numbers by channel."""
     if diagnosis.closed.value is None:
         return ""
-    unit = shown_units(residuals.recording.units)
+    unit = shown_units({name: own for each in residuals for name, own in each.recording.units.items()})
     rows = []
     for name, row in diagnosis.channels.items():
         shown = unit[name]

@@ -66,6 +66,8 @@ def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
         parts += [Text(""), _causes(diagnosis)]
     if diagnosis.channels:
         parts += [Text(""), _channels(diagnosis, units)]
+    if len(diagnosis.recordings) > 1:
+        parts += [Text(""), _recordings(diagnosis)]
     parts += [Text(""), *(Text(line) for line in _lines(diagnosis))]
     parts += [Text(f"warning: {warning}", style="yellow") for warning in diagnosis.warnings]
     parts += [Text("\nWhat to do next", style="bold")]
@@ -119,6 +121,18 @@ def _channels(diagnosis: Diagnosis, units: Mapping[str, str]) -> Table:
         factor = shown[name].factor
         sizes = (row.noise_floor, row.rms_before, row.gap_before, row.gap_after)
         result.add_row(name, *(f"{factor * size:.3g}" for size in sizes), percent(row.closed), shown[name].name)
+    return result
+
+
+def _recordings(diagnosis: Diagnosis) -> Table:
+    """Of several recordings what each says for each cause, and where its gap is largest."""
+    told = [cause for cause in diagnosis.causes if cause.evidence]
+    titles = [f"for {cause_title(cause.effect, cause.where)}" for cause in told]
+    result = table("recording", "largest gap / floor", *titles, numbers=("largest gap / floor", *titles))
+    for name in diagnosis.recordings:
+        own = diagnosis.by_recording[name]
+        ratio = max((row.gap_before / row.noise_floor for row in own.values() if row.noise_floor > 0), default=0.0)
+        result.add_row(name, f"{ratio:.2g}", *(f"{cause.evidence.get(name, 0.0):.4g}" for cause in told))
     return result
 
 

@@ -1,0 +1,144 @@
+"""Several recordings diagnosed together, or one beside a calibration from before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.calibration import Calibration
+from estimators.gap.diagnose import Examined, examined
+from estimators.gap.rebase import around
+from estimators.gap.separation import rivals
+from estimators.gap.stack import acting, restricted
+from rig.arm import Arm
+from rig.effects import EFFECTS, Effect, Kind
+from rig.errors import RigError
+from rig.recording import Recording, locked_beside, whole_or_means
+from rig.threads import one_blas_thread
+from scenarios.gap_report.advice import next_steps
+from scenarios.gap_report.batch import BYTES_A_SAMPLE, BYTES_ANYWAY, Outcome, Task
+from scenarios.gap_report.improved_rig import improved_rig
+from scenarios.gap_report.kept import About, origin
+from scenarios.gap_report.next_maneuver import NextManeuver, next_maneuver, next_step
+from scenarios.gap_report.page import page
+from scenarios.gap_report.residuals import GapResiduals, diagnosed_effects, whitened, with_noise
+
+Array = NDArray[np.float64]
+Progress = Callable[[float], None]
+
+
+def carry_out_together(task: Task, progress: Progress | None = None) -> Outcome:
+    """Diagnose recordings of one rig in this process, with one BLAS thread.
+
+    Raises:
+        RigError, RefusedFit: a recording cannot be read, or all together cannot be diagnosed.
+    """
+    arm = None if task.arm_file is None else Arm.from_file(task.arm_file, task.tip)
+    joints = None if arm is None else arm.dof
+    runs = (task.run, *task.others)
+    share = len(runs) * task.together
+    recordings: list[Recording] = []
+    rests: list[Recording | None] = []
+    longest = 1
+    for run in runs:
+        recording, block = whole_or_means(run, joints, share * BYTES_A_SAMPLE, fixed=task.together * BYTES_ANYWAY)
+        beside = task.locked or locked_beside(run)
+        longest = max(longest, block)
+        recordings.append(recording)
+        rests.append(None if beside is None else whole_or_means(beside, joints, block=block)[0])
+    known = None if task.calibration is None else Calibration.read(task.calibration)
+    with one_blas_thread():
+        found = examined(recordings, rests, None, task.without, arm, progress, task.prior, calibration=known)
+        diagnosis = found.diagnosis
+        each = residuals_of_each(found)
+        rig, text, step, unsaved = None, None, None, None
+        open_between = bool(rivals(diagnosis))
+        if task.improved or open_between:
+            try:
+                made = improved_rig(diagnosis, each[-1], rests[-1])
+                rig, text = made.scenario, made.to_toml()
+            except RigError as error:  # never at the cost of the diagnosis
+                unsaved = str(error) if task.improved else None
+        if open_between:
+            step = next_step(diagnosis, each[-1], rig, task.minutes)
+        words: Mapping[str, Any] = {"maneuver": None} if step is None else step.words
+        diagnosis = replace(diagnosis, next=words)
+        diagnosis = replace(diagnosis, next={**words, "steps": next_steps(diagnosis)})
+        units: dict[str, str] = {}
+        for recording in found.laid.recordings:
+            units |= recording.units
+        return Outcome(
+            diagnosis,
+            page(diagnosis, each, task.without),
+            About.of(recordings[-1], longest),
+            origin(task),
+            units,
+            text if task.improved else None,
+            None if step is None else step.scenario,
+            unsaved,
+        )
+
+
+def proposed(found: Examined, minutes: float | None = None) -> NextManeuver | None:
+    """The maneuver that would tell apart what the recordings do not; recorded, it is one more of them.
+
+    Args:
+        found: of recordings of one rig, or of one.
+        minutes: how long it may take; None: as long as the last recording.
+
+    Returns:
+        None where the recordings decide, or no maneuver would.
+    """
+    if not rivals(found.diagnosis):
+        return None
+    return next_maneuver(found.diagnosis, residuals_of_each(found)[-1], None, minutes)
+
+
+def residuals_of_each(found: Examined) -> list[GapResiduals]:
+    """Each recording's residuals, before and after the causes are modelled, beside the one calibration."""
+    laid, bench = found.laid, found.bench
+    effects = list(found.effects)
+    after: Array | None = None
+    if effects:
+        settled = around(bench, found.settled)
+        after = settled.left_over(settled.residual - settled.change(effects))
+    others = {cause.effect: cause for cause in found.diagnosis.leading if EFFECTS[cause.effect].kind is not Kind.MEAN}
+    every = [effect for effect in diagnosed_effects(found.diagnosis) if effect.name in others]
+    result = []
+    for number, (recording, part, rows) in enumerate(zip(laid.recordings, laid.benches, bench.single, strict=False)):
+        named = [each for each in every if others[each.name].recording in (None, recording.name)]
+        began = laid.began[number] if laid.began else 0.0
+        own = [_own(effect, began, float(recording.t[0])) for effect in acting(effects, number)]
+        causes = (*own, *named)
+        left = part.residual if after is None else after[rows]
+        explained = after is not None or bool(named)
+        result.append(
+            GapResiduals(
+                recording=recording,
+                floor=laid.floors[number],
+                before=part.residual,
+                after=left if explained else None,
+                left_out=np.zeros(part.readings.shape, dtype=bool),
+                white_before=whitened(part, part.residual),
+                white_after=whitened(with_noise(part, named, left), left) if explained else None,
+                causes=causes,
+                bench=replace(part, base=replace(part.base, t=part.base.t - began)) if began else part,
+                calibrated=restricted(found.settled, recording.sensors),
+            )
+        )
+    return result
+
+
+def _own(effect: Effect, began: float, start: float) -> Effect:
+    """The catalogue's effect on a recording's own clock, from its first sample on where it begins before that."""
+    values: dict[str, Any] = dict(vars(effect))
+    if "at_s" in values:
+        values["at_s"] = max(values["at_s"] - began, start)
+    if effect.tone:
+        turn = 2.0 * np.pi * values["freq_Hz"] * began
+        values["phase_rad"] = np.remainder(np.asarray(values["phase_rad"]) + turn, 2.0 * np.pi).tolist()
+    return EFFECTS[effect.name].from_mapping(values)

@@ -1,0 +1,161 @@
+"""Several recordings on one bench, and diagnosed together."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import SMALL, Rig
+
+import estimators
+from estimators.gap.basefit import floor_of, set_up
+from estimators.gap.bench import project
+from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.laid_out import laid_out
+from estimators.gap.rebase import rebased
+from estimators.gap.stack import Stack, only_in, part_of, running_on
+from rig.arm import Arm
+from rig.effects import EFFECTS, Effect, make_effect
+from rig.errors import RefusedFit, RigError
+from rig.recording import Recording
+from scenarios.loader import from_toml
+
+#: A catalogue of three, which takes little time to search.
+FEW = [name for name in EFFECTS if name not in ("bias_step", "backlash", "joint_scale")]
+#: As of the scenario: a floor that is known.
+NOISE = (0.0134, 0.0136, 0.0146, 0.0085, 0.0068, 0.0117)
+FLOOR = tuple(ChannelNoise(sigma**2, samples=100_000) for sigma in NOISE)
+
+
+def recorded(*effects: Effect, seed: int = 0, name: str = "a") -> Recording:
+    return replace(from_toml(SMALL, "small.toml").with_effects(effects).simulate(seed), name=name)
+
+
+def at_rest(seed: int = 0) -> Recording:
+    return from_toml(SMALL, "small.toml").simulate_locked(seed)
+
+
+def stacked(*parts: Recording) -> Stack:
+    """Around the calibration of all of them, whose floor is known."""
+    whole = estimators.calibrate(list(parts), noise=floor_of(parts[0], FLOOR))
+    laid = laid_out(list(parts), None, None, whole)
+    found = laid.together([replace(bench, noises=FLOOR, floor=FLOOR) for bench in laid.benches])
+    assert isinstance(found, Stack)
+    return Stack.of(found.each[:-1], found.names, found.pipeline, found.began)
+
+
+def test_two_halves_are_the_same_problem_as_the_whole() -> None:
+    """What the calibration leaves of an effect without memory does not know where the recording was cut."""
+    run = recorded(make_effect("joint_eccentricity", {"where": "joint5", "amplitude_rad": 0.01}))
+    whole = set_up(run, FLOOR, Arm.a465())
+    halves = [replace(run.select(rows), name=name) for rows, name in ((slice(0, 300), "a"), (slice(300, None), "b"))]
+    both = stacked(*halves)
+    effect = make_effect("joint_eccentricity", {"where": "joint5", "amplitude_rad": 1e-3})
+    sizes = []
+    for bench in (whole, both):
+        change = project(bench.absorbed, bench.whiten(bench.change([effect])))
+        sizes.append([bench.whitened @ bench.whitened, change @ change, change @ bench.whitened])
+    assert np.allclose(sizes[0], sizes[1], rtol=1e-4)
+    assert both.size == whole.size
+    assert np.array_equal(np.sort(np.concatenate([both.rows(0), both.rows(1)])), np.arange(both.size))
+
+
+def test_what_belongs_to_a_recording_acts_in_it_alone() -> None:
+    both = stacked(recorded(seed=1), recorded(seed=2, name="b"))
+    warm = only_in(EFFECTS["bias_warmup"], 1)
+    assert part_of(warm) == 1
+    assert part_of(EFFECTS["bias_warmup"]) is None
+    change = both.change([warm(where="accelerometer", coefficient=(1e-3, 0.0, 0.0))])  # type: ignore[call-arg]
+    assert not change[:600].any()
+    assert change[600, 0] == pytest.approx(1e-3)  # it begins with its recording
+
+
+def test_clocks_run_on() -> None:
+    laid = laid_out([recorded(seed=1), recorded(seed=2, name="b")], None, None, None)
+    first, second = (bench.base for bench in laid.benches)
+    assert second.t[0] > first.t[-1]
+    assert laid.began[1] == pytest.approx(second.t[0])
+    again = running_on([first, second])
+    assert np.array_equal(again[1].t, second.t)  # which run on already
+
+
+def test_a_calibration_from_before_counts_as_its_recording_would() -> None:
+    """A calibration is all that a recording says of it, to first order: the joint one follows to a tenth of a sigma."""
+    runs = [recorded(seed=1), recorded(seed=2, name="b")]
+    noise = floor_of(runs[0], FLOOR)
+    first, joint = estimators.calibrate(runs[0], noise=noise), estimators.calibrate(runs, noise=noise)
+    laid = laid_out([runs[1]], at_rest(2), None, first)
+    bench = laid.together([replace(bench, noises=FLOOR, floor=FLOOR) for bench in laid.benches])
+    for _ in range(3):
+        bench = rebased(bench, [])
+    for name, sensor in bench.pipeline.sensors.items():
+        own = joint[name]
+        std = np.array([[own.std(f"sensitivity{k}"), own.std(f"offset{k}")] for k in (1, 2, 3)])
+        found = np.stack([sensor.sensitivity, sensor.offset], axis=1)
+        assert (np.abs(found - np.stack([own.sensitivity, own.offset], axis=1)) < 0.1 * std).all()
+
+
+def turn(seed: int = 5) -> Recording:
+    """Joint 1 alone: about one axis, which gravity does not show and no calibration comes from."""
+    text = SMALL.replace("[maneuver]", "[maneuver]\npitch_range_deg = 0.01\nroll_deg_per_s = 0.001")
+    return replace(from_toml(text, "turn.toml").simulate(seed), name="turn")
+
+
+def test_a_recording_that_cannot_be_calibrated_is_judged_beside_another() -> None:
+    alone = turn()
+    with pytest.raises(RefusedFit):
+        estimators.diagnose(alone, at_rest(5), without=FEW)
+    before = estimators.calibrate(recorded(seed=1), noise=floor_of(alone, FLOOR))
+    found = estimators.diagnose(alone, at_rest(5), without=FEW, calibration=before)
+    assert found.verdict == "no-gap"
+    spoilt = replace(alone, accelerometer=alone.readings("accelerometer") + 0.02 * (alone.t > 30.0)[:, None])
+    assert estimators.diagnose(spoilt, at_rest(5), without=FEW, calibration=before).posterior["nothing"] < 1e-6
+
+
+def test_a_jump_is_found_in_its_recording() -> None:
+    """40 mV in the second of two: forty standard deviations."""
+    step = make_effect("bias_step", {"where": "accel2", "volts": 0.04, "at_s": 20.0})
+    runs = [recorded(seed=1), recorded(step, seed=2, name="b")]
+    found = estimators.diagnose(runs, at_rest(1), without=FEW)
+    assert found.verdict == "named"
+    (cause,) = found.leading
+    assert (cause.effect, cause.where, cause.recording) == ("bias_step", "accel2", "b")
+    assert cause.parameters["at_s"].value == pytest.approx(20.0, abs=0.5)
+    assert cause.evidence["b"] > 50.0
+
+
+def test_from_the_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    rig = Rig(capfd)
+    lash = make_effect("backlash", {"where": "joint5", "width_rad": 0.05})
+    for seed, name in ((1, "a"), (2, "b")):
+        recorded(lash, seed=seed).write(tmp_path / f"{name}.parquet")
+        at_rest(seed).write(tmp_path / f"{name}.locked.parquet")
+    runs = [tmp_path / "a.parquet", tmp_path / "b.parquet"]
+    few = [part for name in FEW for part in ("--without", name)]
+    text = rig.done("diagnose", *runs, "--together", "--out", tmp_path / "o", *few)
+    assert "for backlash of joint 5" in text
+    found = json.loads((tmp_path / "o" / "together.diagnosis.json").read_text())
+    assert found["recordings"] == ["a", "b"]
+    assert set(found["where"]["channels"]) == {"a", "b"}
+    assert set(found["where"]["channels"]["a"]) == {"accel1", "accel2", "accel3", "mag1", "mag2", "mag3"}
+    (cause,) = found["causes"]
+    assert cause["effect"] == "backlash"
+    assert min(cause["evidence"].values()) > 10.0
+    page = (tmp_path / "o" / "together.html").read_text()
+    assert "Where it lies in b" in page
+    assert "expected several" in rig.refused("diagnose", runs[0], "--together")
+    assert "--maneuver2" in rig.refused("diagnose", *runs, "--together", "--maneuver2", runs[0])
+    other = replace(recorded(seed=3), metadata=replace(recorded(seed=3).metadata, gravity_m_s2=9.7))
+    other.write(tmp_path / "c.parquet")
+    assert "gravity_m_s2" in rig.refused("diagnose", runs[0], tmp_path / "c.parquet", "--together")
+
+
+def test_one_rest_for_all_or_one_each() -> None:
+    runs = [recorded(seed=1), recorded(seed=2, name="b")]
+    with pytest.raises(RigError, match="found 1 recordings at rest"):
+        laid_out(runs, [at_rest(1)], None, None)
+    sources = laid_out(runs, [at_rest(1), None], None, None).sources
+    assert sources == ("locked recording", "estimated from the recording itself")
