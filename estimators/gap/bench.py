@@ -127,11 +127,8 @@ class Bench:
 
     def rows(self, number: int) -> NDArray[np.intp]:
         """Where one of the parts is in the whole vector, in the order of its own channels."""
-        own, part = self.stretches[number], self.parts[number]
-        within = np.arange(own.start, own.stop)
-        return np.concatenate(
-            [index * self.count + within for index, c in enumerate(self.columns) if c in part.columns]
-        )
+        here = [index for index, column in enumerate(self.columns) if column in self.parts[number].columns]
+        return np.concatenate([index * self.count + np.arange(self.count)[self.stretches[number]] for index in here])
 
     def lacking(self, effect: type[Effect]) -> str:
         """What some recording lacks for an effect, in words; empty where all have all."""
@@ -318,10 +315,8 @@ class Bench:
 
     def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
         """As ``change``, of each of several effects of one stage beside others; the stages before it run once."""
-        rng = np.random.default_rng(0)
-        stage = moved[0].stage
-        begun = None
-        found = []
+        rng, stage = np.random.default_rng(0), moved[0].stage
+        begun, found = None, []
         for effect in moved:
             pipeline = replace(self.pipeline, effects=(*self.given, effect, *others))
             if begun is None:

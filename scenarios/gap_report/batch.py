@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import platform
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Any, Final
 
-from estimators.gap import Diagnosis
 from estimators.gap.basefit import fitted_model, posed
 from estimators.gap.diagnose import examined
-from estimators.gap.fitted_rig import FittedRig
 from estimators.gap.separation import rivals
 from rig.arm import Arm
 from rig.errors import RigError
@@ -27,73 +23,13 @@ from scenarios.gap_report.kept import About, origin
 from scenarios.gap_report.next_maneuver import next_step
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import gap_residuals
+from scenarios.gap_report.task import BYTES_A_SAMPLE, BYTES_ANYWAY, Outcome, Task
+from scenarios.gap_report.together import carry_out_together
 from scenarios.workers import Workers
 
 Progress = Callable[[float], None]
 
-#: Memory that a diagnosis takes [bytes a sample], and the program by itself [bytes].
-BYTES_A_SAMPLE: Final = 6500.0
-BYTES_ANYWAY: Final = 400e6
-
-
-@dataclass(frozen=True)
-class Task:
-    """One recording to diagnose, or several together.
-
-    Attributes:
-        run: its file. others: those of others that are diagnosed together with it.
-        calibration: the file of one from before, of the same rig.
-        locked: the locked recording; None: the one beside it, if there is one.
-        maneuver2: another maneuver of the same rig.
-        without: effects to leave out of the catalogue.
-        arm_file, tip: the arm; None: the A465.
-        improved: whether the improved rig is wanted.
-        minutes: how long the next maneuver may take; None: as long as the recording.
-        together: how many tasks share the memory that may be taken.
-        prior: relative weights of effects; None: all alike.
-        memory: what the user has stated, for workers that are not of this machine.
-        origin: what the files must be, of a worker that reads them elsewhere; None: as they are.
-        rig: the fitted rig to judge against; None: the ideal one.
-    """
-
-    run: Path
-    locked: Path | None = None
-    maneuver2: Path | None = None
-    without: tuple[str, ...] = ()
-    arm_file: Path | None = None
-    tip: str | None = None
-    improved: bool = False
-    minutes: float | None = None
-    together: int = 1
-    prior: Mapping[str, float] | None = None
-    memory: str | None = None
-    origin: Mapping[str, Any] | None = None
-    rig: FittedRig | None = None
-    others: tuple[Path, ...] = ()
-    calibration: Path | None = None
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a task.
-
-    Attributes:
-        diagnosis, page: the diagnosis and its page.
-        about: whose recording it is. origin: what the diagnosis was made from.
-        units: sensor -> recorded unit.
-        scenario: the improved rig, where it was wanted.
-        next: the scenario that would tell the explanations apart, where the recording does not.
-        unsaved: why the improved rig cannot be written, where it was wanted and cannot.
-    """
-
-    diagnosis: Diagnosis
-    page: str
-    about: About
-    origin: Mapping[str, Any]
-    units: Mapping[str, str]
-    scenario: str | None
-    next: str | None = None
-    unsaved: str | None = None
+__all__ = ["Outcome", "Task", "carry_out", "outcomes"]
 
 
 def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
@@ -103,8 +39,6 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
         RigError, RefusedFit: the recording cannot be read or diagnosed.
     """
     if task.others or task.calibration is not None:
-        from scenarios.gap_report.together import carry_out_together
-
         return carry_out_together(task, progress)
     arm = None if task.arm_file is None else Arm.from_file(task.arm_file, task.tip)
     joints = None if arm is None else arm.dof
