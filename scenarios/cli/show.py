@@ -193,7 +193,7 @@ def _draw_diagnosis(run: Path, diagnosis: Path, arm: Arm | None, target: Path) -
     from rig.documents import read_json
     from rig.recording import locked_beside, whole_or_means
     from scenarios.gap_report import gap_residuals
-    from scenarios.gap_report.batch import BYTES_A_SAMPLE
+    from scenarios.gap_report.task import BYTES_A_SAMPLE
     from scenarios.view import write_diagnosis_view
 
     found = diagnosis_of(read_json(diagnosis, "a diagnosis"), str(diagnosis))
