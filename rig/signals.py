@@ -161,7 +161,7 @@ def joined(parts: Sequence[Signals]) -> Signals:
     found: dict[str, Any] = {}
     for item in fields(Signals):
         values = [getattr(part, item.name) for part in parts]
-        if item.name in ("arm", "references", "known_links", "currents"):
+        if item.name in ("arm", "references", "known_links", "known_nodes", "currents"):
             continue
         if any(value is None for value in values):
             found[item.name] = None
@@ -173,4 +173,4 @@ def joined(parts: Sequence[Signals]) -> Signals:
             found[item.name] = np.concatenate(values) if all(value.size for value in values) else _empty()
     numbers = set.intersection(*(set(part.currents) for part in parts))
     found["currents"] = {joint: np.concatenate([part.currents[joint] for part in parts]) for joint in sorted(numbers)}
-    return replace(parts[0], **found, known_links=None)
+    return replace(parts[0], **found, known_links=None, known_nodes=None)

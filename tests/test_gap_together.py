@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import SMALL, Rig
+from scipy.spatial.transform import Rotation
 
 import estimators
 from estimators.gap.basefit import floor_of, set_up
@@ -151,6 +152,17 @@ def test_from_the_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]
     other = replace(recorded(seed=3), metadata=replace(recorded(seed=3).metadata, gravity_m_s2=9.7))
     other.write(tmp_path / "c.parquet")
     assert "gravity_m_s2" in rig.refused("diagnose", runs[0], tmp_path / "c.parquet", "--together")
+
+
+def test_tool_poses_beside_joint_angles_are_tool_poses() -> None:
+    """What not all recordings have is left out: with joint angles in one alone, all are known by their tool's poses."""
+    runs = [recorded(seed=1), recorded(seed=2, name="b")]
+    turns = Rotation.from_matrix(runs[1].rotations(Arm.a465()).reshape(-1, 3, 3)).as_quat(scalar_first=True)
+    laid = laid_out([runs[0], replace(runs[1], q=None, tool_quaternion=turns)], at_rest(1), None, None)
+    both = laid.together(laid.benches)
+    assert both.base.q_encoder is None
+    assert both.base.R_base_tool.shape == (1200, 3, 3)
+    assert both.whitened @ both.whitened < both.size + 6.0 * np.sqrt(2.0 * both.size)  # 6 standard deviations: 1e-9
 
 
 def test_one_rest_for_all_or_one_each() -> None:

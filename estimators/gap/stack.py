@@ -211,7 +211,14 @@ class Anchor(Bench):
         count = -(-_size(pipeline) // len(pipeline.columns))
         base = sampled(member.base, slice(0, count))
         after = float(member.base.t[-1]) + np.arange(1.0, count + 1.0)
-        base = replace(base, t=after, volts=np.zeros((count, len(CHANNELS))), known_links=None, velocity=base.velocity)
+        base = replace(
+            base,
+            t=after,
+            volts=np.zeros((count, len(CHANNELS))),
+            known_links=None,
+            known_nodes=None,
+            velocity=base.velocity,
+        )
         nothing = np.zeros((count, len(CHANNELS)))
         found = cls(base, pipeline, nothing, member.noises, nothing + 1.0, member.floor, known=known)
         return found.around(pipeline)
@@ -334,7 +341,7 @@ def running_on(signals: Sequence[Signals]) -> list[Signals]:
     for each in signals:
         pause = float(np.median(np.diff(each.t))) if len(each) > 1 else 1.0
         shift = 0.0 if each.t[0] > end else end + pause - float(each.t[0])
-        found.append(replace(each, t=each.t + shift))
+        found.append(replace(each, t=each.t + shift, known_nodes=None))
         end = float(found[-1].t[-1])
     return found
 

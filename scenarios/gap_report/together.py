@@ -126,7 +126,9 @@ def residuals_of_each(found: Examined) -> list[GapResiduals]:
                 white_before=whitened(part, part.residual),
                 white_after=whitened(with_noise(part, named, left), left) if explained else None,
                 causes=causes,
-                bench=replace(part, base=replace(part.base, t=part.base.t - began)) if began else part,
+                bench=replace(part, base=replace(part.base, t=part.base.t - began, known_nodes=None))
+                if began
+                else part,
                 calibrated=restricted(found.settled, recording.sensors),
             )
         )
