@@ -13,6 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.special import ndtri
 
 from estimators.gap.bench import Bench
 from rig.channels import CHANNELS
@@ -26,6 +28,8 @@ Mask = NDArray[np.bool_]
 
 #: Found last, in the readings that the others have left.
 _LAST: Final = "outliers"
+#: So many readings on either side tell how far readings differ there.
+_NEARBY: Final = 25
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,12 @@ def lattice(readings: Array) -> Array:
 
 
 def explained_away(
-    bench: Bench, defects: Sequence[Defect], pipeline: Pipeline, effects: Sequence[Effect], raised: Array | None = None
+    bench: Bench,
+    defects: Sequence[Defect],
+    pipeline: Pipeline,
+    effects: Sequence[Effect],
+    raised: Array | None = None,
+    other: bool = False,
 ) -> list[Defect]:
     """The defects that are left once causes are known: a motion's peaks look like spikes until it is, as does jitter.
 
@@ -105,8 +114,9 @@ def explained_away(
         bench: of single samples, nothing left out. defects: those found before.
         pipeline, effects: the calibration with the causes in place, and these.
         raised: (n, 6) factor by which named noise exceeds the floor in time; None: there is none.
+        other: whether something without a name is left: then the floor is no measure, but what is around a reading.
     """
-    known = bool(effects) or raised is not None
+    known = bool(effects) or raised is not None or other
     if not known or not any(defect.effect == _LAST for defect in defects):
         return list(defects)
     others = [defect for defect in defects if defect.effect != _LAST]
@@ -114,6 +124,8 @@ def explained_away(
     volts = replace(pipeline, effects=(*bench.given, *effects)).carried(base, np.random.default_rng(0)).volts
     left = replace(masked(bench, others), readings=bench.readings - volts + bench.modelled)
     judged = left if raised is None else replace(left, weights=left.weights / raised)
+    if other:
+        judged = replace(judged, weights=judged.weights / _around(readings_of(judged, np.zeros(6)).white))
     return [*others, *_examined(_LAST, judged, np.zeros(left.readings.shape[1]))]
 
 
@@ -131,6 +143,13 @@ def relieved(bench: Bench) -> Bench:
             less = drawn_in(local, *tails_of(local, known)) - local
             readings[:, column] += less * bench.whiteners[column].sigma * (bench.weights[:, column] > 0.0)
     return replace(bench, readings=readings)
+
+
+def _around(white: Array) -> Array:
+    """(n, 6) standard deviation, at least one, by how far whitened readings differ from their neighbours nearby."""
+    steps = np.abs(np.diff(white, axis=0, prepend=white[:1])) / np.sqrt(2.0)
+    spread = median_filter(steps, size=(2 * _NEARBY + 1, 1), mode="nearest") / float(ndtri(0.75))
+    return np.asarray(np.maximum(spread, 1.0))
 
 
 def masked(bench: Bench, defects: Sequence[Defect]) -> Bench:

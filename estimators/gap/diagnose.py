@@ -141,7 +141,7 @@ def examined(
         for number, (bench, own, block) in enumerate(zip(laid.benches, defects, blocks, strict=True)):
             pipeline = restricted(leading.explanation.bench.pipeline, tuple(bench.pipeline.sensors))
             raised = _raised(leading.state, block, len(bench.base), number, posterior.scanner.fine.bench)
-            left.append(explained_away(bench, own, pipeline, acting(effects, number), raised))
+            left.append(explained_away(bench, own, pipeline, acting(effects, number), raised, leading.other))
         if _affected(left) >= _FEWER * _affected(defects):
             break
         defects = left

@@ -257,15 +257,6 @@ def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
     return sorted([Weighed(*each) for each in zip(kept, gains, strict=True)], key=lambda each: -each.log_mass)
 
 
-def under(linear: Linear, term: Term, index: int) -> tuple[Array, Array]:
-    """Posterior mean less the fitted values and covariance of the effects beside a term at one of its amplitudes."""
-    along = term.along(np.column_stack([linear.left, linear.tangent]))
-    variance = float(term.variances[index])
-    taken = (along * (variance / (1.0 + variance * term.values))[:, None]).T @ along
-    precision = linear.precision(linear.averaged[1])
-    return linear.posterior(precision, linear.gram - taken[1:, 1:], linear.tangent.T @ linear.left - taken[1:, 0])
-
-
 def total(log_masses: Sequence[float]) -> float:
     """log of the sum of exponentials."""
     return float(np.logaddexp.reduce(list(log_masses))) if len(log_masses) else -np.inf

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from estimators.gap.bench import project
 from estimators.gap.diagnosis import Estimate
-from estimators.gap.discrepancy import under
 from estimators.gap.posterior import Hypothesis, Posterior
 from estimators.gap.search import Member
 from rig.effects import EFFECTS
@@ -26,6 +25,8 @@ _COMPARED: Final = 6.0
 #: not, where such directions hold more than this share of it.
 _SHRUNK: Final = 0.5
 _SHARE: Final = 0.02
+#: An explanation with less than this share of a cause's probability adds nothing to its widths.
+_LIGHT: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def parameters(label: str, posterior: Posterior, holders: Sequence[tuple[Hypothe
     second = np.zeros_like(spread)
     for hypothesis, weight in holders:
         number = next((k for k, each in enumerate(hypothesis.explanation.members) if each.label == label), None)
-        if number is None:
+        if number is None or weight < _LIGHT * total:
             continue
         other = hypothesis.explanation.members[number].fit
         if len(other.values) != len(values) or other.kept.keys() != fit.kept.keys():
@@ -167,11 +168,7 @@ def _moments(hypothesis: Hypothesis, index: int) -> tuple[Array, Array, NDArray[
     """Of one member's parameters, in typical sizes: mean less the fitted value, covariance, and which are felt."""
     linear = hypothesis.explanation.linear
     precision = linear.precision(linear.averaged[1])
-    if hypothesis.terms and hypothesis.on_means is not None:
-        best = hypothesis.terms[0]
-        mean, covariance = under(hypothesis.on_means, best.term, int(np.argmax(best.gains)))
-    else:
-        mean, covariance = linear.posterior(precision)
+    mean, covariance = hypothesis.moments
     own = linear.owner == index
     scale = 1.0 / np.sqrt(precision)
     values, vectors = np.linalg.eigh(linear.gram * np.outer(scale, scale))

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.gap import robust
 from estimators.gap.bench import Bench
 from estimators.gap.candidates import Candidate
 from estimators.gap.common import CommonNoise, beside, common_noises
@@ -64,6 +65,16 @@ class Hypothesis:
     def labels(self) -> tuple[str, ...]:
         """Effects and places, mean and noise."""
         return tuple(sorted((*self.explanation.key, *self.state.labels)))
+
+    @cached_property
+    def moments(self) -> tuple[Array, Array]:
+        """Of all parameters, in typical sizes: mean less the fitted values (p,), and covariance (p, p)."""
+        linear, channels = self.explanation.linear, len(self.explanation.bench.columns)
+        if self.terms and self.on_means is not None:
+            return robust.moments(self.on_means, channels, self.terms[0])
+        if self.other:
+            return robust.moments(linear, channels)
+        return linear.posterior(linear.precision(linear.averaged[1]))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap import by_channel, closure, marginal
+from estimators.gap import by_channel, closure, marginal, robust
 from estimators.gap.bench import Bench, project
 from estimators.gap.by_recording import of_several
 from estimators.gap.channel_noise import ChannelNoise
@@ -40,17 +40,42 @@ _LISTED, _MOST = 0.005, 50
 _TOLD: Final = 0.1
 #: Hypotheses that closure is drawn from.
 _WAYS: Final = 0.002
+#: Shares of a hypothesis' probability that are not followed.
+_NO_SHARE: Final = 1e-9
 _NO_CLOSURE: Final = Closed(None, None, None)
 
 
+def at_most(log_p: float, log_prior: float) -> float:
+    """The largest probability that a p-value allows: the bound of Sellke, Bayarri and Berger (American Statistician 55,
+    2001) as its Bayes factor, -1/(e p log p)."""
+    log_p = max(min(log_p, -1.1), -1e6)
+    odds = -log_p - math.log(-log_p) - 1.0 + log_prior
+    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
+
+
 def defect_probability(defect: Defect, prior: Prior) -> float:
-    """Of a defect whose p-value is known: the bound of Sellke, Bayarri and Berger (American Statistician 55, 2001) as
-    its Bayes factor, -1/(e p log p)."""
-    log_p = max(min(defect.log_p, -1.1), -1e6)
+    """Of a defect whose p-value is known."""
     place = defect.effect, defect.where
     own = tuple(label for label in prior.places[defect.effect] if marginal.split(label) == place)
-    odds = -log_p - math.log(-log_p) - 1.0 + prior.log_single((defect.effect, own))
-    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
+    return at_most(defect.log_p, prior.log_single((defect.effect, own)))
+
+
+def doubts(posterior: Posterior) -> dict[int, dict[str, float]]:
+    """For the hypotheses that hold something outside the catalogue, by their number, the probability of each mean
+    effect, by its label: evidence that knows the noise is no longer one."""
+    found: dict[int, dict[str, float]] = {}
+    known: dict[int, dict[str, float]] = {}
+    for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
+        if not each.other or probability < _WAYS:
+            continue
+        key = id(each.explanation)
+        if key not in known:
+            known[key] = {
+                member.label: at_most(robust.log_p(each.explanation, index), posterior.prior.log_single(member.drawn))
+                for index, member in enumerate(each.explanation.members)
+            }
+        found[number] = known[key]
+    return found
 
 
 def conclude(
@@ -84,7 +109,8 @@ def conclude(
         certain[key] = max(certain.get(key, 0.0), defect_probability(each, posterior.prior))
     same = marginal.twins(posterior)
     places = marginal.places(posterior, same)
-    hypotheses, masses, omitted = _listed(posterior, places, same, certain, bool(nameless))
+    doubted = doubts(posterior)
+    hypotheses, masses, omitted = _listed(posterior, places, same, certain, bool(nameless), doubted)
     leading = posterior.leading
     rng = np.random.default_rng(0)
     fits = _at_every_sample(leading, bench)
@@ -94,7 +120,7 @@ def conclude(
     quiet = masses["nothing"] >= 0.5
     has_cause = bool(fits or leading.state.offers or named)
     closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE
-    causes = () if quiet else _causes(posterior, leading, places, same, named, certain, after, before, rng)
+    causes = () if quiet else _causes(posterior, leading, places, same, named, certain, doubted, after, before, rng)
     kind = verdict_of(masses, hypotheses, causes)
     settled = around(bench, leading.explanation.bench.pipeline) if effects else bench
     other = masses["other"] >= 0.5
@@ -138,22 +164,18 @@ def _listed(
     same: Mapping[str, str],
     certain: Mapping[tuple[str, str], float],
     nameless: bool,
+    doubted: Mapping[int, Mapping[str, float]],
 ) -> tuple[tuple[Hypothesis, ...], dict[str, float], float]:
     """Hypotheses with twins and states of the floor merged; the three masses; the probability that is not listed."""
     merged: dict[tuple[tuple[tuple[str, str], ...], bool], float] = {}
-    subsets: list[tuple[tuple[tuple[str, str], ...], float]] = [((), 1.0)]
-    for cause, probability in certain.items():
-        subsets = [
-            ((*held, *extra), weight * part)
-            for held, weight in subsets
-            for extra, part in (((cause,), probability), ((), 1.0 - probability))
-            if part > 0.0
-        ]
-    for each, probability in zip(posterior.hypotheses, posterior.probabilities, strict=True):
-        own = [places[same.get(label, label)].name for label in each.labels]
-        for held, weight in subsets:
-            key = tuple(sorted([*own, *held])), each.other or nameless
-            merged[key] = merged.get(key, 0.0) + float(probability) * weight
+    defects = _subsets(list(certain.items()))
+    for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
+        believed = doubted.get(number, {})
+        own = [(places[same.get(label, label)].name, believed.get(label, 1.0)) for label in each.labels]
+        for chosen, part in _subsets(own):
+            for held, weight in defects:
+                key = tuple(sorted([*chosen, *held])), each.other or nameless
+                merged[key] = merged.get(key, 0.0) + float(probability) * part * weight
     masses = {"nothing": 0.0, "known": 0.0, "other": 0.0}
     for (causes, other), mass in merged.items():
         masses["other" if other else "known" if causes else "nothing"] += mass
@@ -163,6 +185,19 @@ def _listed(
     listed = [Hypothesis(causes, other, mass / total) for (causes, other), mass in ranked if mass / total >= _LISTED]
     listed = listed[:_MOST]
     return tuple(listed), masses, max(0.0, 1.0 - sum(one.probability for one in listed))
+
+
+def _subsets(causes: Sequence[tuple[tuple[str, str], float]]) -> list[tuple[tuple[tuple[str, str], ...], float]]:
+    """Every subset of independent causes that has a share of the probability to speak of."""
+    found: list[tuple[tuple[tuple[str, str], ...], float]] = [((), 1.0)]
+    for cause, probability in causes:
+        found = [
+            ((*held, *extra), weight * part)
+            for held, weight in found
+            for extra, part in (((cause,), probability), ((), 1.0 - probability))
+            if weight * part > _NO_SHARE
+        ]
+    return found
 
 
 def _at_every_sample(leading: Weighing, bench: Bench) -> list:  # type: ignore[type-arg]
@@ -236,19 +271,26 @@ def _causes(
     same: Mapping[str, str],
     defects: Sequence[tuple[Defect, int]],
     certain: Mapping[tuple[str, str], float],
+    doubted: Mapping[int, Mapping[str, float]],
     after: Array,
     before: Array,
     rng: np.random.Generator,
 ) -> tuple[Cause, ...]:
     """Those of the leading explanation, and all others that are likely."""
     holders: dict[str, list[tuple[Weighing, float]]] = {}
-    for each, probability in zip(posterior.hypotheses, posterior.probabilities, strict=True):
-        for label in {same.get(label, label) for label in each.labels}:
-            holders.setdefault(label, []).append((each, float(probability)))
-    reported = {same.get(label, label) for label in leading.labels}
+    for number, (each, weight) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
+        own = doubted.get(number, {})
+        shares: dict[str, float] = {}
+        for label in each.labels:
+            name = same.get(label, label)
+            shares[name] = max(shares.get(name, 0.0), own.get(label, 1.0))
+        for label, share in shares.items():
+            holders.setdefault(label, []).append((each, float(weight) * share))
+    believed = doubted.get(0, {})
+    reported = {same.get(label, label) for label in leading.labels if believed.get(label, 1.0) >= 0.5}
     found = []
-    for label, own in holders.items():
-        probability = min(sum(weight for _, weight in own), 1.0)
+    for label, held in holders.items():
+        probability = min(sum(weight for _, weight in held), 1.0)
         if label not in reported and probability < _TOLD:
             continue
         place = places[label]
@@ -256,12 +298,12 @@ def _causes(
         equivalent = tuple(
             {"effect": e, "where": w, "probability": probability * part} for e, w, part in place.members[1:]
         )
-        mean = [(each, weight) for each, weight in own if label in each.explanation.key]
+        mean = [(each, weight) for each, weight in held if label in each.explanation.key]
         if mean:
             estimates = marginal.parameters(label, posterior, mean)
             closed = _closed_by(label, mean[0][0], after, before)
         else:
-            offer = next((o for each, _ in own for o in each.state.offers if o.label == label), None)
+            offer = next((o for each, _ in held for o in each.state.offers if o.label == label), None)
             if offer is None:  # a twin of what is listed elsewhere
                 continue
             estimates, closed = _of_noise(offer), _closed_noise(offer, rng)
