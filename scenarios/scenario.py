@@ -226,7 +226,10 @@ def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
         if name in scenario.nominal:
             sheet |= {f"nominal_{key}": value for key, value in zip(NOMINAL, scenario.nominal[name], strict=True)}
         yield f"[{name}]", {**asdict(sensor), "noise_V": acquisition.noise_V[COLUMNS_OF[name]], **sheet}
-    yield "[acquisition]", {key: value for key, value in asdict(acquisition).items() if key != "noise_V"}
+    written = {key: value for key, value in asdict(acquisition).items() if key != "noise_V"}
+    if set(written["units"]) == {"V"}:  # volts need no word
+        del written["units"]
+    yield "[acquisition]", written
     if locked := set_fields(scenario.locked):
         yield "[locked]", locked
     for effect in scenario.rig.effects:

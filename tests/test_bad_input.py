@@ -167,7 +167,6 @@ def test_an_arm_that_is_not_known(bench: Bench) -> None:
         (["--field-points", "sideways"], "found 'sideways', expected one of up, down"),
         (["--lockd", "run.csv"], "--locked"),
         (["--noise"], "requires an argument"),
-        (["more"], "unexpected extra argument"),
     ],
 )
 def test_bad_options_of_calibrate(bench: Bench, arguments: list[str], expected: str) -> None:
