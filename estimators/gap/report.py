@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -10,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap import by_channel, closure, marginal, robust
+from estimators.gap import by_channel, closure, marginal
 from estimators.gap.bench import Bench, project
 from estimators.gap.by_recording import of_several
 from estimators.gap.channel_noise import ChannelNoise
@@ -19,9 +18,9 @@ from estimators.gap.defects import Defect
 from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, Remainder, pooled, verdict_of
 from estimators.gap.discrepancy import Weighed, weighed
 from estimators.gap.evidence import linearised
+from estimators.gap.p_values import WAYS, defect_probability, doubts
 from estimators.gap.posterior import Hypothesis as Weighing
 from estimators.gap.posterior import Posterior
-from estimators.gap.prior import Prior
 from estimators.gap.rebase import around
 from estimators.gap.refine import at
 from estimators.gap.shift import calibration_shift
@@ -38,44 +37,9 @@ Array = NDArray[np.float64]
 _LISTED, _MOST = 0.005, 50
 #: Causes that are likely enough to be told of, beside those of the likeliest explanation.
 _TOLD: Final = 0.1
-#: Hypotheses that closure is drawn from.
-_WAYS: Final = 0.002
 #: Shares of a hypothesis' probability that are not followed.
 _NO_SHARE: Final = 1e-9
 _NO_CLOSURE: Final = Closed(None, None, None)
-
-
-def at_most(log_p: float, log_prior: float) -> float:
-    """The largest probability that a p-value allows: the bound of Sellke, Bayarri and Berger (American Statistician 55,
-    2001) as its Bayes factor, -1/(e p log p)."""
-    log_p = max(min(log_p, -1.1), -1e6)
-    odds = -log_p - math.log(-log_p) - 1.0 + log_prior
-    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
-
-
-def defect_probability(defect: Defect, prior: Prior) -> float:
-    """Of a defect whose p-value is known."""
-    place = defect.effect, defect.where
-    own = tuple(label for label in prior.places[defect.effect] if marginal.split(label) == place)
-    return at_most(defect.log_p, prior.log_single((defect.effect, own)))
-
-
-def doubts(posterior: Posterior) -> dict[int, dict[str, float]]:
-    """For the hypotheses that hold something outside the catalogue, by their number, the probability of each mean
-    effect, by its label: evidence that knows the noise is no longer one."""
-    found: dict[int, dict[str, float]] = {}
-    known: dict[int, dict[str, float]] = {}
-    for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
-        if not each.other or probability < _WAYS:
-            continue
-        key = id(each.explanation)
-        if key not in known:
-            known[key] = {
-                member.label: at_most(robust.log_p(each.explanation, index), posterior.prior.log_single(member.drawn))
-                for index, member in enumerate(each.explanation.members)
-            }
-        found[number] = known[key]
-    return found
 
 
 def conclude(
@@ -212,7 +176,7 @@ def _at_every_sample(leading: Weighing, bench: Bench) -> list:  # type: ignore[t
 def _gap(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Array]:
     """Draws of the squared gap that is left and that was there."""
     leading, rough = posterior.leading, posterior.scanner.rough.bench
-    near = [(each, p) for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if p > _WAYS]
+    near = [(each, p) for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if p > WAYS]
     means = posterior.discrepancies.means
     nothing = project(means.absorbed, means(posterior.scanner.fine.bench.whitened[:, None]))[:, 0]
     known = {}
@@ -310,7 +274,7 @@ def _causes(
         bench = leading.explanation.bench
         cause = Cause(effect, where, probability, equivalent, estimates, closed)
         if isinstance(bench, Stack):
-            cause = of_several(cause, label, mean[0][0] if mean else own[0][0], bench)
+            cause = of_several(cause, label, mean[0][0] if mean else held[0][0], bench)
         found.append(cause)
     for defect, number in defects:
         estimates = {name: Estimate(*values) for name, values in defect.parameters.items()}

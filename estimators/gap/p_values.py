@@ -1,0 +1,47 @@
+"""Probabilities that a p-value bounds: of defects, and of causes beside something outside the catalogue."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from estimators.gap import marginal, robust
+from estimators.gap.defects import Defect
+from estimators.gap.posterior import Posterior
+from estimators.gap.prior import Prior
+
+#: Hypotheses that are looked at, by their probability.
+WAYS: Final = 0.002
+
+
+def at_most(log_p: float, log_prior: float) -> float:
+    """The largest probability that a p-value allows: the bound of Sellke, Bayarri and Berger (American Statistician 55,
+    2001) as its Bayes factor, -1/(e p log p)."""
+    log_p = max(min(log_p, -1.1), -1e6)
+    odds = -log_p - math.log(-log_p) - 1.0 + log_prior
+    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
+
+
+def defect_probability(defect: Defect, prior: Prior) -> float:
+    """Of a defect whose p-value is known."""
+    place = defect.effect, defect.where
+    own = tuple(label for label in prior.places[defect.effect] if marginal.split(label) == place)
+    return at_most(defect.log_p, prior.log_single((defect.effect, own)))
+
+
+def doubts(posterior: Posterior) -> dict[int, dict[str, float]]:
+    """For the hypotheses that hold something outside the catalogue, by their number, the probability of each mean
+    effect, by its label: evidence that knows the noise is no longer one."""
+    found: dict[int, dict[str, float]] = {}
+    known: dict[int, dict[str, float]] = {}
+    for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
+        if not each.other or probability < WAYS:
+            continue
+        key = id(each.explanation)
+        if key not in known:
+            known[key] = {
+                member.label: at_most(robust.log_p(each.explanation, index), posterior.prior.log_single(member.drawn))
+                for index, member in enumerate(each.explanation.members)
+            }
+        found[number] = known[key]
+    return found
