@@ -50,3 +50,4 @@ class CheckoutCommand(click.Command):
 BLIND: Final = CheckoutCommand("blind", "blind", "The check on sealed recordings: make, solve, score.")
 PAPER: Final = CheckoutCommand("paper", "papers", "Every table of both papers beside the rig.")
 GAP: Final = CheckoutCommand("gap", "papers", "A rig whose gap looks like the paper's.")
+LOOP: Final = CheckoutCommand("loop", "loop", "Does what the diagnosis proposes end in the right name?")

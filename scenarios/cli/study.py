@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from scenarios.cli._checkout import GAP, PAPER
+from scenarios.cli._checkout import GAP, LOOP, PAPER
 from scenarios.cli._options import (
     PATH,
     Choice,
@@ -292,3 +292,4 @@ def _counted(progress: Callable[[float], None], rows: int | None) -> Callable[[i
 
 study.add_command(PAPER)
 study.add_command(GAP)
+study.add_command(LOOP)

@@ -115,7 +115,7 @@ def family(reach: Reach, recorded: TorusSweep | StaticPoses) -> Iterator[TorusSw
     if sweep is not None:
         yield from _variants(reach, sweep)
     for seed, (spread, held) in enumerate(itertools.product((0.5, 1.0), (0.1, 0.5, 0.9))):
-        yield _stops(reach, recorded.duration_s, recorded.rate_Hz, seed, spread, held)
+        yield stops(reach, recorded.duration_s, recorded.rate_Hz, seed, spread, held)
 
 
 def _sweep(reach: Reach, joints: tuple[int, ...], duration_s: float, rate_Hz: float) -> TorusSweep | None:
@@ -187,7 +187,7 @@ def _passes(most: int, extent_deg: float, duration_s: float) -> int:
     return int(np.clip(duration_s * _SLOW_DEG_S / max(extent_deg, 1.0), 1, most))
 
 
-def _stops(reach: Reach, duration_s: float, rate_Hz: float, seed: int, spread: float, held: float) -> StaticPoses:
+def stops(reach: Reach, duration_s: float, rate_Hz: float, seed: int, spread: float, held: float) -> StaticPoses:
     """Stops at random poses of all joints, every third come back to from the other side."""
     rng = np.random.default_rng(seed)
     poses: list[tuple[float, ...]] = []

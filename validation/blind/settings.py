@@ -15,7 +15,7 @@ from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.effects import Effect, Stage
 from rig.environment import Environment
 from rig.errors import RigError
-from rig.maneuver import LockedPoses, TorusSweep
+from rig.maneuver import LockedPoses, StaticPoses, TorusSweep
 from rig.recording import Recording
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals, sampled
@@ -56,7 +56,7 @@ class Setting:
     """
 
     rig: Rig
-    maneuver: TorusSweep | Wander
+    maneuver: TorusSweep | StaticPoses | Wander
     locked: LockedPoses
     floor: Floor
     inertial: bool = False
@@ -184,7 +184,7 @@ def draw_setting(
         maneuver: TorusSweep | Wander = Wander.drawn(arm, duration_s, RATE_HZ * FINER, rng)
         locked = _draw_rest(arm, rng)
     else:
-        maneuver = _draw_sweep(sweeps, duration_s, rng)
+        maneuver = draw_sweep(sweeps, duration_s, rng)
         locked = _draw_locked(rng)
     noise = _draw_floor(np.asarray(rig.acquisition.noise_V), floor, duration_s, rng)
     noise_V = (0.0,) * 6 if noise.degrees else noise.white_V
@@ -201,9 +201,10 @@ def draw_setting(
     return Setting(drawn, maneuver, locked, noise, laboratory=laboratory)
 
 
-def _draw_sweep(
+def draw_sweep(
     sweeps: tuple[tuple[tuple[int, int], int], ...], duration_s: float, rng: np.random.Generator
 ) -> TorusSweep:
+    """A torus sweep in a time, its passes and speed drawn from some to choose from."""
     (yaw, pitch), speed = sweeps[rng.integers(len(sweeps))]
     longer = max(1, round(duration_s / _PAPERS_S))  # a longer recording has more passes, not slower ones
     return TorusSweep(

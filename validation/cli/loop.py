@@ -1,0 +1,48 @@
+"""``loop``: hidden rigs, diagnosed again and again with what the diagnosis asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from scenarios.cli._options import PATH, json_option, print_json, progress_bar
+from scenarios.cli.study import workers_options
+
+
+@click.command(short_help="Does what the diagnosis proposes end in the right name?")
+@click.option("-o", "--output", type=PATH, required=True, metavar="FOLDER", help="Gets loop.md and its picture.")
+@click.option("--rigs", type=click.IntRange(min=1), default=12, show_default=True, help="Hidden rigs.")
+@click.option("--samples", type=click.IntRange(min=400), default=1664, show_default=True, help="Of each recording.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of everything random.")
+@workers_options
+@json_option
+def loop(
+    output: Path, rigs: int, samples: int, seed: int, workers: int | None, cluster: str | None, as_json: bool
+) -> None:
+    """Record hidden rigs, diagnose, record the next maneuver, diagnose together, until they are named.
+
+    The next maneuver is the proposed one, stops at random poses, or another torus sweep. FOLDER/loop.md tells how many
+    end with the right name, and after how many minutes of arm time; the same command goes on with a study that was
+    ended.
+
+    \b
+    Example:
+      rig study loop -o docs
+      rig study loop -o small --rigs 4 --seed 2 --workers 2
+    """
+    from scenarios.workers import Workers
+    from validation.loop.play import Settings
+    from validation.loop.run import make_loop
+
+    settings = Settings(rigs, samples, seed)
+    with progress_bar(f"{rigs} hidden rigs") as progress:
+        made = make_loop(output, settings, Workers(workers, cluster), progress)
+    if as_json:
+        print_json({"files": made.files, "summaries": [each.to_json() for each in made.summaries]})
+        return
+    from scenarios.report import show
+    from validation.loop.report import loop_table
+
+    show(loop_table(made.summaries))
+    click.echo(f"\n{', '.join(map(str, made.files))}: written")

@@ -1,0 +1,43 @@
+"""The seam to the diagnosis: several recordings of one rig judged together, and the maneuver proposed then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from estimators.gap.diagnose import examined
+from estimators.gap.diagnosis import Diagnosis
+from rig.maneuver import StaticPoses, TorusSweep
+from rig.recording import Recording
+from scenarios.gap_report.together import proposed as next_of
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A diagnosis of all recordings so far.
+
+    Attributes:
+        diagnosis: of them together.
+        proposed: the next maneuver, and whether the arm's own acceleration counts in it; None: there is none.
+    """
+
+    diagnosis: Diagnosis
+    proposed: Callable[[], tuple[TorusSweep | StaticPoses, bool] | None]
+
+
+def judged(runs: Sequence[Recording], locked: Recording) -> Judged:
+    """Diagnose recordings of one rig together.
+
+    Args:
+        locked: the rig at rest, for the noise floor of all of them.
+
+    Raises:
+        RigError, RefusedFit: as ``estimators.diagnose``.
+    """
+    found = examined(list(runs), [locked] * len(runs))
+
+    def proposed() -> tuple[TorusSweep | StaticPoses, bool] | None:
+        following = next_of(found)
+        return None if following is None else (following.maneuver, following.felt)
+
+    return Judged(found.diagnosis, proposed)

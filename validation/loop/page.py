@@ -1,0 +1,110 @@
+"""The page of the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+
+from estimators.gap.diagnosis import chance
+from scenarios.gap_report.words import cause_title
+from validation.blind.intervals import Rate
+from validation.loop.play import MOST, Settings, Step
+from validation.loop.rigs import STRENGTHS
+from validation.loop.summary import Summary
+from validation.paper.markdown import markdown
+
+PICTURE: Final = "loop.png"
+_WORDS: Final = {
+    "proposed": "the proposed maneuver",
+    "random": "stops at random poses",
+    "torus": "another torus sweep",
+}
+
+
+def page(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], folder: str) -> str:
+    """Markdown; ``folder`` holds the picture and the table."""
+    return "\n".join(_lines(settings, steps, found, folder)) + "\n"
+
+
+def _lines(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], folder: str) -> Iterator[str]:
+    minutes = steps[0].minutes
+    yield "<!-- Written by `rig study loop -o docs`; do not edit. -->"
+    yield "# The loop: diagnose, record what tells most, diagnose together"
+    yield ""
+    yield (
+        f"{settings.rigs} hidden rigs with one cause each, drawn so that the first sweep takes the cause for another: "
+        "at least one other cause of the catalogue leaves less than 2.5 standard deviations of what it does. That is "
+        "computed from the truth, not from a diagnosis. The cause's signal-to-noise in the first recording is drawn "
+        f"between {STRENGTHS[0]:g} and {STRENGTHS[1]:g}; effects that happen at an instant are left out. Every "
+        f"recording has {settings.samples:,} samples at 4 Hz, {minutes:.1f} minutes of arm time. Each rig is recorded "
+        f"and diagnosed; then comes another maneuver, up to {MOST} in all, and all recordings are diagnosed together, "
+        "until one cause by one name is left. The next maneuver is the one that the diagnosis proposes, stops at "
+        "random poses of all joints, or another torus sweep of joints 1, 5 and 6, each as long as the first."
+    )
+    yield ""
+    yield f"![How many rigs are named rightly after how many minutes]({folder}/{PICTURE})"
+    yield ""
+    yield from _headline(found)
+    yield ""
+    columns = ("next", "named rightly", "wrongly", "no maneuver", "given up", "of open rigs", "minutes a name")
+    yield from markdown(columns, [_row(each) for each in found])
+    yield ""
+    yield (
+        "Named rightly: of all rigs, with Wilson's 95 % interval. Wrongly: named by another cause. No maneuver: the "
+        "diagnosis has none to propose, as it is of a verdict that needs another answer, or no maneuver that was tried "
+        f"tells more. Given up: after {MOST} maneuvers. Open rigs are those that the first recording did not name; "
+        "minutes a name is the arm time after the first recording, of all open rigs, for each of them that ends "
+        "rightly."
+    )
+    yield ""
+    yield "## Every rig"
+    yield ""
+    header = ("rig", "cause", "signal-to-noise", "alike at first", "next", "maneuvers", "minutes", "ends", "as")
+    yield from markdown(header, [_rig(each) for summary in found for each in summary.last])
+    yield ""
+    yield f"The table of all steps is `{folder}/study/table.parquet`."
+
+
+def _headline(found: Sequence[Summary]) -> Iterator[str]:
+    for each in found:
+        median = "" if np.isnan(each.added_maneuvers) else f", after {each.added_maneuvers:g} more at the median"
+        yield (
+            f"- With {_WORDS[each.strategy]}, {_share(each.rightly_open)} of the rigs that the first recording left "
+            f"open end with the right name{median}."
+        )
+
+
+def _share(rate: Rate) -> str:
+    return f"{rate.hits:g} of {rate.count}"
+
+
+def _row(each: Summary) -> tuple[str, ...]:
+    ends = each.ends
+    cost = "–" if np.isinf(each.minutes_a_name) else f"{each.minutes_a_name:.0f}"
+    return (
+        _WORDS[each.strategy],
+        f"{_share(each.rightly)}: {each.rightly}",
+        *(str(ends[name]) for name in ("wrongly", "no maneuver", "given up")),
+        _share(each.rightly_open),
+        cost,
+    )
+
+
+def _rig(each: Step) -> tuple[str, ...]:
+    ends = "rightly" if each.rightly else "wrongly" if each.ended == "named" else each.ended
+    said = " or ".join(cause_title(*label.split("@")) for label in each.said.split(" or ")) if each.said else "–"
+    if " with " in each.said or each.names > 3:
+        said = f"{each.names} names"
+    return (
+        str(each.rig),
+        cause_title(each.effect, each.where),
+        f"{each.snr:.0f}",
+        str(each.alike),
+        _WORDS[each.strategy],
+        str(each.step),
+        f"{each.minutes:.0f}",
+        f"{ends} ({each.verdict} {chance(each.probability)})",
+        said,
+    )

@@ -1,0 +1,49 @@
+"""Make the study of the loop, its page and its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from rig.files import own_folder, write_text
+from scenarios.studies.store import StudyFolder
+from scenarios.studies.tables import rows_of
+from scenarios.workers import Workers
+from validation.loop.page import PICTURE, page
+from validation.loop.play import Settings, Step, trial
+from validation.loop.summary import Summary, summaries
+
+PAGE: Final = "loop.md"
+FOLDER: Final = "loop"
+STUDY: Final = "study"
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What was made: every step, what they come to, and the files."""
+
+    steps: tuple[Step, ...]
+    summaries: tuple[Summary, ...]
+    files: tuple[Path, ...]
+
+
+def make_loop(
+    folder: Path, settings: Settings, workers: Workers, progress: Callable[[float], None] | None = None
+) -> Loop:
+    """Write loop.md, its picture and the table of all steps; an ended study goes on.
+
+    Raises:
+        RigError: the folder holds another study or cannot be written to, or as of ``Workers.completed``.
+    """
+    from scenarios.plots.style import save
+    from validation.plots.loop import loop_figure
+
+    beside = own_folder(folder / FOLDER)
+    study = StudyFolder.begin(beside / STUDY, "loop", settings)
+    steps = tuple(rows_of(Step, study.fill(trial, settings, settings.rigs, workers, progress)))
+    found = summaries(steps)
+    save(loop_figure(found), beside / PICTURE)
+    write_text(folder / PAGE, page(settings, steps, found, FOLDER))
+    return Loop(steps, found, (folder / PAGE, beside / PICTURE, study.path))
