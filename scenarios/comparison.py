@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -93,21 +94,26 @@ def compare_two(first: Calibration, second: Calibration) -> tuple[Compared, ...]
         for name in names:
             value, sigma = one.value(name), math.hypot(one.std(name), two.std(name))
             error = _off(name, _on_side_of(one, two, name) - value)
-            told = math.isfinite(sigma) and sigma > 0.0
-            why = next((why for each in (one, two) if (why := each.identifiable.get(name, True)) is not True), "")
-            rows.append(
-                Compared(
-                    sensor=sensor,
-                    parameter=name,
-                    unit=unit[name],
-                    truth=value,
-                    estimate=value + error,
-                    sigma=sigma if told else None,
-                    error_sigmas=error / sigma if told else None,
-                    why=str(why),
-                )
-            )
+            told = [each.identifiable.get(name, True) for each in (one, two)]
+            rows.append(_row(sensor, name, unit[name], value, value + error, error, sigma, told))
     return tuple(rows)
+
+
+def _row(
+    sensor: str, name: str, unit: str, truth: float, estimate: float, error: float, sigma: float, told: Iterable[Any]
+) -> Compared:
+    """``told``: of each calibration, True or the reason why the parameter cannot be told."""
+    known = math.isfinite(sigma) and sigma > 0.0
+    return Compared(
+        sensor=sensor,
+        parameter=name,
+        unit=unit,
+        truth=truth,
+        estimate=estimate,
+        sigma=sigma if known else None,
+        error_sigmas=error / sigma if known else None,
+        why=str(next((why for why in told if why is not True), "")),
+    )
 
 
 def _on_side_of(one: SensorCalibration, two: SensorCalibration, name: str) -> float:
@@ -164,19 +170,6 @@ def _rows(sensor: str, truth: Truth, found: SensorCalibration) -> list[Compared]
             continue
         estimate, true = float(found.values[index]), true_values[stem]
         error = _off(name, estimate - true)
-        sigma = float(sigmas[index])
-        told = math.isfinite(sigma) and sigma > 0.0
-        why = found.identifiable.get(name, True)
-        rows.append(
-            Compared(
-                sensor=sensor,
-                parameter=name,
-                unit=unit[name],
-                truth=true,
-                estimate=estimate,
-                sigma=sigma if told else None,
-                error_sigmas=error / sigma if told else None,
-                why="" if why is True else str(why),
-            )
-        )
+        told = [found.identifiable.get(name, True)]
+        rows.append(_row(sensor, name, unit[name], true, estimate, error, float(sigmas[index]), told))
     return rows

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from estimators.gap.bench import Bench
 from estimators.gap.defects import Defect, masked
 from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.p_values import log_bayes_factor
 from estimators.gap.states import log_det
 from estimators.gap.stochastic import known_steps
 from rig.channels import CHANNELS
@@ -95,9 +96,7 @@ def judged(
     before, after = (masked(bench, defects) for bench in (ideal, fitted))
     steps = after.steps[len(before.steps) :]
     ratio = 0.5 * float(before.whitened @ before.whitened - after.whitened @ after.whitened) + log_det(before, steps)
-    # a defect that is found again: the bound of Sellke, Bayarri and Berger (2001) on its Bayes factor
-    again = [max(-defect.log_p, 1.1) for defect in defects if rig.has(defect)]
-    ratio += sum(value - math.log(value) - 1.0 for value in again)
+    ratio += sum(log_bayes_factor(defect.log_p) for defect in defects if rig.has(defect))  # found again
     chose = recording.fingerprint in rig.fitted_to
     at_floor = diagnosis.verdict == "no-gap"
     channels: dict[str, dict[str, float]] = {}

@@ -14,11 +14,16 @@ from estimators.gap.prior import Prior
 WAYS: Final = 0.002
 
 
-def at_most(log_p: float, log_prior: float) -> float:
-    """The largest probability that a p-value allows: the bound of Sellke, Bayarri and Berger (American Statistician 55,
-    2001) as its Bayes factor, -1/(e p log p)."""
+def log_bayes_factor(log_p: float) -> float:
+    """The largest log Bayes factor that a p-value allows, -1/(e p log p): Sellke, Bayarri and Berger (American
+    Statistician 55, 2001)."""
     log_p = max(min(log_p, -1.1), -1e6)
-    odds = -log_p - math.log(-log_p) - 1.0 + log_prior
+    return -log_p - math.log(-log_p) - 1.0
+
+
+def at_most(log_p: float, log_prior: float) -> float:
+    """The largest probability that a p-value allows."""
+    odds = log_bayes_factor(log_p) + log_prior
     return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
 
 

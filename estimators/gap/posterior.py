@@ -271,27 +271,21 @@ def _states(
     explained = Explained(bench.absorbed, each.linear.left)
     found = named(bench, explained, work.without, given)
     if not given.name:
-        floors = [moved_floor(bench, explained, work.at_rest, slower) for slower in (False, True)]
-        if not work.at_rest:
-            floors.append(unseen_floor(bench, explained))
-        for state in (*floors, unnamed(bench, explained)):
+        any_spectrum = unnamed(bench, explained)
+        unseen = None if work.at_rest or any_spectrum is None else unseen_floor(any_spectrum)
+        moved = (moved_floor(bench, explained, work.at_rest, slower) for slower in (False, True))
+        for state in (*moved, unseen, any_spectrum):
             if state is not None:
-                found.append(
-                    NoiseState(
-                        state.name,
-                        given.offers,
-                        (*given.steps, *state.steps),
-                        given.log_weight + state.log_weight,
-                        state.other,
-                    )
-                )
+                weight = given.log_weight + state.log_weight
+                found.append(replace(state, offers=given.offers, steps=(*given.steps, *state.steps), log_weight=weight))
     held = [member.drawn for member in each.members]
     result = []
     for state in found:
         prior = work.prior.log_set([*state.drawn, *held])
-        fresh = state.steps[len(given.steps) :]
-        promise = under_steps(bench, each.linear, fresh).averaged[0] + prior + state.log_weight
-        result.append((promise, state, scanner, each))
+        linear, determinant = under_steps(bench, each.linear, state.steps[len(given.steps) :])
+        weight = state.log_weight + determinant
+        promise = linear.averaged[0] + prior + weight
+        result.append((promise, replace(state, log_weight=weight), scanner, each))
     return result
 
 

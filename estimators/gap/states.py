@@ -47,7 +47,8 @@ class NoiseState:
         name: in words; empty for the floor as learned.
         offers: the noise effects of the catalogue that are part of it.
         steps: of whitening beyond the floor's.
-        log_weight: log determinant of the steps, cost of their parameters, log prior of a floor.
+        log_weight: cost of the steps' parameters, log prior of a floor; and, once ``under_steps`` has told it, the log
+            determinant of the steps.
         other: whether it holds noise without a name.
     """
 
@@ -73,18 +74,23 @@ def log_det(bench: Bench, steps: Sequence[Step]) -> float:
     the calibration is integrated out, and coarser noise leaves it more room (Harville, Biometrika 61, 1974)."""
     if not steps:
         return 0.0
-    information = _stepped(bench, bench.absorbed, steps)
+    basis = _stepped(bench, bench.absorbed, steps)
+    return _log_det(steps, basis.T @ basis)
+
+
+def _log_det(steps: Sequence[Step], information: Array) -> float:
     own = float(sum(np.sum(np.log(np.maximum(step.factor, 1e-300))) for step in steps))
-    return own - 0.5 * float(np.linalg.slogdet(information.T @ information)[1])
+    return own - 0.5 * float(np.linalg.slogdet(information)[1])
 
 
-def under_steps(bench: Bench, linear: Linear, steps: Sequence[Step]) -> Linear:
-    """Linearised effects after further steps of whitening; they are not refitted."""
+def under_steps(bench: Bench, linear: Linear, steps: Sequence[Step]) -> tuple[Linear, float]:
+    """Linearised effects after further steps of whitening, not refitted; and ``log_det`` of the steps."""
     absorbed = bench.absorbed.shape[1]
     every = _stepped(bench, np.column_stack([bench.absorbed, linear.left, linear.tangent]), steps)
     basis, rest = every[:, :absorbed], every[:, absorbed:]
-    rest = rest - basis @ np.linalg.solve(basis.T @ basis, basis.T @ rest)
-    return replace(linear, left=rest[:, 0], tangent=rest[:, 1:])
+    information = basis.T @ basis
+    rest = rest - basis @ np.linalg.solve(information, basis.T @ rest)
+    return replace(linear, left=rest[:, 0], tangent=rest[:, 1:]), _log_det(steps, information)
 
 
 def _stepped(bench: Bench, columns: Array, steps: Sequence[Step]) -> Array:
@@ -111,7 +117,8 @@ def moved_floor(bench: Bench, explained: Explained, at_rest: bool, slower: bool 
     steps, weight = [], float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
     for number, column in places:
         part, left = bench.parts[number], explained.of(bench.rows(number))
-        learned, own = spectrum(part, left, column), spectrum(part, left, column, slower)
+        learned = spectrum(part, left, column)
+        own = spectrum(part, left, column, slower) if slower else learned
         point, _ = own.alone
         before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
         factor = np.sqrt(before / after)
@@ -124,17 +131,17 @@ def moved_floor(bench: Bench, explained: Explained, at_rest: bool, slower: bool 
     if not steps:
         return None
     name = "slower floor" if slower else "floor"
-    return NoiseState(name, (), tuple(steps), weight + log_det(bench, steps))
+    return NoiseState(name, (), tuple(steps), weight)
 
 
-def unseen_floor(bench: Bench, explained: Explained) -> NoiseState | None:
+def unseen_floor(found: NoiseState) -> NoiseState:
     """Where no recording at rest shows the floor: any spectrum may be it.
 
     What lies far above the floor that differences of neighbouring readings show is unlikely to be that floor.
+
+    Args:
+        found: the spectrum, as noise without a name.
     """
-    found = unnamed(bench, explained)
-    if found is None:
-        return None
     raised = max(float(np.log(np.mean(step.factor**-2.0))) for step in found.steps)
     weight = found.log_weight - float(np.log(OTHER * OTHER_NOISE)) + float(np.log(FLOOR_UNSEEN))
     return NoiseState("unseen floor", (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
@@ -148,7 +155,7 @@ def named(bench: Bench, explained: Explained, without: Sequence[str], given: Noi
         if offer.label in held:
             continue
         steps = tuple(step for each in offer.every for step in each.steps(bench.parts[each.part]))
-        weight = given.log_weight + log_det(bench, steps) + sum(_cost(each) for each in offer.every)
+        weight = given.log_weight + sum(_cost(each) for each in offer.every)
         found.append(NoiseState("", (*given.offers, offer), (*given.steps, *steps), weight, given.other))
     return found
 
@@ -186,7 +193,7 @@ def unnamed(bench: Bench, explained: Explained) -> NoiseState | None:
             steps.append(Step(column, np.concatenate([[1.0], factor[band]]), in_time=False, part=number))
     if not steps:
         return None
-    return NoiseState("noise", (), tuple(steps), weight + log_det(bench, steps), other=True)
+    return NoiseState("noise", (), tuple(steps), weight, other=True)
 
 
 def _cost(offer: NoiseOffer) -> float:

@@ -7,12 +7,27 @@ from pathlib import Path
 
 import click
 
-from scenarios.cli._options import PATH, check_output, json_option, print_json, progress_bar
+from scenarios.cli._options import PATH, Command, check_output, json_option, print_json, progress_bar
 
 _JOBS = click.option("--jobs", type=click.IntRange(min=0), metavar="N", help="Processes; one for each processor.")
 _SEALED = click.option(
     "--truth", "sealed", type=PATH, metavar="DIR", help="The sealed folder; FOLDER.sealed by default."
 )
+
+_OF_A_SET = (
+    click.option("--cases", type=click.IntRange(min=16), default=100, help="Beside those of mechanics."),
+    click.option("--mechanics", type=click.IntRange(min=0), default=0, help="Cases stepped by MuJoCo; a minute each."),
+    click.option("--samples", type=click.IntRange(min=400), default=6656, help="Of each recording, at 4 Hz."),
+    click.option("--scenario", default="ann-arbor", help="What the rigs are drawn around: a name or a TOML file."),
+    click.option("--seed", type=click.IntRange(min=0), help="Of everything random; drawn and sealed by default."),
+)
+
+
+def _set_options(command: Command) -> Command:
+    """What a set is made of."""
+    for option in reversed(_OF_A_SET):
+        command = option(command)
+    return command
 
 
 @click.group(short_help="The check on sealed recordings: make, solve, score.")
@@ -31,11 +46,7 @@ def blind() -> None:
 
 @blind.command(short_help="Make sealed recordings.")
 @click.argument("folder", type=PATH)
-@click.option("--cases", type=click.IntRange(min=16), default=100, help="Beside those of mechanics.")
-@click.option("--mechanics", type=click.IntRange(min=0), default=0, help="Cases stepped by MuJoCo; a minute each.")
-@click.option("--samples", type=click.IntRange(min=400), default=6656, help="Of each recording, at 4 Hz.")
-@click.option("--scenario", default="ann-arbor", help="What the rigs are drawn around: a name or a TOML file.")
-@click.option("--seed", type=click.IntRange(min=0), help="Of everything random; drawn and sealed by default.")
+@_set_options
 @_SEALED
 @_JOBS
 @json_option
@@ -118,11 +129,7 @@ def score(
 
 @blind.command(short_help="Make, solve and score in one go.")
 @click.argument("folder", type=PATH)
-@click.option("--cases", type=click.IntRange(min=16), default=100, help="Beside those of mechanics.")
-@click.option("--mechanics", type=click.IntRange(min=0), default=0, help="Cases stepped by MuJoCo; a minute each.")
-@click.option("--samples", type=click.IntRange(min=400), default=6656, help="Of each recording, at 4 Hz.")
-@click.option("--scenario", default="ann-arbor", help="What the rigs are drawn around: a name or a TOML file.")
-@click.option("--seed", type=click.IntRange(min=0), help="Of everything random; drawn and sealed by default.")
+@_set_options
 @click.option(
     "--power", "draws", type=click.IntRange(min=0), default=0, help="Recordings a strength for detection power."
 )
