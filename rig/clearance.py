@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, Self
 
 import mujoco
@@ -86,54 +87,69 @@ class Clearance:
 
     def touching(self, q: ArrayLike) -> NDArray[np.bool_]:
         """(n,) whether the arm touches anything at joint values (n, N) [rad, m]."""
-        return np.array([bool(self._pairs(row) - self.joined) for row in self._values(q)])
+        return np.array([len(self._collisions(row)) > 0 for row in self._values(q)], dtype=bool)
 
     def first_contact(self, q: ArrayLike) -> tuple[int, str, str] | None:
         """The first of joint values (n, N) [rad, m] at which the arm touches something, and the two bodies."""
         for row, values in enumerate(self._values(q)):
-            if found := sorted(self._pairs(values) - self.joined):
-                names = [self.model.body(index).name or "the surroundings" for index in found[0]]
+            if len(found := self._collisions(values)):
+                names = [self.model.body(int(index)).name or "the surroundings" for index in min(found.tolist())]
                 return row, names[0], names[1]
         return None
+
+    def without(self, q: ArrayLike) -> Self:
+        """The same, but for what touches at joint values (n, N) [rad, m] at which the arm is known to have been."""
+        pairs = [tuple(pair) for values in self._values(q) for pair in self._collisions(values).tolist()]
+        return replace(self, joined=self.joined | frozenset(pairs))
 
     def _values(self, q: ArrayLike) -> Array:
         """(n, M) values of all members of the chain."""
         return self.arm.chain.spread(np.atleast_2d(np.asarray(q, dtype=float)))
 
-    def _pairs(self, values: Array) -> set[tuple[int, int]]:
+    def _pairs(self, values: Array) -> NDArray[np.int64]:
+        """(k, 2) bodies that touch, the lower number first; a pair may come more than once."""
         data = self._data
         data.qpos[:] = self.model.qpos0
         data.qpos[self._addresses] = values
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_collision(self.model, data)
-        bodies = self.model.geom_bodyid
-        roots = self.model.body_weldid
-        found = set()
-        for contact in data.contact[: data.ncon]:
-            one, other = sorted(int(roots[bodies[geom]]) for geom in contact.geom)
-            found.add((one, other))
-        return found
+        return np.sort(self._bodies[data.contact.geom.reshape(-1, 2)], axis=1)
+
+    def _collisions(self, values: Array) -> NDArray[np.int64]:
+        """(k, 2) bodies that touch and are not joined."""
+        pairs = self._pairs(values)
+        return pairs[~self._is_joined[pairs[:, 0], pairs[:, 1]]]
 
     def _always_touching(self) -> frozenset[tuple[int, int]]:
         rng = np.random.default_rng(0)
         low, high = finite_limits(self.arm)
         counts: dict[tuple[int, int], int] = {}
         for values in self._values(rng.uniform(low, high, (_SAMPLES, self.arm.dof))):
-            for pair in self._pairs(values):
+            for pair in set(map(tuple, self._pairs(values).tolist())):
                 counts[pair] = counts.get(pair, 0) + 1
         return frozenset(pair for pair, count in counts.items() if count >= _JOINED * _SAMPLES)
 
-    @property
+    @cached_property
     def _data(self) -> mujoco.MjData:
-        if "_kept" not in self.__dict__:
-            object.__setattr__(self, "_kept", mujoco.MjData(self.model))
-        data: mujoco.MjData = self.__dict__["_kept"]
-        return data
+        return mujoco.MjData(self.model)
 
-    @property
+    @cached_property
     def _addresses(self) -> NDArray[np.int64]:
         names = [self.arm.model.joint(int(joint)).name for joint in self.arm.chain.members]
         return np.array([self.model.joint(name).qposadr[0] for name in names])
+
+    @cached_property
+    def _bodies(self) -> NDArray[np.int64]:
+        """(geoms,) the body that each is fixed to."""
+        return np.asarray(self.model.body_weldid[self.model.geom_bodyid], dtype=np.int64)
+
+    @cached_property
+    def _is_joined(self) -> NDArray[np.bool_]:
+        """(bodies, bodies) whether two are joined, the lower number first."""
+        table = np.zeros((self.model.nbody, self.model.nbody), dtype=bool)
+        for one, other in self.joined:
+            table[one, other] = True
+        return table
 
 
 def finite_limits(arm: Arm) -> tuple[Array, Array]:

@@ -10,12 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rig.arm import Arm
 from rig.errors import RigError
+from rig.maneuver.profile import PEAK_ACCELERATION, PEAK_SPEED
 
 Array = NDArray[np.float64]
 
-#: Greatest speed and acceleration of the quintic step from 0 to 1 in a unit of time (``rig.maneuver.profile``).
-PEAK_SPEED: Final = 15.0 / 8.0
-PEAK_ACCELERATION: Final = 10.0 / np.sqrt(3.0)
 _ACCELERATIONS: Final = "joint_acceleration_limit_deg_s2"
 #: Where nothing is stated: speed [rad/s, m/s], and the time to reach it [s].
 _SPEED: Final = (1.0, 0.1)

@@ -42,7 +42,7 @@ def test_a_torus_sweep_is_recognised(name: str) -> None:
     made = SWEEPS[name]
     rate = 4.0 if made.duration_s > 100.0 else 10.0
     t = np.arange(int(made.duration_s * rate)) / rate
-    arm = "mine" if made.limits_deg is None else "a465"
+    arm = replace(Arm.a465(), name="mine") if made.limits_deg is None else Arm.a465()
     found = closest_maneuver(t, made.trajectory(t).q, 100.0, arm).maneuver
     assert isinstance(found, TorusSweep)
     assert (found.yaw_passes, found.pitch_passes, found.roll) == (made.yaw_passes, made.pitch_passes, made.roll)
@@ -67,7 +67,7 @@ def test_noisy_encoders_add_no_passes() -> None:
     t = np.arange(0.0, 1664.0, 0.01)
     q = made.trajectory(t).q
     q += 1e-4 * np.random.default_rng(0).standard_normal(q.shape)
-    found = closest_maneuver(t, q, 100.0, "a465").maneuver
+    found = closest_maneuver(t, q, 100.0, Arm.a465()).maneuver
     assert isinstance(found, TorusSweep)
     assert (found.yaw_passes, found.pitch_passes) == (15, 7)
     found.trajectory(t[:10])  # and the joints stay within their limits
@@ -78,7 +78,7 @@ def test_another_motion_becomes_stops_on_its_way_and_says_so() -> None:
     t = np.arange(int(made.duration_s * 10)) / 10.0
     q = made.trajectory(t).q
     q[:, 5] += 20.0 * np.pi  # ten turns on: the same pose
-    found = closest_maneuver(t, q, 100.0, "a465")
+    found = closest_maneuver(t, q, 100.0, Arm.a465())
     assert isinstance(found.maneuver, StaticPoses)
     assert "no torus sweep" in found.difference
     assert found.maneuver.duration_s == pytest.approx(made.duration_s, rel=0.02)
@@ -89,7 +89,7 @@ def test_another_motion_becomes_stops_on_its_way_and_says_so() -> None:
 
 
 def test_without_joints_a_tumble_stands_in() -> None:
-    found = closest_maneuver(np.arange(100) / 10.0, None, 100.0, "none")
+    found = closest_maneuver(np.arange(100) / 10.0, None, 100.0, None)
     assert isinstance(found.maneuver, HandTumble)
     assert found.maneuver.duration_s == pytest.approx(10.0)
     assert "tool poses" in found.difference

@@ -12,21 +12,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arm_files import written
 from cli_support import SMALL, Rig
 from diagnosed_recordings import by_hand, cause
 
+import estimators
 import scenarios
 from estimators.gap.basefit import set_up
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.separation import contest, measured, rivals
 from rig.arm import Arm
+from rig.clearance import Clearance
 from rig.effects import Effect, make_effect
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
 from scenarios.gap_report import gap_residuals
+from scenarios.gap_report.closest_maneuver import closest_maneuver
 from scenarios.gap_report.improved_rig import improved_rig
-from scenarios.gap_report.maneuver_family import Reach, family
-from scenarios.gap_report.next_maneuver import NextManeuver, described, next_maneuver
+from scenarios.gap_report.maneuver_family import Family, family
+from scenarios.gap_report.maneuver_words import described
+from scenarios.gap_report.next_maneuver import NextManeuver, Search, next_maneuver
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.loader import from_toml
 from scenarios.scenario import Scenario
@@ -122,15 +127,16 @@ def test_where_a_recording_decides_nothing_is_contested() -> None:
 def test_a_maneuver_of_the_family_keeps_within_limits_and_clear_of_the_table() -> None:
     sweep = TorusSweep(duration_s=600.0, rate_Hz=4.0)
     motion = sweep.trajectory()
-    reach = Reach.of(Arm.a465(), motion.t, motion.q)
-    assert reach.rolls
-    allowed = [each for each in family(reach, sweep) if reach.allows(each)]
+    room = Family.of(Arm.a465(), motion.t, motion.q)
+    assert room.rolls
+    allowed = [each for each in family(room, sweep) if room.reach.allows(each)]
     assert len({each.joints for each in allowed if isinstance(each, TorusSweep)}) > 5
     assert any(isinstance(each, StaticPoses) for each in allowed)
+    nearer = Clearance.of(Arm.a465(), margin_m=0.0)  # between the instants that were looked at
     for each in allowed:
         path = each.trajectory(np.linspace(0.0, each.duration_s, 333))
         Arm.a465().check_limits(path.q, "the maneuver")
-        assert Arm.a465().poses(path.q).position[:, 2].min() > 0.1
+        assert not nearer.touching(path.q).any()
         assert each.duration_s <= sweep.duration_s + 1e-6
         assert f"{each.duration_s / 60.0:.3g} minutes" in described(each)
 
@@ -151,3 +157,29 @@ def test_the_command_writes_a_scenario_that_runs(rig: Rig, tmp_path: Path, monke
     assert scenarios.load("o/run.next.toml").maneuver.duration_s <= 30.0
     rig.done("sweep", "o/run.next.toml", "-o", "again.parquet")
     assert "--minutes" in rig.refused("diagnose", "run.parquet", "--minutes", "0")
+
+
+@pytest.mark.parametrize("name", ["a465", "ur5e", "iiwa"])
+def test_what_may_be_proposed_can_be_made_and_calibrated(name: str, tmp_path: Path) -> None:
+    """Not so the sweeps of parallel joints, from which no calibration comes."""
+    arm = Arm.a465() if name == "a465" else Arm.from_file(written(tmp_path, name))
+    scenario = from_toml(SMALL, "small.toml").with_arm(arm).with_effects([make_effect("joint_offset", OFFSET)])
+    run, locked = scenario.simulate(0), scenario.simulate_locked(0)
+    assert run.q is not None
+    diagnosis = by_hand(causes=(cause("joint_offset", "joint4", (TWIST,), offset_rad=(0.02, 1e-3, "rad")),))
+    residuals = gap_residuals(run, diagnosis, locked, arm)
+    room = Family.of(arm, run.t, run.q)
+    search = Search(residuals, None, contest(residuals.bench, diagnosis), room)
+    sweep = closest_maneuver(run.t, run.q, run.rate_Hz, arm).maneuver
+    assert isinstance(sweep, TorusSweep)
+    family_of = list(family(room, sweep))
+    can_be_made = [each for each in family_of if room.reach.allows(each)]
+    allowed = [each for each in can_be_made if search.allowed(each)]
+    assert any(isinstance(each, TorusSweep) for each in allowed)
+    assert any(isinstance(each, StaticPoses) for each in allowed)
+    for seed, each in enumerate(can_be_made):
+        again = replace(scenario, maneuver=replace(each, rate_Hz=10.0 * each.rate_Hz)).simulate(seed)
+        arm.check_speeds(np.diff(again.q, axis=0) / np.diff(again.t)[:, None], "the proposal")
+        if each in allowed:
+            estimators.calibrate(again, arm=arm)
+    assert len(allowed) < len(can_be_made) or name == "a465"

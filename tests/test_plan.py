@@ -19,8 +19,8 @@ from rig.channels import COLUMNS_OF
 from rig.clearance import Clearance, finite_limits
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import TorusSweep
-from rig.maneuver.profile import quintic
-from rig.moves import PEAK_ACCELERATION, PEAK_SPEED, Dynamics
+from rig.maneuver.profile import PEAK_ACCELERATION, PEAK_SPEED, quintic
+from rig.moves import Dynamics
 from scenarios.isolability import isolability_of
 from scenarios.plan import poses, telling
 from scenarios.plan.plan import Plan, criteria_of, make_plan, trajectory_csv

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ _CORNER_SHARE = 11 / 16
 # From rest the velocity is v u(x), x from 0 to 1, u = 10 x^3 - 15 x^4 + 6 x^5. It runs 1/2 of what full speed would,
 # so with 5/8 of half a corner's time it loses just as much as half a corner does: the speed of all passes is one.
 _START_SHARE = 5 / 8
+#: Greatest speed and acceleration of the quintic step from 0 to 1 in a unit of time.
+PEAK_SPEED: Final = 15.0 / 8.0
+PEAK_ACCELERATION: Final = 10.0 / np.sqrt(3.0)
 _PEAK = 15 / 8  # the greatest slope of both s and u
 
 

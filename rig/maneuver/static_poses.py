@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.maneuver._checks import A465_LIMITS_DEG, joint_values, limits, number, poses, whole, within
-from rig.maneuver.profile import quintic
+from rig.maneuver.profile import PEAK_ACCELERATION, PEAK_SPEED, quintic
 from rig.trajectory import JointTrajectory, sample_times
 
 Array = NDArray[np.float64]
 
 #: Ranges [deg] from which random poses are drawn: shoulder and elbow stay as in the sweep, clear of the table.
 _RANDOM_DEG = ((-170.0, 170.0), (90.0, 90.0), (-90.0, -90.0), (-170.0, 170.0), (-100.0, 100.0), (-170.0, 170.0))
+
+#: A move is shown at so many instants.
+_ALONG = 30
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,15 @@ class StaticPoses:
         stops = len(self.angles)
         return stops * self.hold_s + (stops - 1) * self.move_s
 
+    def peaks(self) -> tuple[Array, Array]:
+        """(N,) the greatest speed and acceleration of each joint [rad, m, s]."""
+        way = np.abs(np.diff(self.angles, axis=0)).max(axis=0, initial=0.0)
+        return PEAK_SPEED * way / self.move_s, PEAK_ACCELERATION * way / self.move_s**2
+
+    def way(self) -> Array:
+        """(m, N) joint values along its moves [rad, m]."""
+        return between(self.angles)
+
     def holding(self, t: Array) -> NDArray[np.bool_]:
         """(n,) whether the arm stands still at times (n,) [s]."""
         position, velocity, _ = stop_and_go(t, len(self.angles), self.hold_s, self.move_s)
@@ -90,6 +102,13 @@ class StaticPoses:
         here, there = angles[leg], angles[np.minimum(leg + 1, len(angles) - 1)]
         q = np.where(share[:, None] < 1.0, here + share[:, None] * step, there)
         return JointTrajectory(times, q, rate[:, None] * step, change[:, None] * step)
+
+
+def between(q: Array) -> Array:
+    """(m, N) joint values along the moves between poses (k, N), or the one pose."""
+    share = quintic(np.linspace(0.0, 1.0, _ALONG))[0]
+    legs = q[:-1, None] + share[None, :, None] * np.diff(q, axis=0)[:, None]
+    return np.asarray(legs.reshape(-1, q.shape[1])) if len(q) > 1 else q
 
 
 def stop_and_go(t: Array, stops: int, hold_s: float, move_s: float) -> tuple[Array, Array, Array]:

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Roll = Literal["continuous", "sweep"]
 
 _ROLLS = ("continuous", "sweep")
+_ALONG = 300  # instants at which its way is shown
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,19 @@ class TorusSweep:
             law(self.pitch_centre_deg, self.pitch_range_deg, self.pitch_passes),
             law(self.roll_centre_deg, self.roll_range_deg, self.roll_passes) if self.roll == "sweep" else None,
         )
+
+    def peaks(self) -> tuple[Array, Array]:
+        """(N,) the greatest speed [rad/s] and acceleration [rad/s^2] of each joint."""
+        speed, acceleration = np.zeros((2, 3 + len(self.locked_deg)))
+        for joint, law in zip(self.joints, self._laws, strict=True):
+            speed[joint - 1] = abs(self.roll_deg_per_s if law is None else law.speed)
+            acceleration[joint - 1] = 0.0 if law is None else law.peak_acceleration
+        return np.radians(speed), np.radians(acceleration)
+
+    def way(self) -> Array:
+        """(m, N) joint values along it [rad, m], ends of passes among them."""
+        ends = [np.linspace(0.0, self.duration_s, law.passes + 1) for law in self._laws if law is not None]
+        return self.trajectory(np.concatenate([np.linspace(0.0, self.duration_s, _ALONG), *ends])).q
 
     def trajectory(self, t: Array | None = None) -> JointTrajectory:
         """The joints at times ``t`` (n,) [s], by default the maneuver's own samples; exact at any time.

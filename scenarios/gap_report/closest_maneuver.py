@@ -8,13 +8,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.arm import Arm
 from rig.errors import RigError
 from rig.maneuver import HandTumble, Maneuver, StaticPoses, TorusSweep
+from rig.maneuver.fitting import slide_numbers
 
 Array = NDArray[np.float64]
 
-#: A joint that moves less [rad] is locked.
-_LOCKED_RAD: Final = 1e-2
+#: A joint that moves less is locked: one that turns [rad], one that slides [m].
+_LOCKED: Final = (1e-2, 1e-3)
 #: So many samples are enough to count passes; a long recording's encoder noise would add up to extra ones.
 _LOOKED_AT: Final = 4000
 #: RMS over half the range of a motion back and forth at constant speed is 1/sqrt(3) = 0.577; of a sine it is 0.707.
@@ -32,7 +34,7 @@ class ClosestManeuver:
     difference: str
 
 
-def closest_maneuver(t: Array, q: Array | None, sampling_Hz: float, arm: str) -> ClosestManeuver:
+def closest_maneuver(t: Array, q: Array | None, sampling_Hz: float, arm: Arm | None) -> ClosestManeuver:
     """The closest maneuver to recorded joint angles.
 
     A sweep of three joints, two of them back and forth at constant speed, is a torus sweep with the recorded ranges,
@@ -42,17 +44,18 @@ def closest_maneuver(t: Array, q: Array | None, sampling_Hz: float, arm: str) ->
     Args:
         t: (n,) [s]. q: (n, N) [rad], or None.
         sampling_Hz: of the maneuver's own samples.
-        arm: its name; the A465's limits are known.
+        arm: whose joints they are.
     """
     duration = float(np.round((t[-1] - t[0]) * len(t) / (len(t) - 1), 9))
-    if q is None:
+    if q is None or arm is None:
         tumble = HandTumble(duration_s=duration, rate_Hz=sampling_Hz)
         return ClosestManeuver(
             tumble,
             "The recording has tool poses, which no maneuver plays back: a tumble of that duration stands for them.",
         )
-    limits = TorusSweep.limits_deg if arm == "a465" else None
-    sweep = _torus_sweep(duration, q[:: max(1, len(q) // _LOOKED_AT)], sampling_Hz, limits)
+    limits = TorusSweep.limits_deg if arm.is_a465 else None
+    slides = slide_numbers(arm)
+    sweep = _torus_sweep(duration, q[:: max(1, len(q) // _LOOKED_AT)], sampling_Hz, limits, slides)
     if sweep is not None:
         return ClosestManeuver(
             sweep,
@@ -60,19 +63,24 @@ def closest_maneuver(t: Array, q: Array | None, sampling_Hz: float, arm: str) ->
             "begins with yaw and pitch at their low ends.",
         )
     return ClosestManeuver(
-        _waypoints(duration, q, sampling_Hz, limits),
+        _waypoints(duration, q, sampling_Hz, limits, slides),
         f"The recorded motion is no torus sweep, and no maneuver plays a recording back: the arm stops at up to "
         f"{_WAYPOINTS} poses along the recorded way instead, in the recorded time.",
     )
 
 
 def _torus_sweep(
-    duration_s: float, q: Array, rate_Hz: float, limits: tuple[tuple[float, float], ...] | None
+    duration_s: float,
+    q: Array,
+    rate_Hz: float,
+    limits: tuple[tuple[float, float], ...] | None,
+    slides: tuple[int, ...],
 ) -> TorusSweep | None:
     """The torus sweep with these ranges and passes; None where the motion is none."""
+    still = {joint - 1: float(np.median(q[:, joint - 1])) for joint in slides}
     degrees = np.degrees(np.unwrap(q, axis=0))
-    moving = [joint for joint in range(q.shape[1]) if np.ptp(degrees[:, joint]) > np.degrees(_LOCKED_RAD)]
-    if len(moving) != _SWEPT:
+    moving = [joint for joint in range(q.shape[1]) if np.ptp(q[:, joint]) > _LOCKED[joint in still]]
+    if len(moving) != _SWEPT or any(joint in still for joint in moving):
         return None
     yaw, pitch, roll = moving
     if not all(_back_and_forth(degrees[:, joint]) for joint in (yaw, pitch)):
@@ -82,7 +90,7 @@ def _torus_sweep(
     continuous = abs(degrees[-1, roll] - degrees[0, roll]) > 0.98 * travelled
     passes = {joint: passes_of(degrees[:, joint]) for joint in (yaw, pitch)}
     shape = [_within(degrees[:, joint], None if limits is None else limits[joint]) for joint in (yaw, pitch)]
-    low, high = np.ptp(degrees[:, roll]) * np.array([-0.5, 0.5])
+    low, high = float(degrees[:, roll].min()), float(degrees[:, roll].max())
     try:
         return TorusSweep(
             duration_s=duration_s,
@@ -97,12 +105,16 @@ def _torus_sweep(
             roll_deg_per_s=_rounded(speed if continuous else travelled / duration_s),
             roll_start_deg=_rounded(degrees[0, roll]) if continuous else 0.0,
             roll_range_deg=360.0 if continuous else _rounded(high - low),
+            roll_centre_deg=0.0 if continuous else _rounded(0.5 * (high + low)),
             locked_deg=tuple(
-                _rounded(float(np.median(degrees[:, joint]))) for joint in range(q.shape[1]) if joint not in moving
+                still.get(joint, _rounded(float(np.median(degrees[:, joint]))))
+                for joint in range(q.shape[1])
+                if joint not in moving
             ),
             corner_s=min(0.5, 0.5 * duration_s / max(passes.values())),
             joints=(yaw + 1, pitch + 1, roll + 1),
             limits_deg=limits,
+            slides=slides,
         )
     except RigError:  # a roll that a sweep cannot have, or a joint beyond its limit
         return None
@@ -133,11 +145,16 @@ def _rounded(degrees: float) -> float:
 
 
 def _waypoints(
-    duration_s: float, q: Array, rate_Hz: float, limits: tuple[tuple[float, float], ...] | None
+    duration_s: float,
+    q: Array,
+    rate_Hz: float,
+    limits: tuple[tuple[float, float], ...] | None,
+    slides: tuple[int, ...],
 ) -> StaticPoses:
     """Stops at poses along a way; turns beyond a limit are taken back by whole turns."""
     rows = np.linspace(0, len(q) - 1, min(_WAYPOINTS, len(q))).round().astype(int)
     degrees = np.degrees(q[rows])
+    degrees[:, [joint - 1 for joint in slides]] = q[rows][:, [joint - 1 for joint in slides]]
     if limits is not None:
         low, high = np.array(limits).T
         degrees = np.where((degrees < low) | (degrees > high), (degrees + 180.0) % 360.0 - 180.0, degrees)
@@ -149,4 +166,5 @@ def _waypoints(
         move_s=0.9 * cycle,
         rate_Hz=rate_Hz,
         limits_deg=limits,
+        slides=slides,
     )

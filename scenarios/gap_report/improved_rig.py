@@ -68,9 +68,7 @@ def improved_rig(
     pipeline = residuals.calibrated
     every = max(1, round(_RATE_HZ / recording.rate_Hz))
     rate_Hz = every * recording.rate_Hz
-    played = closest_maneuver(
-        recording.t, recording.q if arm is not None else None, rate_Hz, arm.name if arm is not None else "none"
-    )
+    played = closest_maneuver(recording.t, recording.q, rate_Hz, arm)
     rig = Rig(
         arm=None if isinstance(played.maneuver, HandTumble) else arm,
         environment=_warming(pipeline.environment, recording),

@@ -13,12 +13,16 @@ from estimators.gap.basefit import set_up
 from estimators.gap.bench import Bench
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.separation import Explanation, Separation, Trial, contest, rivals
-from rig.channels import ACCELEROMETER, COLUMNS_OF
-from rig.effects import EFFECTS, Effect, Kind
+from estimators.information import predict
+from estimators.model import SensorParameters
+from estimators.statistics import Statistics
+from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.effects import Effect
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.signals import Signals
 from scenarios.gap_report.closest_maneuver import closest_maneuver
-from scenarios.gap_report.maneuver_family import Reach, family, neighbours
+from scenarios.gap_report.maneuver_family import Family, family, neighbours
+from scenarios.gap_report.maneuver_words import described, interval_words, noise_advice, speed_advice
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import cause_title
 from scenarios.scenario import Scenario
@@ -36,6 +40,9 @@ _FITTED: Final = 7000
 _SEPARATED: Final = 25.0
 #: The arm's own acceleration, that the model does without, stays below so many standard deviations in all.
 _QUASI_STATIC: Final = 3.0
+#: A maneuver counts as one that can be calibrated if it still can with so many times the noise and gap of the
+#: recording: another maneuver shows more of what is not modelled.
+_NOISIER: Final = 2.0
 _NONE: Final = "No maneuver that was tried tells the explanations apart in this time."
 #: Rounds of refinement, with ever smaller steps.
 _STEPS: Final = (1.0, 0.4)
@@ -149,10 +156,9 @@ def next_maneuver(
     group = contest(_fewer(residuals), diagnosis)
     if not group:
         return None
-    reach = Reach.of(arm, recording.t, recording.q)
-    played = closest_maneuver(recording.t, recording.q, recording.rate_Hz, arm.name).maneuver
+    played = closest_maneuver(recording.t, recording.q, recording.rate_Hz, arm).maneuver
     assert isinstance(played, TorusSweep | StaticPoses)
-    search = _Search(residuals, rig, group, reach)
+    search = Search(residuals, rig, group, Family.of(arm, recording.t, recording.q))
     same = _lasting(played, played.duration_s if minutes is None else 60.0 * minutes)
     search.most_acceleration = max(_QUASI_STATIC, 1.2 * search.acceleration(same))
     found = None if search.remembers else search.best(same)
@@ -194,70 +200,7 @@ def next_step(
     return NextStep({**words, "why": " ".join(filter(None, [words["why"], advice]))}, scenario)
 
 
-def described(maneuver: Joint) -> str:
-    """A maneuver in words."""
-    minutes = f"{maneuver.duration_s / 60.0:.3g} minutes"
-    if isinstance(maneuver, StaticPoses):
-        return (
-            f"{len(maneuver.angles)} stops of {maneuver.hold_s:.3g} s, {maneuver.move_s:.3g} s apart, at poses of all "
-            f"joints; {minutes}"
-        )
-    yaw, pitch, roll = maneuver.joints
-    turning = (
-        f"joint {roll} turning at {maneuver.roll_deg_per_s:g} deg/s"
-        if maneuver.roll == "continuous"
-        else f"joint {roll} to and fro over {maneuver.roll_range_deg:g} deg in {maneuver.roll_passes} passes"
-    )
-    still = [joint for joint in range(1, len(maneuver.locked_deg) + 4) if joint not in maneuver.joints]
-    locked = ", ".join(f"joint {joint} at {angle:g}" for joint, angle in zip(still, maneuver.locked_deg, strict=True))
-    return (
-        f"joint {yaw} over {maneuver.yaw_range_deg:g} deg about {maneuver.yaw_centre_deg:g} in {maneuver.yaw_passes} "
-        f"passes, joint {pitch} over {maneuver.pitch_range_deg:g} deg about {maneuver.pitch_centre_deg:g} in "
-        f"{maneuver.pitch_passes} passes, {turning}; {locked} deg; {minutes}"
-    )
-
-
-def interval_words(size: float, low: float, high: float | None) -> str:
-    """A promised chi-square: "930 (749-1111)", or "at least 2471" where parts of the cause are not known."""
-    if high is None or not np.isfinite(high):
-        return f"at least {max(low, 0.0):.0f}"
-    return f"{size:.0f} ({max(low, 0.0):.0f}-{high:.0f})"
-
-
-def speed_advice(diagnosis: Diagnosis) -> str:
-    """What tells effects apart that depend on the samples before a reading; empty where there are none.
-
-    Their difference is of second order in speed, which samples thinned for a search do not resolve.
-    """
-    contested = [effect for effect, _ in _contested(diagnosis) if EFFECTS[effect].remembers]
-    if not contested:
-        return ""
-    return (
-        f"{', '.join(dict.fromkeys(each.replace('_', ' ') for each in contested))}: only fast motion that is sampled "
-        "closely tells a delay from a filter: sweep as fast as the arm may, at the board's full rate."
-    )
-
-
-def noise_advice(diagnosis: Diagnosis) -> str:
-    """What tells noise effects apart, where these are what is contested; empty otherwise."""
-    contested = [each for each in _contested(diagnosis) if EFFECTS[each[0]].kind is Kind.NOISE]
-    if not contested:
-        return ""
-    titles = ", ".join(cause_title(*each) for each in contested)
-    return (
-        f"{titles}: only its spectrum tells such noise from another kind, and no maneuver changes that: record "
-        "longer, or at rest at a higher rate."
-    )
-
-
-def _contested(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """The causes that some of the explanations have and others have not."""
-    sets = rivals(diagnosis)
-    every = dict.fromkeys(each for one in sets for each in one)
-    return [each for each in every if not all(each in one for one in sets)]
-
-
-class _Search:
+class Search:
     """Tries maneuvers on the calibrated rig.
 
     Attributes:
@@ -267,7 +210,7 @@ class _Search:
     """
 
     def __init__(
-        self, residuals: GapResiduals, rig: Scenario | None, group: tuple[Explanation, ...], reach: Reach
+        self, residuals: GapResiduals, rig: Scenario | None, group: tuple[Explanation, ...], room: Family
     ) -> None:
         self._pipeline = residuals.calibrated
         self._floor = residuals.floor
@@ -276,11 +219,20 @@ class _Search:
         self._group = group
         effects = [effect for each in group for effect in each.effects]
         self.remembers = any(effect.remembers for effect in effects)
-        self._reach = reach
+        self.room = room
         self.most_acceleration = np.inf
+        fields = {ACCELEROMETER: self._pipeline.environment.gravity, MAGNETOMETER: self._pipeline.environment.magnetic}
+        sensors = {ACCELEROMETER: self._pipeline.accelerometer, MAGNETOMETER: self._pipeline.magnetometer}
+        self._sensors = {
+            name: SensorParameters.of(sensor, fields[name]) for name, sensor in sensors.items() if sensor is not None
+        }
+        rms = np.sqrt(np.mean(np.square(residuals.before), axis=0))
+        self._noise = {name: _NOISIER * rms[COLUMNS_OF[name]] for name in self._sensors}
 
     def best(self, recorded: Joint) -> NextManeuver | None:
-        allowed = [each for each in family(self._reach, recorded) if each is recorded or self._allowed(each)]
+        allowed = [each for each in family(self.room, recorded) if self.allowed(each)]
+        if not allowed:
+            return None
         tables = [self._table(each) for each in allowed]
         within = np.max(tables, axis=0) >= _SEPARATED  # (pairs,): what some maneuver separates
         if not within.any():
@@ -289,8 +241,8 @@ class _Search:
         chosen, value = allowed[int(np.argmax(worth))], max(worth)
         tried = len(allowed)
         for step in _STEPS:
-            for other in neighbours(self._reach, chosen, step):
-                if self._allowed(other):
+            for other in neighbours(self.room, chosen, step):
+                if self.allowed(other):
                     tried += 1
                     if (new := float(self._table(other)[within].min())) > value:
                         chosen, value = other, new
@@ -333,11 +285,25 @@ class _Search:
         motion = maneuver.trajectory(np.arange(0, count, stride) / maneuver.rate_Hz)
         temperature = self._environment.temperature(motion.t) if self._warm else None
         return Signals(
-            motion.t, arm=self._reach.arm, q_encoder=motion.q, velocity=motion.qd, temperature=temperature
+            motion.t, arm=self.room.arm, q_encoder=motion.q, velocity=motion.qd, temperature=temperature
         ), stride
 
-    def _allowed(self, maneuver: Joint) -> bool:
-        return self._reach.allows(maneuver) and self.acceleration(maneuver) <= self.most_acceleration
+    def allowed(self, maneuver: Joint) -> bool:
+        """Whether the arm can make it, a calibration of it alone is not refused, and it is slow enough."""
+        return (
+            self.room.reach.allows(maneuver)
+            and self.acceleration(maneuver) <= self.most_acceleration
+            and self._calibrates(maneuver)
+        )
+
+    def _calibrates(self, maneuver: Joint) -> bool:
+        count = round(maneuver.duration_s * maneuver.rate_Hz)
+        t = np.linspace(0.0, maneuver.duration_s, min(count, _COMPARED), endpoint=False)
+        rotations = self.room.arm.rotation_map.rotations(maneuver.trajectory(t).q)
+        gram = Statistics.from_rotations(rotations).gram * (count / len(t))
+        return all(
+            predict(gram, count, truth, self._noise[name]).problem is None for name, truth in self._sensors.items()
+        )
 
     def acceleration(self, maneuver: Joint) -> float:
         """The arm's own acceleration that the accelerometer would feel, over all readings, in standard deviations."""
@@ -345,7 +311,7 @@ class _Search:
         if sensor is None:
             return 0.0
         motion = maneuver.trajectory(np.linspace(0.0, maneuver.duration_s, _COMPARED, endpoint=False))
-        felt = self._reach.arm.site_acceleration(motion.q, motion.qd, motion.qdd)
+        felt = self.room.arm.site_acceleration(motion.q, motion.qd, motion.qdd)
         sigma = np.sqrt([channel.variance for channel in self._floor[COLUMNS_OF[ACCELEROMETER]]])
         ratio = float(np.mean(np.asarray(sensor.sensitivity) / sigma))
         count = maneuver.duration_s * maneuver.rate_Hz

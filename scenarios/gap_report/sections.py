@@ -9,7 +9,7 @@ from html import escape
 from estimators.gap.diagnosis import Cause, Diagnosis, chance, percent
 from scenarios.gap_report import charts, curves, maps
 from scenarios.gap_report.advice import next_steps
-from scenarios.gap_report.next_maneuver import interval_words
+from scenarios.gap_report.maneuver_words import interval_words
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (

@@ -20,11 +20,12 @@ from rig.clearance import Clearance
 from rig.errors import RigError
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.maneuver.fitting import slide_numbers
+from rig.maneuver.static_poses import between
 from rig.moves import Dynamics
 from scenarios.bound import noise_of
 from scenarios.isolability import shown_by
 from scenarios.isolability_report import names
-from scenarios.plan.poses import PosePlan, PoseSearch, path
+from scenarios.plan.poses import PosePlan, PoseSearch
 from scenarios.plan.telling import telling
 from scenarios.scenario import Scenario
 
@@ -201,7 +202,7 @@ def planned(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float,
     shown = np.where(slides, np.round(shown, 4), np.round(shown, _DIGITS)) + 0.0
     q = np.where(slides, shown, np.radians(shown))
     poses = search.timed(q, seconds)
-    if contact := search.clearance.first_contact(path(q)):
+    if contact := search.clearance.first_contact(between(q)):
         raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")
     maneuver = StaticPoses(
         poses_deg=tuple(tuple(map(float, row)) for row in shown),

@@ -14,7 +14,7 @@ from estimators.stillness.at_rest import SETTLE_S
 from rig.arm import Arm
 from rig.clearance import Clearance, finite_limits
 from rig.errors import RigError
-from rig.maneuver.profile import quintic
+from rig.maneuver.static_poses import between
 from rig.moves import Dynamics
 
 Array = NDArray[np.float64]
@@ -31,8 +31,6 @@ _CLIMBS: Final = 2500
 _STEPS: Final = (0.6, 0.3, 0.12, 0.04)
 #: Joints stay so far within their limits, of their range.
 _WITHIN: Final = 0.98
-#: A path is checked for contacts at so many instants of a move.
-_CHECKED: Final = 30
 #: The criterion of poses that do not fit into the time.
 FAR: Final = 1e3
 
@@ -173,7 +171,7 @@ class PoseSearch:
 
     def free(self, q: Array) -> bool:
         """Whether all moves between these poses touch nothing."""
-        return not self.clearance.touching(path(q)).any()
+        return not self.clearance.touching(between(q)).any()
 
     def _climbed(self, q: Array, seconds: float) -> PosePlan | None:
         """Poses moved a little as long as that helps; None where no way between them is free."""
@@ -216,13 +214,6 @@ class PoseSearch:
                 if other.worst < 1.05 * plan.worst:
                     plan = other
         return None
-
-
-def path(q: Array) -> Array:
-    """(m, N) joint values along the moves between poses (k, N)."""
-    share = quintic(np.linspace(0.0, 1.0, _CHECKED))[0]
-    legs = q[:-1, None] + share[None, :, None] * np.diff(q, axis=0)[:, None]
-    return np.asarray(legs.reshape(-1, q.shape[1]))
 
 
 def _untangled(way: list[int], cost: Array) -> list[int]:

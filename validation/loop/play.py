@@ -14,7 +14,7 @@ from estimators.gap.separation import rivals
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
 from rig.threads import one_blas_thread
-from scenarios.gap_report.maneuver_family import Reach, stops
+from scenarios.gap_report.maneuver_family import Family, stops
 from validation.blind.settings import RATE_HZ, SWEEPS, draw_sweep
 from validation.loop.judge import Judged, judged
 from validation.loop.rigs import HiddenRig, hidden_rig
@@ -136,10 +136,10 @@ def _chooser(rig: HiddenRig, strategy: Strategy, first: Recording) -> Callable[[
     arm = rig.setting.rig.arm
     assert arm is not None
     assert first.q is not None
-    reach = Reach.of(arm, first.t, first.q)
+    room = Family.of(arm, first.t, first.q)
 
     def at_random(found: Judged) -> tuple[Maneuver, bool]:
-        return stops(reach, duration_s, RATE_HZ, int(rng.integers(1 << 31)), spread=1.0, held=0.5), False
+        return stops(room, duration_s, RATE_HZ, int(rng.integers(1 << 31)), spread=1.0, held=0.5), False
 
     return at_random
 

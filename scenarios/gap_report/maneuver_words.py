@@ -1,0 +1,74 @@
+"""A next maneuver in words: what the arm does, what it promises, and what no maneuver helps against."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.separation import rivals
+from rig.effects import EFFECTS, Kind
+from rig.maneuver import StaticPoses, TorusSweep
+from scenarios.gap_report.words import cause_title
+
+
+def described(maneuver: TorusSweep | StaticPoses) -> str:
+    """A maneuver in words."""
+    minutes = f"{maneuver.duration_s / 60.0:.3g} minutes"
+    if isinstance(maneuver, StaticPoses):
+        return (
+            f"{len(maneuver.angles)} stops of {maneuver.hold_s:.3g} s, {maneuver.move_s:.3g} s apart, at poses of all "
+            f"joints; {minutes}"
+        )
+    yaw, pitch, roll = maneuver.joints
+    turning = (
+        f"joint {roll} turning at {maneuver.roll_deg_per_s:g} deg/s"
+        if maneuver.roll == "continuous"
+        else f"joint {roll} to and fro over {maneuver.roll_range_deg:g} deg in {maneuver.roll_passes} passes"
+    )
+    still = [joint for joint in range(1, len(maneuver.locked_deg) + 4) if joint not in maneuver.joints]
+    locked = ", ".join(f"joint {joint} at {angle:g}" for joint, angle in zip(still, maneuver.locked_deg, strict=True))
+    return (
+        f"joint {yaw} over {maneuver.yaw_range_deg:g} deg about {maneuver.yaw_centre_deg:g} in {maneuver.yaw_passes} "
+        f"passes, joint {pitch} over {maneuver.pitch_range_deg:g} deg about {maneuver.pitch_centre_deg:g} in "
+        f"{maneuver.pitch_passes} passes, {turning}; {locked} deg; {minutes}"
+    )
+
+
+def interval_words(size: float, low: float, high: float | None) -> str:
+    """A promised chi-square: "930 (749-1111)", or "at least 2471" where parts of the cause are not known."""
+    if high is None or not np.isfinite(high):
+        return f"at least {max(low, 0.0):.0f}"
+    return f"{size:.0f} ({max(low, 0.0):.0f}-{high:.0f})"
+
+
+def speed_advice(diagnosis: Diagnosis) -> str:
+    """What tells effects apart that depend on the samples before a reading; empty where there are none.
+
+    Their difference is of second order in speed, which samples thinned for a search do not resolve.
+    """
+    contested = [effect for effect, _ in _contested(diagnosis) if EFFECTS[effect].remembers]
+    if not contested:
+        return ""
+    return (
+        f"{', '.join(dict.fromkeys(each.replace('_', ' ') for each in contested))}: only fast motion that is sampled "
+        "closely tells a delay from a filter: sweep as fast as the arm may, at the board's full rate."
+    )
+
+
+def noise_advice(diagnosis: Diagnosis) -> str:
+    """What tells noise effects apart, where these are what is contested; empty otherwise."""
+    contested = [each for each in _contested(diagnosis) if EFFECTS[each[0]].kind is Kind.NOISE]
+    if not contested:
+        return ""
+    titles = ", ".join(cause_title(*each) for each in contested)
+    return (
+        f"{titles}: only its spectrum tells such noise from another kind, and no maneuver changes that: record "
+        "longer, or at rest at a higher rate."
+    )
+
+
+def _contested(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """The causes that some of the explanations have and others have not."""
+    sets = rivals(diagnosis)
+    every = dict.fromkeys(each for one in sets for each in one)
+    return [each for each in every if not all(each in one for one in sets)]
