@@ -159,10 +159,12 @@ def _end(model: mujoco.MjModel, sites: list[str], file: Path) -> str:
     for name in _SITES:
         if name in sites:
             return name
-    carried = [name for name in sites if _joints_below(model, int(model.site_bodyid[model.site(name).id]))]
-    if len(carried) == 1:
-        return carried[0]
     body = _last_body(model)
+    carried = [name for name in sites if _joints_below(model, int(model.site_bodyid[model.site(name).id]))]
+    at_end = [] if body is None else _rigid(model, model.body(body).id)
+    ends = [name for name in carried if body is None or int(model.site_bodyid[model.site(name).id]) in at_end]
+    if len(ends) == 1:
+        return ends[0]
     if body is not None:
         return body
     bodies = [model.body(index).name for index in range(model.nbody - 1, 0, -1) if model.body(index).name]

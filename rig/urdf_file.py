@@ -19,6 +19,7 @@ _MESHES: Final = (".stl", ".obj", ".dae", ".glb")
 _LARGEST_MESH: Final = 64 << 20  # [bytes]
 _LARGEST_MESHES: Final = 256 << 20  # together [bytes]
 _PACKAGE: Final = "package://"
+_XACRO: Final = ("http://www.ros.org/wiki/xacro", "http://wiki.ros.org/xacro", "http://ros.org/wiki/xacro")
 
 
 def urdf_root(path: Path) -> Any:
@@ -26,7 +27,8 @@ def urdf_root(path: Path) -> Any:
 
     Raises:
         RigError: no such file, too large, no well-formed XML, another root element, a document type, which URDF has no
-            use for, a name that is missing or occurs twice, or links one behind the other without end.
+            use for, macros to be expanded first (xacro), a name that is missing or occurs twice, or links one behind
+            the other without end.
     """
     content = read_bytes(path, "a URDF", _LARGEST)
     # yourdfpy would mend broken XML and go on with what is left.
@@ -39,6 +41,11 @@ def urdf_root(path: Path) -> Any:
         raise RigError(f"{path}: has a document type, expected a URDF without one: it could pull in other files")
     if root.tag != "robot":
         raise RigError(f"{path}: the root element is <{shown(root.tag).strip(chr(39))}>, expected <robot>")
+    if (macro := next((each for each in root.iter(etree.Element) if _is_xacro(each)), None)) is not None:
+        raise RigError(
+            f"{path}: found xacro (line {macro.sourceline}), which is no URDF yet: expected what ROS makes of it, by"
+            f" xacro {path.name} > expanded.urdf"
+        )
     for kind in ("link", "joint"):
         names = [element.get("name") for element in root.findall(kind)]
         if None in names:
@@ -48,6 +55,11 @@ def urdf_root(path: Path) -> Any:
             raise RigError(f"{path}: {kind} {shown(name)} occurs {count} times, expected each name once")
     _check_depth(root, path)
     return root
+
+
+def _is_xacro(element: Any) -> bool:
+    """Whether an element, or a value in it, is still to be expanded."""
+    return etree.QName(element).namespace in _XACRO or any("${" in value for value in element.attrib.values())
 
 
 def drawable_urdf(path: Path) -> tuple[bytes, tuple[str, ...]]:

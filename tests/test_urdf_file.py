@@ -129,3 +129,20 @@ def test_what_a_link_collides_with_is_not_drawn_over_its_looks(tmp_path: Path) -
     )
     content, _ = drawable_urdf(urdf)
     assert content.count(b"<visual>") == content.count(b"<collision>") == 1
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        '<xacro:include filename="$(find ur_description)/urdf/ur_macro.xacro"/>',
+        '<joint name="a" type="revolute"><origin xyz="0 0 ${height}"/></joint>',
+    ],
+)
+def test_xacro_is_no_urdf_yet(tmp_path: Path, inside: str) -> None:
+    path = tmp_path / "ur.urdf.xacro"
+    path.write_text(f'<robot xmlns:xacro="http://wiki.ros.org/xacro" name="ur">{inside}</robot>')
+    with pytest.raises(RigError, match=r"found xacro \(line 1\).*xacro ur\.urdf\.xacro > expanded\.urdf"):
+        Arm.from_file(path)
+    expanded = tmp_path / "ur.urdf"  # what it makes keeps the name space
+    expanded.write_text(arm_with().replace("<robot ", '<robot xmlns:xacro="http://wiki.ros.org/xacro" '))
+    assert Arm.from_file(expanded).dof == 6

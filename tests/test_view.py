@@ -260,7 +260,10 @@ def test_without_a_calibration_there_are_readings(recording: Recording, tmp_path
     assert np.abs(points).max() == pytest.approx(1.0, abs=0.02)  # half the range of the widest channel
 
 
-def test_an_arm_without_urdf_is_a_stick_figure(recording: Recording, calibration: Calibration, tmp_path: Path) -> None:
+def test_an_arm_without_shapes_is_a_stick_figure(
+    recording: Recording, calibration: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("scenarios.view.geoms.shapes_of", lambda arm: [])
     arm = replace(Arm.a465(), urdf=None)
     path = tmp_path / "sticks.rrd"
     write_view(recording, calibration, path, arm, Detail(frames=20))

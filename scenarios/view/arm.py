@@ -1,4 +1,4 @@
-"""The arm in the viewer: its URDF moved by the recorded joint angles, or a stick figure where there is no URDF."""
+"""The arm in the viewer, moved by the recorded joint angles: its URDF, else its model's shapes, else a stick figure."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from rig.errors import RigError, one_line
 from rig.files import scratch_folder
 from rig.urdf_file import drawable_urdf
 from scenarios.colours import GREY, rgb
+from scenarios.view.geoms import Shapes
 from scenarios.view.timeline import at
 
 Array = NDArray[np.float64]
@@ -56,11 +57,16 @@ class ArmView:
             RigError: the arm's URDF cannot be read, or lacks one of its joints.
         """
         self.base = BASE
+        self._model: Shapes | None = None
         self._stream, self._arm = stream, arm
         self._joints: dict[str, Any] = {}
         self._tree: Any = None
         self._shapes: dict[str, list[str]] = {}
         if arm.urdf is None:
+            own = Shapes(stream, arm, BASE, ARM)
+            if own.drawn:
+                self._model = own
+                return
             stream.log(ARM, rr.CoordinateFrame(BASE), static=True)
             stream.log(ARM, rr.LineStrips3D.from_fields(radii=_STICK_RADIUS_M, colors=[rgb(GREY)]), static=True)
             return
@@ -75,7 +81,9 @@ class ArmView:
 
     def move(self, t: Array, q: Array) -> None:
         """The arm moving through m samples: times (m,) [s] and joint angles (m, N) [rad]."""
-        if self._arm.urdf is None:
+        if self._model is not None:
+            self._model.move(t, q, TRANSFORMS)
+        elif self._arm.urdf is None:
             self._move_sticks(t, q)
         for (name, joint), angles in zip(self._joints.items(), q.T, strict=False):
             within_a_turn = np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi  # it computes in single precision
@@ -84,7 +92,11 @@ class ArmView:
 
     def colour(self, number: int, colour: tuple[int, int, int]) -> None:
         """Paint the link that a joint moves, counted from zero; a stick figure has no links to paint."""
-        if self._tree is None or number >= len(self._arm.joint_names):
+        if number >= len(self._arm.joint_names):
+            return
+        if self._model is not None:
+            self._model.colour(number, colour)
+        if self._tree is None:
             return
         link = self._joints[self._arm.joint_names[number]].child_link
         for path, shape in zip(self._tree.get_visual_geometry_paths(link), self._shapes.get(link, ()), strict=False):
