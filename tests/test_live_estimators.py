@@ -12,6 +12,8 @@ import estimators
 import scenarios
 from estimators.coverage import direction_name
 from estimators.ellipsoid import Options as EllipsoidOptions
+from estimators.ellipsoid.fit import fit_ellipsoid
+from estimators.ellipsoid.running import brought_up
 from estimators.ellipsoid.thinned import Thinned
 from estimators.live import PROCEDURES, Calibrator, Cloud, Guide, Options, SlidingSum, StillStream
 from estimators.statistics import Statistics
@@ -154,6 +156,40 @@ def test_of_a_sliding_window_the_last_seconds_are_kept() -> None:
     for row in range(0, len(run), 30):
         few.add(run.select(slice(row, min(row + 30, len(run)))))
     assert np.array_equal(few.recording().t, [t for t in run.t[::8] if t >= run.t[-1] - 5.0])
+
+
+def test_of_a_sliding_window_too_what_is_kept_does_not_depend_on_the_pieces() -> None:
+    """At a rate that changes, the window holds 2,000 samples at most: one of two is kept, then of four, for good."""
+    steps = np.concatenate([np.full(3_000, 0.01), np.full(3_000, 0.0025), np.full(3_000, 0.02)])
+    run = Recording(t=np.cumsum(steps), magnetometer=tumbled(9_000, seed=9))
+    found = []
+    for piece in (1, 7, 300, 9_000):
+        kept = Thinned(600, span_s=5.0)
+        for row in range(0, len(run), piece):
+            kept.add(run.select(slice(row, row + piece)))
+        found.append(kept.recording().t)
+    assert np.array_equal(found[0], run.t[::4][run.t[::4] >= run.t[-1] - 5.0])
+    assert all(np.array_equal(found[0], other) for other in found[1:])
+
+
+@pytest.mark.parametrize("bad", [0.0, 0.003])
+def test_a_fit_brought_up_to_date_by_sums_is_that_of_all_samples(bad: float) -> None:
+    """A tenth more samples, with outliers or without. The channels' noise is found from an eighth of them, to some 8 %
+    of its variance, and anew by the fit of all: weights that differ by so much move an estimate by some .08 standard
+    deviations. Four times that is allowed for the largest of nine."""
+    readings = tumbled(22_000, seed=10)
+    rng = np.random.default_rng(11)
+    readings[rng.random(len(readings)) < bad] += 0.5
+    running = fit_ellipsoid(readings[:20_000], 9.8)
+    for row in range(20_000, 22_000, 50):
+        updated = brought_up(running, readings[row - 1 : row + 50])
+        assert updated is not None
+        running = updated
+    whole = fit_ellipsoid(readings, 9.8)
+    assert abs(running.samples - whole.samples) <= 2
+    assert running.samples + running.dropped.outliers == len(readings)
+    np.testing.assert_allclose((running.values - whole.values) / whole.std, 0.0, atol=0.32)
+    np.testing.assert_allclose(running.std, whole.std, rtol=0.08)
 
 
 def test_the_cloud_is_bounded_and_keeps_every_reading() -> None:

@@ -20,7 +20,7 @@ from estimators.ellipsoid.shape import Ellipsoid
 Array = NDArray[np.float64]
 
 #: Largest change of a quadric's coefficient after which the weights, and the correction of their noise, still stand.
-_STEP: Final = 0.05
+STEP: Final = 0.05
 _STEPS: Final = 20
 #: Rows by which the noise of the channels is told apart: an eighth, within these bounds.
 _FEWEST: Final = 800
@@ -90,7 +90,7 @@ class Estimate:
         square = (rows[1:4] ** 2).sum(axis=0)
         weight = square / (quadratic_form(4.0 * symmetric(self.moments.noise)) @ rows[4:])
         free = rows[FREE[len(self.optimum.inverse)]]
-        result = weight * (free * (self.optimum.inverse @ free)).sum(axis=0)
+        result = weight * np.einsum("ij,ij->j", free, self.optimum.inverse @ free)
         return np.asarray(result if readings.counts is None else result * readings.counts)
 
 
@@ -139,7 +139,7 @@ def plain(readings: Readings, variances: Array | None = None) -> Estimate | None
         optimum = solve(moments, readings.parameters, readings.noise is not None)
         if optimum is None:
             return None
-        if optimum.step < _STEP:
+        if optimum.step < STEP:
             return Estimate(optimum, moments, weights)
         start = optimum.ellipsoid
     return None

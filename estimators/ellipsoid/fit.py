@@ -46,6 +46,7 @@ class EllipsoidFit:
         used: (samples,) the row numbers of the others; None: all.
         problem: why the readings cannot tell the parameters; None where they can.
         estimator: "likelihood", or "levenberg-marquardt" as in the paper.
+        estimate: the optimum with the sums that it was made of; None if not of the likelihood.
     """
 
     parameters: Parameters
@@ -65,6 +66,7 @@ class EllipsoidFit:
     used: NDArray[np.intp] | None = None
     problem: str | None = None
     estimator: str = "likelihood"
+    estimate: Estimate | None = None
 
     @property
     def values(self) -> Array:
@@ -162,13 +164,13 @@ def fit_ellipsoid(
         dropped = Dropped(dropped.repeated, dropped.zero, len(values) - len(found.kept))
         values = values[found.kept]
         used = found.kept if used is None else used[found.kept]
-    fit = _fit_of(found, values, magnitude, parameters, given is not None, dropped, used)
+    fit = fit_of(found, values, magnitude, parameters, given is not None, dropped, used)
     if fit.problem is not None and refuse:
         raise RefusedFit(f"{name}: {fit.problem}")
     return fit
 
 
-def _fit_of(
+def fit_of(
     found: Estimate,
     values: Array,
     magnitude: float,
@@ -181,13 +183,13 @@ def _fit_of(
 
     Args:
         found: the optimum.
-        values: (n, 3) the readings that were fitted [recorded unit].
+        values: (n, 3) the readings that were fitted, or some of them, by which to say what is missing [recorded unit].
         magnitude: of the field.
         parameters: 6 or 9.
         noise_given: whether the noise was known.
         dropped, used: as of ``EllipsoidFit``.
     """
-    optimum, samples = found.optimum, len(values)
+    optimum, samples = found.optimum, found.moments.rows
     spread = Spread.of(found.moments)
     scale = 1.0 if noise_given else optimum.variance
     return EllipsoidFit(
@@ -207,6 +209,7 @@ def _fit_of(
         dropped=dropped,
         used=used,
         problem=problem_of(optimum, spread, values),
+        estimate=found,
     )
 
 

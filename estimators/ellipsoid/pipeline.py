@@ -245,10 +245,14 @@ def _noted(calibration: SensorCalibration, notes: tuple[str, ...]) -> SensorCali
 
 
 def read_thinned(
-    scan: RecordingScan, progress: Callable[[int], None] | None = None, at_most: int | None = None
+    scan: RecordingScan,
+    progress: Callable[[int], None] | None = None,
+    at_most: int | None = None,
+    span_s: float | None = None,
 ) -> Recording:
-    """Time and readings of a file in memory: all of it, or every so many samples of more than ``at_most``."""
-    kept = Thinned(MOST_SAMPLES if at_most is None else at_most)
+    """Time and readings of a file in memory: all of it, or of its last ``span_s`` seconds; of more than ``at_most``
+    every so many."""
+    kept = Thinned(MOST_SAMPLES if at_most is None else at_most, span_s)
     for batch in scan:
         kept.add(batch)
         if progress is not None:

@@ -93,10 +93,15 @@ def outlying(squares: Array, leverage: Array, kept: Mask, variance: float, freed
     external = internal * (freedom - 1.0) / (freedom - internal)
     judged = np.where(kept, external, square / (1.0 + leverage))
     n = len(squares)
-    order = np.argsort(-judged)[: max(n // 2, 1)]
-    chance = 0.5 * FALSE_ALARM / n * np.arange(1, len(order) + 1)
-    critical = np.square(ndtri(chance) if freedom > _NORMAL else stdtrit(freedom - 1.0, chance))
-    found = np.flatnonzero(judged[order] > critical)
+    most = max(n // 2, 1)
+
+    def critical(ranks: Array) -> Array:
+        chance = 0.5 * FALSE_ALARM / n * ranks
+        return np.asarray(np.square(ndtri(chance) if freedom > _NORMAL else stdtrit(freedom - 1.0, chance)))
+
+    far = np.flatnonzero(judged > critical(np.array([float(most)]))[0])  # no other can be one, whatever its rank
+    order = far[np.argsort(-judged[far])][:most]
+    found = np.flatnonzero(judged[order] > critical(np.arange(1.0, len(order) + 1.0)))
     result = np.zeros(n, dtype=bool)
     if found.size:
         result[order[: found[-1] + 1]] = True
@@ -163,10 +168,7 @@ def least_median(readings: Array, variances: Array, parameters: int) -> Ellipsoi
     frame = Ellipsoid(middle, np.eye(3) / size, np.eye(3) * size)
     used = FREE[parameters].stop
     rows = table(sample, frame.whitening, middle)[:used]
-    rng = np.random.default_rng(0)
-    few = min(parameters + 1, len(sample))
-    chosen = rng.random((_DRAWS, len(sample))).argpartition(few - 1, axis=1)[:, :few]
-    small = rows[:, chosen].transpose(1, 0, 2)
+    small = rows[:, _draws(len(sample), min(parameters + 1, len(sample)))].transpose(1, 0, 2)
     candidates = np.linalg.eigh(small @ small.transpose(0, 2, 1))[1][:, :, 0]
     noise = np.concatenate([variances / size**2, np.zeros(3)])
     distances = _distances(candidates, rows)
@@ -187,15 +189,26 @@ def least_median(readings: Array, variances: Array, parameters: int) -> Ellipsoi
     return None if best is None else best[1]
 
 
+@lru_cache(maxsize=4)
+def _draws(count: int, few: int) -> NDArray[np.intp]:
+    """(draws, few) the random subsets of so many rows."""
+    chosen = np.random.default_rng(0).random((_DRAWS, count)).argpartition(few - 1, axis=1)[:, :few]
+    chosen.flags.writeable = False
+    return chosen
+
+
 def _distances(quadrics: Array, rows: Array) -> Array:
     """(k, n) first-order distances of points, given by monomials (p, n), from quadrics (k, p)."""
-    y = rows[1:4]
     wide = np.zeros((len(quadrics), TERMS))
     wide[:, : quadrics.shape[1]] = quadrics
     square = np.zeros((len(quadrics), rows.shape[1]))
-    for axis, (own, others) in enumerate(((4, ((7, 1), (8, 2))), (5, ((7, 0), (9, 2))), (6, ((8, 0), (9, 1))))):
-        gradient = wide[:, 1 + axis, None] + 2.0 * wide[:, own, None] * y[axis]
-        for term, other in others:
-            gradient += wide[:, term, None] * y[other]
-        square += gradient * gradient
-    return np.abs(quadrics @ rows) / np.sqrt(np.maximum(square, 1e-300))
+    gradient, flat = np.empty_like(square), rows[:4]  # 1, y1, y2, y3
+    for terms, twice in (((1, 4, 7, 8), 1), ((2, 7, 5, 9), 2), ((3, 8, 9, 6), 3)):
+        form = wide[:, terms]
+        form[:, twice] *= 2.0
+        np.matmul(form, flat, out=gradient)
+        gradient *= gradient
+        square += gradient
+    np.maximum(square, 1e-300, out=square)
+    np.sqrt(square, out=square)
+    return np.asarray(np.abs(np.matmul(quadrics, rows, out=gradient), out=gradient) / square)

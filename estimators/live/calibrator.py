@@ -112,6 +112,7 @@ class Calibrator:
         self.posed = has_pose(first) and options.attitude
         self.arm = arm_of(first, arm, first.name) if self.posed else None
         self.samples = 0
+        self._fitted_at = -1
         self._metadata = first.metadata
         self._units = dict(first.units)
         self._known: dict[str, AttitudeKnown] = {}
@@ -147,12 +148,20 @@ class Calibrator:
         for sensor, stream in self._free.items():
             stream.add(batch.t, batch.readings(sensor))
 
+    @property
+    def forgotten_s(self) -> float:
+        """With a pose: samples up to this time do not count any more [s]."""
+        return max((each.sums.forgotten_s for each in self._known.values()), default=-np.inf)
+
     def still(self, sensor: str) -> StillStream | None:
         """The detector of a sensor that has to stand still."""
         return self._free[sensor].still if sensor in self._free else None
 
-    def estimate(self, sensor: str, fresh: bool = True) -> SensorEstimate:
-        """What is known of a sensor now; without ``fresh``, of one that has to rest, when it last rested anew.
+    def estimate(self, sensor: str, whole: bool = True) -> SensorEstimate:
+        """What is known of a sensor now.
+
+        Without attitude and without ``whole`` the last fit is brought up to date by the sums of what is new
+        (``ellipsoid.running``); all samples are fitted now and then, but never those of two sensors at once.
 
         Raises:
             RefusedFit, RigError: nothing yet.
@@ -160,12 +169,18 @@ class Calibrator:
         with one_blas_thread():
             if self.posed:
                 return self._known[sensor].estimate()
-            return self._free[sensor].estimate(self._kept, fresh)
+            stream = self._free[sensor]
+            if not whole and self._fitted_at != self.samples and stream.due(self._kept):
+                whole, self._fitted_at = True, self.samples
+            return stream.estimate(self._kept, whole)
 
-    def state(self, sensor: str, last: SensorState | None = None) -> SensorState:
-        """Where a sensor stands, with the stop rule: that of ``last``, if there is one, which takes longer to ask."""
+    def state(self, sensor: str, last: SensorState | None = None, whole: bool = True) -> SensorState:
+        """Where a sensor stands, with the stop rule: that of ``last``, if there is one, which takes longer to ask.
+
+        ``whole`` as of ``estimate``.
+        """
         try:
-            estimate = self.estimate(sensor, fresh=last is None)
+            estimate = self.estimate(sensor, whole)
         except RigError as error:
             return SensorState(sensor, None, str(error).split(f"{sensor}: ", 1)[-1], None, False, self._begin(sensor))
         if not np.isfinite(estimate.matrix).all() or not len(estimate.readings):

@@ -17,6 +17,7 @@ from estimators.coverage import Enough, Targets, enough_attitude_free, enough_kn
 from estimators.ellipsoid.assembly import sensitivities_and_angles
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.pipeline import Options, fit_attitude_free
+from estimators.ellipsoid.running import brought_up
 from estimators.ellipsoid.thinned import Thinned
 from estimators.kinematic import SensorFit, fit_sensor
 from estimators.live.cloud import Cloud
@@ -33,6 +34,8 @@ Array = NDArray[np.float64]
 LEVEL = 0.95
 #: A reading of a field so many times too large shows no direction: it is no measurement.
 _FARTHEST = 3.0
+#: Without attitude all samples are fitted anew when there are so many times as many; in between sums are added.
+_GROWTH = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +149,7 @@ class AttitudeKnown:
 
 
 class AttitudeFree:
-    """One sensor turned by hand: the offline fit of the samples that are kept."""
+    """One sensor turned by hand: the offline fit of the samples that are kept, brought up to date by what is new."""
 
     def __init__(self, sensor: str, magnitude: float, span_s: float | None, options: Options, rate_Hz: float) -> None:
         """Args:
@@ -157,9 +160,11 @@ class AttitudeFree:
         #: An accelerometer feels motion too, so that it has to stand still; None: all readings count.
         self.still = StillStream(rate_Hz, span_s=span_s) if sensor == ACCELEROMETER else None
         self.cloud = Cloud(span_s)
+        self._span_s, self._rows = span_s, 0
         self._before: Array | None = None
         self._known: SensorEstimate | None = None
-        self._pieces = -1
+        self._refused: RigError | None = None
+        self._whole = _Whole(0, 0, 0, -1)
 
     def add(self, t: Array, readings: Array) -> None:
         """Samples (n, 3) at times (n,) [s]; repeated and absurd ones show no direction."""
@@ -177,31 +182,61 @@ class AttitudeFree:
         if len(used):
             self.cloud.add(float(t[-1]), used)
 
-    def estimate(self, kept: Thinned, fresh: bool) -> SensorEstimate:
+    def due(self, kept: Thinned) -> bool:
+        """Whether all samples that are kept should be fitted anew, not only what is new be added."""
+        whole, now = self._whole, self._now(kept)
+        if now.pieces != whole.pieces or now.step != whole.step or (self._known is None and self._refused is None):
+            return True
+        return now.rows > _GROWTH * whole.rows or (self._span_s is not None and now.seen > whole.seen)
+
+    def estimate(self, kept: Thinned, whole: bool) -> SensorEstimate:
         """Args:
         kept: the samples that count.
-        fresh: of a sensor that has to rest; otherwise what was found last will do until its detector has decided more.
+        whole: fit all of them; otherwise the last fit is brought up to date, if it can be.
 
         Raises:
             RefusedFit, RigError: there is none yet.
         """
-        pieces = -1 if self.still is None else self.still.pieces
-        if self._known is not None and self._known.poses and not fresh and pieces == self._pieces:
-            return self._known
+        if not whole and self._refused is not None:
+            raise self._refused
+        known, now = self._known, self._now(kept)
+        if not whole and known is not None:
+            if known.poses is not None or known.fit.problem is not None:
+                return known
+            assert isinstance(known.fit, EllipsoidFit)
+            new = now.rows - self._rows
+            fit = known.fit if not new else brought_up(known.fit, kept.latest(self.sensor, new + 1))
+            if fit is not None:
+                self._rows = now.rows
+                self._known = self._made(fit, None, self.cloud.means, self.cloud.counts)
+                return self._known
+        self._refused, self._known, self._whole, self._rows = None, None, now, now.rows
+        try:
+            self._known = self._fitted(kept)
+        except RigError as error:
+            self._refused = error
+            raise
+        return self._known
+
+    def _fitted(self, kept: Thinned) -> SensorEstimate:
         if not len(kept):
             raise RigError(f"{self.sensor}: no samples yet")
         fitted = fit_attitude_free(kept.recording(), self.sensor, None, self._options, refuse=False)
-        fit, counts = fitted.fit, fitted.counts
+        if fitted.counts is None:
+            return self._made(fitted.fit, None, self.cloud.means, self.cloud.counts)
+        return self._made(fitted.fit, len(fitted.counts), fitted.used.readings(self.sensor), fitted.counts)
+
+    def _made(self, fit: EllipsoidFit, poses: int | None, readings: Array, counts: Array) -> SensorEstimate:
         names, values, derivative = sensitivities_and_angles(fit)
         covariance = derivative @ fit.covariance @ derivative.T
         problem = fit.problem
-        if problem is None and self.still is not None and counts is None:
+        if problem is None and self.still is not None and poses is None:
             problem = f"stood still in {len(self.still)} poses, expected more than {self._options.parameters}"
-        self._known = SensorEstimate(
+        return SensorEstimate(
             self.sensor,
             "ellipsoid",
-            None if counts is None else len(counts),
-            fit.samples if counts is None else int(counts.sum()),
+            poses,
+            fit.samples if poses is None else int(counts.sum()),
             names,
             values,
             np.sqrt(np.maximum(np.diagonal(covariance), 0.0)),
@@ -212,8 +247,21 @@ class AttitudeFree:
             float(fit.degrees_of_freedom),
             self._magnitude,
             fit,
-            self.cloud.means if counts is None else fitted.used.readings(self.sensor),
-            self.cloud.counts if counts is None else counts,
+            readings,
+            counts,
         )
-        self._pieces = pieces
-        return self._known
+
+    def _now(self, kept: Thinned) -> _Whole:
+        posed = self.still is not None and len(self.still) > self._options.parameters
+        return _Whole(len(kept), kept.seen, kept.step, self.still.accepted if posed and self.still is not None else -1)
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """What there was when all samples were fitted: how many were kept, and had come, one of how many was kept, and the
+    pieces of time through which the sensor rested."""
+
+    rows: int
+    seen: int
+    step: int
+    pieces: int

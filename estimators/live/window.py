@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Final, Generic, Protocol, Self, TypeVar
 
+import numpy as np
+
 #: The window slides in steps of this share of itself.
 STEP: Final = 0.05
 
@@ -23,11 +25,15 @@ class SlidingSum(Generic[Sum]):
 
     Old parts are dropped, never subtracted, so that rounding does not build up. The window is a twentieth of the span
     longer at most.
+
+    Attributes:
+        forgotten_s: samples up to this time do not count any more [s].
     """
 
     def __init__(self, span_s: float | None = None) -> None:
         """Args: span_s [s]; None: everything."""
         self._span_s = span_s
+        self.forgotten_s = -np.inf
         self._older: deque[tuple[float, Sum]] = deque()  # the time of the last sample of each, and its sum
         self._begun_s = 0.0
         self._newest: Sum | None = None
@@ -44,7 +50,7 @@ class SlidingSum(Generic[Sum]):
             self._older.append((t_s, self._newest))
             self._newest = None
         while self._older and self._older[0][0] < t_s - self._span_s:
-            self._older.popleft()
+            self.forgotten_s, _ = self._older.popleft()
 
     @property
     def total(self) -> Sum | None:

@@ -315,7 +315,7 @@ def _finish(session: Session, made: Path, cal: Path, plan: Plan, as_json: bool) 
         from scenarios.live.finish import calibrated
 
         try:
-            calibration, others = calibrated(made, plan.options, plan.arm, alarms)
+            calibration, others = calibrated(made, plan.options, plan.arm, alarms, session.forgotten_s)
             calibration.write(cal)
             refused = next(iter(others), None)
         except RigError as error:

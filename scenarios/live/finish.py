@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def calibrated(
-    path: Path, options: Options, arm: Arm | None, alarms: Sequence[Alarm]
+    path: Path, options: Options, arm: Arm | None, alarms: Sequence[Alarm], forgotten_s: float = -np.inf
 ) -> tuple[Calibration, tuple[RefusedFit, ...]]:
     """The calibration of a recording by the estimators that are used offline, judged on held-out pieces of it.
 
@@ -33,6 +33,7 @@ def calibrated(
         options: as the stream was calibrated.
         arm: for joint angles.
         alarms: of the stream; one within the samples that count makes the calibration no good.
+        forgotten_s: as of ``Calibrator``.
 
     Returns:
         The calibration of the sensors that the data tell, and why they do not tell another.
@@ -40,7 +41,7 @@ def calibrated(
     Raises:
         RefusedFit: they tell none.
     """
-    run = _run(path, options)
+    run = _run(path, options, forgotten_s)
     ellipsoid = EllipsoidOptions(parameters=options.parameters)
     posed = options.attitude and (run.pose != "none" if isinstance(run, Recording) else True)
 
@@ -72,16 +73,14 @@ def calibrated(
     return _alarmed(judged, run, alarms), tuple(refused)
 
 
-def _run(path: Path, options: Options) -> Recording | Path:
-    """The file; or, of a sliding window or a long stream without attitude, what of it is used."""
+def _run(path: Path, options: Options, forgotten_s: float) -> Recording | Path:
+    """The file; or, of a sliding window or a long stream without attitude, what of it was used live."""
     scan = scan_recording(path)
-    attitude = options.attitude and bool(scan.columns.joints or scan.columns.tool)
-    if options.forget_s is None:
-        return path if attitude else read_thinned(scan, at_most=MOST_SAMPLES)
-    last = max(float(batch.t[-1]) for batch in scan)
-    begin = last - options.forget_s
-    parts = [batch.select(batch.t >= begin) for batch in scan if float(batch.t[-1]) >= begin]
-    return joined(parts)
+    if not (options.attitude and bool(scan.columns.joints or scan.columns.tool)):
+        return read_thinned(scan, at_most=MOST_SAMPLES, span_s=options.forget_s)
+    if not forgotten_s > -np.inf:
+        return path
+    return joined([batch.select(batch.t > forgotten_s) for batch in scan if float(batch.t[-1]) > forgotten_s])
 
 
 def joined(parts: Sequence[Recording]) -> Recording:

@@ -33,6 +33,8 @@ TICK_S: Final = 0.02
 #: come at every such growth of their number.
 _ESTIMATE_S: Final = 0.05
 _SHARE: Final = 0.2
+#: How much the last one counts in the mean processor time that one takes.
+_RECENT: Final = 0.1
 _GROWTH: Final = 1.05
 _MANY: Final = 20_000
 _LATER_GROWTH: Final = 1.2
@@ -223,6 +225,11 @@ class Session:
         return self._t_s - self._begun_s
 
     @property
+    def forgotten_s(self) -> float:
+        """As of ``Calibrator``."""
+        return -np.inf if self.calibrator is None else self.calibrator.forgotten_s
+
+    @property
     def alarms(self) -> list[Alarm]:
         """All changes that the monitor has seen, with their names as far as they are known."""
         return [] if self.watch is None else self.watch.alarms
@@ -313,9 +320,9 @@ class Session:
             self._estimate()
 
     def _estimate(self, shown: bool = False) -> None:
-        begun = time.monotonic()
+        begun, used = time.monotonic(), time.thread_time()
         if self.calibrator is not None:
-            self._ask(ruled=begun - self._ruled_at >= _RULE_S or shown or self.samples >= self._next)
+            self._ask(begun - self._ruled_at >= _RULE_S or shown or self.samples >= self._next, whole=shown)
             if self.watch is not None:
                 self.watch.refer({state.sensor: state.estimate for state in self.states if state.estimate is not None})
             self._see()
@@ -324,13 +331,13 @@ class Session:
         self._at = time.monotonic()
         for display in self._displays:
             display.show(self.snapshot)
-        self._took = time.monotonic() - begun if not shown else self._took
+        self._took += _RECENT * (time.thread_time() - used - self._took)
 
-    def _ask(self, ruled: bool) -> None:
-        """Bring the states up to date; ``ruled``: with the stop rule."""
+    def _ask(self, ruled: bool, whole: bool) -> None:
+        """Bring the states up to date; ``ruled``: with the stop rule, ``whole``: by a fit of all samples."""
         assert self.calibrator is not None
-        last = {} if ruled else {state.sensor: state for state in self.states}
-        self.states = tuple(self.calibrator.state(sensor, last.get(sensor)) for sensor in self.calibrator.sensors)
+        calibrator, last = self.calibrator, {} if ruled else {state.sensor: state for state in self.states}
+        self.states = tuple(calibrator.state(sensor, last.get(sensor), whole) for sensor in calibrator.sensors)
         if ruled:
             self._ruled_at = time.monotonic()
 
