@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 @click.option("--euler", metavar="ZYX", help="Three Euler angles: capital about turned axes, small about fixed ones.")
 @click.option("--specific-force", is_flag=True, help="The accelerometer reads +1 g upward at rest; else detected.")
 @click.option("--clock-offset", metavar="S|auto", help="Added to the times of the poses; auto: estimated.")
+@click.option("--base-frame", metavar="FRAME", help="Of a bag's transforms: where the pose is taken in; else guessed.")
+@click.option("--tool-frame", metavar="FRAME", help="The frame whose pose it is: the sensor's; else guessed.")
 @click.option("--time-unit", type=Choice(("s", "ms", "us", "ns")), help="Of the time column.")
 @stated_options
 @json_option
@@ -51,6 +53,8 @@ def import_(
     euler: str | None,
     specific_force: bool,
     clock_offset: str | None,
+    base_frame: str | None,
+    tool_frame: str | None,
     time_unit: Any,
     gravity: float | None,
     field: str | None,
@@ -65,6 +69,9 @@ def import_(
     base, so that a transposed rotation, another order of a quaternion, a joint of the other sign or a late clock is
     recognised and said.
 
+    Of a bag with transforms (/tf, /tf_static) the pose is that of the chain of frames from the base to the sensor's
+    frame, each interpolated between its own messages; with --arm and joint states these are taken instead.
+
     \b
     A column is one of: t; accel1_UNIT .. accel3_UNIT (V mV raw g mg m_s2); mag1_UNIT .. mag3_UNIT (V mV raw G mG T uT
     nT); q1_UNIT .. (rad deg m); qw qx qy qz; r11 .. r33; euler1_UNIT .. euler3_UNIT; theta1_UNIT, theta5, theta6;
@@ -75,6 +82,7 @@ def import_(
       rig import log.csv -o run.parquet --map map.toml
       rig import imu.csv poses.csv -o run.parquet --clock-offset auto
       rig import bag_folder --arm ur5e.urdf -o run.parquet
+      rig import bag.mcap --base-frame base_link --tool-frame imu_link -o run.parquet
       rig import log.csv --at 42.28,-83.74,260 --date 2026-11-22 -o run.parquet
     """
     if output is not None:
@@ -89,6 +97,8 @@ def import_(
         "euler": euler,
         "accelerometer_reads": "a-g" if specific_force else None,
         "clock_offset_s": _offset(clock_offset),
+        "base_frame": base_frame,
+        "tool_frame": tool_frame,
         "time_unit": time_unit,
     }
     given, there = _mapping(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rig.errors import RigError
 from scenarios.importing.text_log import Log
+from scenarios.importing.transforms import Transforms
 
 _Row = dict[str, float]
 
@@ -20,39 +21,46 @@ def is_bag(path: Path) -> bool:
     return path.suffix in (".mcap", ".db3", ".bag") or (path.is_dir() and (path / "metadata.yaml").is_file())
 
 
-def read_bag(path: Path) -> list[Log]:
+def read_bag(path: Path, base_frame: str | None = None, tool_frame: str | None = None) -> list[Log]:
     """The topics of a bag that hold poses or readings, each as a table; times in s, of the messages' own headers.
 
-    Times are counted from the first message, so that seconds since 1970 lose no digits.
+    Times are counted from the first message, so that seconds since 1970 lose no digits. Transforms (/tf, /tf_static)
+    are one table: the pose of ``tool_frame`` in ``base_frame``, see ``Transforms.chain``.
 
     Raises:
-        RigError: it cannot be read, or holds none of the messages that are known.
+        RigError: it cannot be read, holds none of the messages that are known, or no such frames.
     """
     from rosbags.highlevel import AnyReader
 
     times: dict[str, list[int]] = {}
     rows: dict[str, list[_Row]] = {}
     met: dict[str, str] = {}
+    transforms = Transforms()
     try:
         with AnyReader([path]) as reader:
             for connection in reader.connections:
                 met[connection.topic] = connection.msgtype
-            known = [connection for connection in reader.connections if connection.msgtype in _READERS]
+            known = [each for each in reader.connections if each.msgtype in (*_READERS, _TF)]
             for connection, logged, raw in reader.messages(known) if known else ():
                 message: Any = reader.deserialize(raw, connection.msgtype)
-                for part, stamp, row in _READERS[connection.msgtype](message, logged):
-                    topic = f"{connection.topic}{part}"
-                    times.setdefault(topic, []).append(stamp)
-                    rows.setdefault(topic, []).append(row)
+                if connection.msgtype == _TF:
+                    for each in message.transforms:
+                        transforms.add(each, _stamp(each.header, logged), str(path))
+                    continue
+                stamp, row = _READERS[connection.msgtype](message, logged)
+                times.setdefault(connection.topic, []).append(stamp)
+                rows.setdefault(connection.topic, []).append(row)
+                if connection.msgtype in _SENSORS and message.header.frame_id not in transforms.sensors:
+                    transforms.sensors.append(message.header.frame_id)
     except RigError:
         raise
     except Exception as error:  # a damaged bag fails in as many ways as there are storages
         raise RigError(f"{path}: not a whole bag: {' '.join(str(error).split())[:140]}") from error
-    if not rows:
+    if not rows and not transforms.parents:
         listed = ", ".join(f"{topic} ({kind})" for topic, kind in list(met.items())[:6])
-        expected = ", ".join(sorted(kind.split("/")[-1] for kind in _READERS))
+        expected = ", ".join(sorted(kind.split("/")[-1] for kind in (*_READERS, _TF)))
         raise RigError(f"{path}: found {listed or 'no topic'}, expected messages of {expected}")
-    start = min(min(stamps) for stamps in times.values())
+    start = min(min(stamps) for stamps in (*times.values(), *transforms.times.values()))
     logs = []
     for topic, stamps in times.items():
         order = np.argsort(stamps, kind="stable")
@@ -61,7 +69,11 @@ def read_bag(path: Path) -> list[Log]:
         for name in dict.fromkeys(name for row in rows[topic] for name in row):
             columns[name] = np.array([rows[topic][index].get(name, np.nan) for index in order])
         logs.append(Log(f"{path.name}:{topic}", columns, f"{len(stamps)} messages"))
-    return logs
+    readings = [log.columns["stamp_s"] for log in logs if met[log.name.partition(":")[2]] in _SENSORS]
+    pose = transforms.chain(base_frame, tool_frame, readings, start, path.name)
+    if pose is None:
+        return logs
+    return [pose, *logs] if base_frame is not None or tool_frame is not None else [*logs, pose]
 
 
 def _stamp(header: Any, logged: int) -> int:
@@ -70,21 +82,20 @@ def _stamp(header: Any, logged: int) -> int:
     return own or logged
 
 
-def _imu(message: Any, logged: int) -> Iterator[tuple[str, int, _Row]]:
+def _imu(message: Any, logged: int) -> tuple[int, _Row]:
     a = message.linear_acceleration
-    row = {"accel_x_m_s2": a.x, "accel_y_m_s2": a.y, "accel_z_m_s2": a.z}
-    yield "", _stamp(message.header, logged), row
+    return _stamp(message.header, logged), {"accel_x_m_s2": a.x, "accel_y_m_s2": a.y, "accel_z_m_s2": a.z}
 
 
-def _magnetic(message: Any, logged: int) -> Iterator[tuple[str, int, _Row]]:
+def _magnetic(message: Any, logged: int) -> tuple[int, _Row]:
     b = message.magnetic_field
-    yield "", _stamp(message.header, logged), {"mag_x_T": b.x, "mag_y_T": b.y, "mag_z_T": b.z}
+    return _stamp(message.header, logged), {"mag_x_T": b.x, "mag_y_T": b.y, "mag_z_T": b.z}
 
 
-def _joints(message: Any, logged: int) -> Iterator[tuple[str, int, _Row]]:
+def _joints(message: Any, logged: int) -> tuple[int, _Row]:
     positions = np.asarray(message.position, dtype=float)
     row = {f"position {name}": float(value) for name, value in zip(message.name, positions, strict=False)}
-    yield "", _stamp(message.header, logged), row
+    return _stamp(message.header, logged), row
 
 
 def _pose(position: Any, turn: Any) -> _Row:
@@ -92,26 +103,20 @@ def _pose(position: Any, turn: Any) -> _Row:
     return {**names, "x_m": position.x, "y_m": position.y, "z_m": position.z}
 
 
-def _pose_stamped(message: Any, logged: int) -> Iterator[tuple[str, int, _Row]]:
-    pose = message.pose
-    yield "", _stamp(message.header, logged), _pose(pose.position, pose.orientation)
+def _pose_stamped(message: Any, logged: int) -> tuple[int, _Row]:
+    return _stamp(message.header, logged), _pose(message.pose.position, message.pose.orientation)
 
 
-def _transforms(message: Any, logged: int) -> Iterator[tuple[str, int, _Row]]:
-    for each in message.transforms:
-        part = f" {each.header.frame_id} -> {each.child_frame_id}"
-        yield part, _stamp(each.header, logged), _pose(each.transform.translation, each.transform.rotation)
+def _transform(message: Any, logged: int) -> tuple[int, _Row]:
+    return _stamp(message.header, logged), _pose(message.transform.translation, message.transform.rotation)
 
 
-def _transform(message: Any, logged: int) -> Iterator[tuple[str, int, _Row]]:
-    yield "", _stamp(message.header, logged), _pose(message.transform.translation, message.transform.rotation)
-
-
-_READERS: Final[dict[str, Callable[[Any, int], Iterator[tuple[str, int, _Row]]]]] = {
+_TF: Final = "tf2_msgs/msg/TFMessage"
+_SENSORS: Final = ("sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField")
+_READERS: Final[dict[str, Callable[[Any, int], tuple[int, _Row]]]] = {
     "sensor_msgs/msg/Imu": _imu,
     "sensor_msgs/msg/MagneticField": _magnetic,
     "sensor_msgs/msg/JointState": _joints,
     "geometry_msgs/msg/PoseStamped": _pose_stamped,
     "geometry_msgs/msg/TransformStamped": _transform,
-    "tf2_msgs/msg/TFMessage": _transforms,
 }

@@ -20,7 +20,7 @@ from scenarios.importing.bag_log import is_bag, read_bag
 from scenarios.importing.clocks import clock_offset
 from scenarios.importing.conventions import axis_words, judged, suspicious
 from scenarios.importing.mapping import Conventions, Mapping, check_columns
-from scenarios.importing.quantities import guess
+from scenarios.importing.quantities import guess, is_joint, is_numbered
 from scenarios.importing.text_log import Log, read_text_log
 from scenarios.importing.tracks import LOUD, Track, tracks_of
 
@@ -62,7 +62,9 @@ def import_logs(
     Raises:
         RigError: a log that cannot be read, columns that make no recording, poses that are none.
     """
-    logs = [log for path in paths for log in (read_bag(path) if is_bag(path) else [read_text_log(path)])]
+    conventions = (mapping or base or Mapping()).conventions
+    frames = conventions.base_frame, conventions.tool_frame
+    logs = [log for path in paths for log in (read_bag(path, *frames) if is_bag(path) else [read_text_log(path)])]
     said = [f"{log.name}: {log.said}" for log in logs if log.said]
     guessed = mapping is None
     if mapping is None:
@@ -106,6 +108,7 @@ def _joined(
 ) -> tuple[Recording, Track | None, list[str]]:
     """The recording at the instants of the readings; the pose there; findings."""
     readings = [tracks[kind] for kind in ("accel", "mag") if kind in tracks]
+    tracks = _one_pose(tracks, arm, said)
     if not readings:
         raise RigError("no log has an accelerometer or a magnetometer, expected one in the mapping")
     pose = tracks.get("joints") or tracks.get("rotation")
@@ -117,7 +120,7 @@ def _joined(
             f"{untimed[0].log}: {untimed[0].kind} has no time although other logs have one, expected a column t"
         )
     main = readings[0]
-    metadata = Metadata(arm="none" if pose is None or pose.kind == "rotation" else arm.name if arm else "a465")
+    metadata = Metadata(arm=_arm_name(pose, mapping, arm))
     if main.t is None:
         sizes = {track.kind: len(track.values) for track in tracks.values()}
         if len(set(sizes.values())) > 1:
@@ -136,8 +139,8 @@ def _joined(
         if len(t) < len(main.t):
             said.append(f"{main.log}: {len(main.t) - len(t)} rows before the first or after the last pose: left out")
         metadata = replace(metadata, rate_Hz=float(np.round(1.0 / np.median(np.diff(t)), 3)))
-    if pose is not None and pose.t is not None and not np.isin(t, pose.t).all():
-        rate = float(np.round(1.0 / np.median(np.diff(pose.t)), 3))
+    if pose is not None and pose.t is not None and (slow := _slower(pose, t)) is not None:
+        rate = float(np.round(slow, 3))
         metadata = replace(metadata, pose_rate_Hz=rate)
         said.append(f"poses are interpolated to the readings' instants: recorded at {rate:g} Hz")
 
@@ -185,6 +188,38 @@ def _joined(
         name="import",
     )
     return recording, here, findings
+
+
+def _one_pose(tracks: dict[str, Track], arm: Arm | None, said: list[str]) -> dict[str, Track]:
+    """Without the lesser of joints and a pose out of transforms, which come from the same joints.
+
+    Joints are taken where their arm is known, and the transforms, which need none, where it is not.
+    """
+    joints, turns = tracks.get("joints"), tracks.get("rotation")
+    if joints is None or turns is None or turns.rate_Hz is None:
+        return tracks
+    left = ("joints",) if arm is None else ("rotation", "position")
+    why = "without --arm the transforms give the pose" if arm is None else "the joints of --arm give the pose"
+    said.append(f"{(joints if arm is None else turns).log}: passed over: {why}")
+    return {kind: track for kind, track in tracks.items() if kind not in left}
+
+
+def _slower(pose: Track, t: Array) -> float | None:
+    """The rate [Hz] of poses that had to be interpolated to the readings' instants; None where they had not."""
+    assert pose.t is not None
+    if pose.rate_Hz is not None:
+        return pose.rate_Hz if np.isfinite(pose.rate_Hz) else None
+    return None if np.isin(t, pose.t).all() else float(1.0 / np.median(np.diff(pose.t)))
+
+
+def _arm_name(pose: Track | None, mapping: Mapping, arm: Arm | None) -> str:
+    """Of the recording's metadata; six joints that are numbered, not named, are taken for the rig's own arm's."""
+    if pose is None or pose.kind == "rotation":
+        return "none"
+    if arm is not None:
+        return arm.name
+    named = [name for name, target in mapping.columns.items() if is_joint(target) and not is_numbered(name)]
+    return "unknown" if named or pose.values.shape[1] != Arm.a465().dof else "a465"
 
 
 def _quaternions(turns: Array) -> Array:

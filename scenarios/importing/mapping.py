@@ -33,6 +33,8 @@ class Conventions:
             they were locked.
         accelerometer_reads: "g-a" (down at rest, as in the paper), "a-g" (up at rest, the common chips), "detect".
         clock_offset_s: added to the times of the poses; "auto" estimates it; "none" leaves one clock alone.
+        base_frame, tool_frame: of a bag's transforms, between which the pose is taken; "none": the frame named as a
+            base, or the last one before something moves, and the frame of the readings, or a flange's.
         time_unit: of the time column: "s", "ms", "us", "ns"; "guess" by name and range.
     """
 
@@ -42,6 +44,8 @@ class Conventions:
     accelerometer_reads: Reads = "detect"
     clock_offset_s: float | Literal["auto"] | None = None
     time_unit: Literal["s", "ms", "us", "ns", "guess"] = "guess"
+    base_frame: str | None = None
+    tool_frame: str | None = None
 
     def __post_init__(self) -> None:
         if re.fullmatch(r"(?!(.)\1|.(.)\2)([XYZ]{3}|[xyz]{3})", self.euler) is None:

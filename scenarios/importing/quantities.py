@@ -84,6 +84,17 @@ def parse_target(text: str) -> Target | None:
     return None
 
 
+def is_joint(text: str) -> bool:
+    """Whether a target is a joint's value."""
+    target = parse_target(text)
+    return target is not None and target.kind == "joint"
+
+
+def is_numbered(name: str) -> bool:
+    """Whether a column calls its joint by a number alone."""
+    return _NUMBERED_JOINT.fullmatch(name.strip()) is not None
+
+
 _UNIT_WORDS: Final = (
     (r"m/s\^?2|m/s²|m_s2|m s2|mps2|ms-2|ms\^-2|m\.s-2", "m_s2"), (r"milli-?g\b|\bmg\b", "mg"),
     (r"\bgauss\b|\bG\b", "G"), (r"\bmG\b|milligauss", "mG"), (r"[uµμ]T\b|microtesla", "uT"),

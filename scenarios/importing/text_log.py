@@ -32,11 +32,13 @@ class Log:
         name: for messages: the file, or file and topic.
         columns: name -> (n,) numbers; NaN where a cell is empty.
         said: how it was read, in words.
+        rate_Hz: of transforms, the rate at which they came; inf: at the readings' own instants.
     """
 
     name: str
     columns: dict[str, Array]
     said: str = ""
+    rate_Hz: float | None = None
 
 
 def read_text_log(path: Path) -> Log:

@@ -45,6 +45,7 @@ class Track:
         values: (n, k); of a rotation (n, 9), R_base_tool row by row.
         unit: recorded unit of readings; what it was made from, of a rotation.
         slides: of joints: the numbers of those that slide.
+        rate_Hz: of a pose out of transforms, as of its log.
     """
 
     log: str
@@ -53,6 +54,7 @@ class Track:
     values: Array
     unit: str = ""
     slides: tuple[int, ...] = ()
+    rate_Hz: float | None = None
 
     def at(self, t: Array) -> Array:
         """Values (m, k) at times (m,) within the track's: linear, rotations along the shortest way."""
@@ -111,7 +113,7 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
             whole &= later
         if not whole.any():
             raise RigError(f"{log.name}: {kind}: found no row with all of {', '.join(p[0] for p in parts.values())}")
-        track = Track(log.name, kind, None if when is None else when[whole], columns[whole])
+        track = Track(log.name, kind, None if when is None else when[whole], columns[whole], rate_Hz=log.rate_Hz)
         found.append(_converted(track, parts, conventions))
     return found, said
 
