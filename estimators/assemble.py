@@ -30,6 +30,7 @@ def assemble(
     noise_source: str,
     floor_std: ArrayLike = 0.0,
     field_points: ArrayLike = (0.0, 0.0, -1.0),
+    reads: str | None = None,
 ) -> SensorCalibration:
     """A calibration with its covariance in every form, and with its quality.
 
@@ -39,6 +40,7 @@ def assemble(
         noise_source: where ``fit.noise`` comes from.
         floor_std: (3,) standard deviation of a given noise floor itself [recorded unit].
         field_points: (3,) what ``fit_sensor`` was given.
+        reads: of an accelerometer, "g-a" or "a-g".
     """
     parameters = fit.parameters
     reported = report(parameters, fit.covariance, fit.method)
@@ -92,6 +94,7 @@ def assemble(
         convention="of (field, axes) and (-field, -axes), which give the same readings, the one whose field has a"
         f" positive component along {_numbers(field_points)} in the base frame",
         quality=quality,
+        reads=reads,
     )
 
 

@@ -19,7 +19,7 @@ from scipy.special import ndtri, stdtrit
 from estimators._json import Reader, dump, nullable
 from estimators.calibration_parts import AxisCalibration, FieldDirection, Quality
 from estimators.summary import summary
-from rig.channels import SENSORS
+from rig.channels import READS, SENSORS
 from rig.documents import parse_json, read_bytes
 from rig.errors import RigError, shown, unknown_name
 from rig.files import write_text
@@ -39,9 +39,10 @@ class SensorCalibration:
     Attributes:
         method: "simultaneous", "separate", or that of an attitude-free estimator.
         unit: the recorded unit of ``offset`` and ``bias``.
+        reads: of an accelerometer, "g-a" or "a-g": its field, and the one along which its axes lie; None: "g-a".
         reference_magnitude: of the field [m/s^2, field unit].
-        matrix, bias: (3, 3), (3,): field = matrix @ (reading - bias), in frame 6; the accelerometer's field is g - a.
-            The matrix is NaN where two axes are parallel.
+        matrix, bias: (3, 3), (3,): field = matrix @ (reading - bias), in frame 6; the accelerometer's field is what it
+            ``reads``. The matrix is NaN where two axes are parallel.
         parameters, values: (p,) names and estimates: angles in degrees, the rest in recorded and field units.
         covariance: (p, p) of ``values``; NaN in rows and columns of what cannot be told.
         identifiable: per parameter True, or why it cannot be told.
@@ -84,6 +85,7 @@ class SensorCalibration:
     weighting: str | None = None
     convention: str | None = None
     quality: Quality = field(default_factory=Quality)
+    reads: str | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -165,7 +167,7 @@ class SensorCalibration:
         for name in ("noise", "noise_degrees_of_freedom"):
             if (numbers := getattr(self, name)) is not None:
                 content[name] = nullable(numbers)
-        for name in ("noise_source", "weighting", "convention"):
+        for name in ("noise_source", "weighting", "convention", "reads"):
             if (text := getattr(self, name)) is not None:
                 content[name] = text
         if self.vector_parameters:
@@ -220,6 +222,7 @@ class SensorCalibration:
             noise_degrees_of_freedom=_optional(reader, "noise_degrees_of_freedom"),
             weighting=reader.optional_text("weighting"),
             convention=reader.optional_text("convention"),
+            reads=_reads(reader),
             quality=Quality() if (quality := reader.optional("quality")) is None else Quality.read(quality),
             extra={name: value for name, value in reader.content.items() if name not in _KNOWN},
         )
@@ -235,6 +238,13 @@ _KNOWN: Final = frozenset(
 
 def _optional(reader: Reader, name: str) -> Array | None:
     return None if reader.plain(name) is None else reader.array(name, (3,))
+
+
+def _reads(reader: Reader) -> str | None:
+    found = reader.optional_text("reads")
+    if found is not None and found not in READS:
+        raise RigError(f"{reader.where}.reads: found {found!r}, expected {' or '.join(READS)}")
+    return found
 
 
 def _values(names: tuple[str, ...], axes: tuple[AxisCalibration, ...], common: FieldDirection | None) -> Array:

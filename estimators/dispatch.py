@@ -14,7 +14,6 @@ from estimators.ellipsoid import Options, calibrate_attitude_free
 from estimators.kinematic import Weighting, fit_sensor
 from estimators.model import Method
 from estimators.pipeline import (
-    UP_AT_REST,
     FieldPoints,
     Noise,
     PathLike,
@@ -24,11 +23,11 @@ from estimators.pipeline import (
     has_pose,
     magnitude_of,
     points_of,
+    reads_of,
     scanned,
     summarise,
 )
 from estimators.together import calibrate_together
-from rig.channels import ACCELEROMETER
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, RecordingScan, thinned
 
@@ -63,7 +62,8 @@ def calibrate(
             None: the locked recording beside a path, else the residuals; "residuals": these in any case.
         arm: gives the orientations from the joint angles. None: those of the tool if they were recorded, else the A465
             where the metadata name it.
-        field_points: "down", "up" or any vector (3,), base frame, within 90 degrees of the field, or one of these for
+        field_points: "down", "up" or any vector (3,), base frame, within 90 degrees of the field (of gravity, whatever
+            the accelerometer reads), or one of these for
         each
             sensor: it chooses between (field, axes) and (-field, -axes), which give the same readings.
         weighting: "likelihood" or, as in the paper, "equal" for all channels of a simultaneous fit.
@@ -90,14 +90,17 @@ def calibrate(
     chosen = chosen_sensors(source.sensors, sensors)
     if method is None:
         method = "simultaneous" if has_pose(source) else "ellipsoid"
-    points = {sensor: points_of(field_points, sensor) for sensor in chosen}
+    points = {sensor: points_of(field_points, sensor, source.metadata) for sensor in chosen}
     floors = floors_of(run if from_file else None, noise)
     if method == "ellipsoid":
         units = source.units if isinstance(source, Recording) else source.columns.units
         known = {sensor: floors.of(sensor, units[sensor]) for sensor in chosen}
         options = Options() if attitude_free is None else attitude_free
         found = calibrate_attitude_free(source, chosen, known, floors.source, options, progress)
-        return Calibration(found.sensors, source.name, None, found.extra)
+        sensors_found = {
+            sensor: replace(own, reads=reads_of(source.metadata, sensor)) for sensor, own in found.sensors.items()
+        }
+        return Calibration(sensors_found, source.name, None, found.extra)
     summed = summarise(source, chosen, arm, progress)
     results: dict[str, SensorCalibration] = {}
     for position, sensor in enumerate(chosen):
@@ -120,10 +123,8 @@ def calibrate(
             noise_source="residuals" if floor is None else floors.source,
             floor_std=0.0 if floor is None else floor[1],
             field_points=points[sensor],
+            reads=reads_of(summed.metadata, sensor),
         )
-    if (own := results.get(ACCELEROMETER)) is not None and summed.metadata.accelerometer_reads == "a-g":
-        quality = replace(own.quality, warnings=(*own.quality.warnings, UP_AT_REST))
-        results[ACCELEROMETER] = replace(own, quality=quality)
     return Calibration(results, source.name, summed.arm)
 
 

@@ -61,7 +61,8 @@ def _sensor(name: str, sensor: SensorCalibration, field_unit: str | None) -> dic
     numbers = (*sensor.matrix.ravel(), *sensor.bias)
     if not all(math.isfinite(value) for value in numbers):
         raise RigError(f"{name}: its axes do not span space, so there is no matrix to export")
-    about = "g - a, minus the specific force" if name == ACCELEROMETER else "the magnetic field"
+    force = "a - g, the specific force" if sensor.reads == "a-g" else "g - a, minus the specific force"
+    about = force if name == ACCELEROMETER else "the magnetic field"
     frame = "the tool frame" if sensor.axes else "the sensor's own frame"
     unit = "m/s^2" if name == ACCELEROMETER else field_unit or "that of reference_magnitude"
     return {

@@ -22,8 +22,8 @@ _TESLA_PER_GAUSS = 1e-4
 def ros_yaml(calibration: Calibration, field_unit: str | None = None) -> str:
     """YAML with one section a sensor; matrices and covariances are row-major lists of nine, as in ``sensor_msgs``.
 
-    ``sensor_msgs/Imu`` has the specific force a - g (up at rest), in m/s^2: the matrix is that of the calibration with
-    the other sign. ``sensor_msgs/MagneticField`` is in tesla, where the field's unit is known.
+    ``sensor_msgs/Imu`` has the specific force a - g (up at rest), in m/s^2: the matrix is that of the calibration, with
+    the other sign of one that gives g - a. ``sensor_msgs/MagneticField`` is in tesla, where the field's unit is known.
 
     Args:
         calibration: to be used elsewhere.
@@ -46,7 +46,8 @@ def ros_yaml(calibration: Calibration, field_unit: str | None = None) -> str:
 
 def _section(name: str, sensor: SensorCalibration, field_unit: str | None) -> list[str]:
     if name == ACCELEROMETER:
-        factor, unit, message, member = -1.0, "m/s^2", "sensor_msgs/Imu", "linear_acceleration"
+        factor = 1.0 if sensor.reads == "a-g" else -1.0
+        unit, message, member = "m/s^2", "sensor_msgs/Imu", "linear_acceleration"
     else:
         known = field_unit is not None
         factor = conversion_factor(field_unit, "G") * _TESLA_PER_GAUSS if field_unit is not None else 1.0

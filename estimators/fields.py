@@ -25,7 +25,7 @@ def field_of(calibration: SensorCalibration, readings: ArrayLike, unit: str | No
         unit: of the readings; None: the calibration's.
 
     Returns:
-        (n, 3) [m/s^2, field unit]; g - a of an accelerometer.
+        (n, 3) [m/s^2, field unit]; of an accelerometer what it reads, g - a or a - g.
 
     Raises:
         RigError: the unit cannot be converted to the calibration's, or the axes do not span space.

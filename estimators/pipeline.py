@@ -25,9 +25,6 @@ PathLike = str | os.PathLike[str]
 FieldPoints = str | Sequence[float] | Mapping[str, str | Sequence[float]]
 Noise = NoiseFloor | Mapping[str, ArrayLike] | ArrayLike | Literal["residuals"]
 
-UP_AT_REST: Final = (
-    "the accelerometer reads a - g: its axes are given for g - a, the opposite of how they lie on the chip"
-)
 _POINTS: Final = {"down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
 
 
@@ -129,21 +126,25 @@ def chosen_sensors(recorded: Sequence[str], wanted: Sequence[str] | None) -> tup
     return tuple(sensor for sensor in SENSORS if sensor in wanted)
 
 
-def points_of(given: FieldPoints, sensor: str) -> tuple[float, float, float]:
-    """The vector near which a sensor's field points.
+def points_of(given: FieldPoints, sensor: str, metadata: Metadata) -> tuple[float, float, float]:
+    """The vector near which a sensor's field points: of an accelerometer that reads a - g the opposite of gravity's.
 
     Raises:
         RigError: neither a name nor three numbers.
     """
     wanted = given.get(sensor, "down") if isinstance(given, Mapping) else given
-    if isinstance(wanted, str):
-        if wanted not in _POINTS:
-            raise unknown_name("field_points", wanted, _POINTS)
-        return _POINTS[wanted]
-    vector = np.asarray(wanted, dtype=float)
+    if isinstance(wanted, str) and wanted not in _POINTS:
+        raise unknown_name("field_points", wanted, _POINTS)
+    vector = np.asarray(_POINTS[wanted] if isinstance(wanted, str) else wanted, dtype=float)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
         raise RigError(f"field_points: found {wanted!r}, expected 'down', 'up' or three numbers, not all zero")
-    return (float(vector[0]), float(vector[1]), float(vector[2]))
+    x, y, z = (float(value) for value in vector)
+    return (-x, -y, -z) if reads_of(metadata, sensor) == "a-g" else (x, y, z)
+
+
+def reads_of(metadata: Metadata, sensor: str) -> str | None:
+    """What an accelerometer reads, g - a or a - g; None of a magnetometer."""
+    return metadata.accelerometer_reads if sensor == ACCELEROMETER else None
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ from estimators.identifiability import Information
 from estimators.kinematic import SensorFit, Weighting, fit_sensor
 from estimators.model import Method
 from estimators.pipeline import (
-    UP_AT_REST,
     FieldPoints,
     Floors,
     Noise,
@@ -30,11 +29,12 @@ from estimators.pipeline import (
     floors_of,
     magnitude_of,
     points_of,
+    reads_of,
     scanned,
     summarise,
 )
 from estimators.statistics import Statistics
-from rig.channels import ACCELEROMETER, SENSORS
+from rig.channels import SENSORS
 from rig.errors import RigError, in_short
 from rig.recording import Recording, RecordingScan
 from rig.units import conversion_factor
@@ -158,7 +158,7 @@ def calibrate_together(
             )
     results: dict[str, SensorCalibration] = {}
     told: dict[str, list[dict[str, Any]]] = {}
-    points = {sensor: points_of(field_points, sensor) for sensor in chosen}
+    points = {sensor: points_of(field_points, sensor, sources[0].metadata) for sensor in chosen}
     for sensor in chosen:
         magnitude = magnitude_of(sources[0].metadata, sensor)
         joint = fit_together(parts[sensor], magnitude, method or "simultaneous", weighting, points[sensor], sensor)
@@ -171,11 +171,10 @@ def calibrate_together(
             noise_source=source_of_noise,
             floor_std=spread if known else 0.0,
             field_points=points[sensor],
+            reads=reads_of(sources[0].metadata, sensor),
         )
         told[sensor] = contributions(joint)
         warnings = [*own.quality.warnings, *_disagreements(told[sensor])]
-        if sensor == ACCELEROMETER and sources[0].metadata.accelerometer_reads == "a-g":
-            warnings.append(UP_AT_REST)
         count = sum(part.statistics.count for part in parts[sensor])
         rms = np.sqrt(joint.residual_square.sum(axis=0) / count)
         results[sensor] = replace(own, fit_rms=rms, quality=replace(own.quality, warnings=tuple(warnings)))

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.channels import CHANNELS, COLUMNS_OF, SENSORS
+from rig.channels import CHANNELS, COLUMNS_OF, READS, SENSORS, Reads
 from rig.errors import RigError, unknown_name
 from rig.units import UNITS
 
@@ -32,6 +32,8 @@ class Acquisition:
         units: of the accelerometer's and of the magnetometer's readings: "V", or that of a sensor with a digital
             output, whose readings, sensitivity, offset, noise and effects are then in it. Range and converter are of
             sensors in volts.
+        accelerometer_reads: "g-a", as in the papers, or "a-g", as the common chips do; the axes of a scenario's
+            accelerometer are then those of a - g, as they lie on the chip.
     """
 
     noise_V: tuple[float, ...] = (0.0,) * 6
@@ -41,6 +43,7 @@ class Acquisition:
     decimation: int = 25
     pose: Pose = "joints"
     units: tuple[str, str] = ("V", "V")
+    accelerometer_reads: Reads = "g-a"
 
     def __post_init__(self) -> None:
         noise = np.asarray(self.noise_V, dtype=float)
@@ -62,6 +65,8 @@ class Acquisition:
         for sensor, unit in zip(SENSORS, self.units, strict=True):
             if unit not in UNITS[sensor]:
                 raise unknown_name(f"unit of the {sensor} in acquisition.units", str(unit), UNITS[sensor])
+        if self.accelerometer_reads not in READS:
+            raise unknown_name("acquisition.accelerometer_reads", str(self.accelerometer_reads), READS)
         if self.decimation < 1:
             raise RigError(f"acquisition.decimation: found {self.decimation}, expected 1 or more")
 

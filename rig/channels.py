@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Literal
 
 ACCELEROMETER: Final = "accelerometer"
 MAGNETOMETER: Final = "magnetometer"
@@ -16,3 +16,7 @@ CHANNELS: Final = CHANNELS_OF[ACCELEROMETER] + CHANNELS_OF[MAGNETOMETER]
 
 #: The columns of a sensor in an array (n, 6) of all channels.
 COLUMNS_OF: Final[dict[str, slice]] = {ACCELEROMETER: slice(0, 3), MAGNETOMETER: slice(3, 6)}
+
+#: What an accelerometer reads: "g-a", gravity less acceleration, down at rest; "a-g", the specific force, up at rest.
+Reads = Literal["g-a", "a-g"]
+READS: Final[tuple[Reads, Reads]] = ("g-a", "a-g")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -52,6 +52,11 @@ class TriaxialSensor:
             beta_deg=tuple(beta),
             gamma_deg=tuple(gamma),
         )
+
+    def turned(self) -> Self:
+        """With every axis the other way round: what it reads of a field, this one read of the opposite field."""
+        (b1, b2, b3), (g1, g2, g3) = self.beta_deg, np.remainder(np.add(self.gamma_deg, 180.0), 360.0).tolist()
+        return replace(self, beta_deg=(-b1, -b2, -b3), gamma_deg=(g1, g2, g3))
 
     @cached_property
     def axes(self) -> Array:

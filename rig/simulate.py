@@ -115,6 +115,7 @@ class Rig:
                 magnetic_field=self.environment.magnetic_field,
                 rate_Hz=rate_Hz / self.acquisition.decimation,
                 arm=self.arm.name if self.arm else "none",
+                accelerometer_reads=self.acquisition.accelerometer_reads,
             ),
             name=name,
         )

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estimators.calibration import Calibration, SensorCalibration
+from rig.channels import ACCELEROMETER
 from scenarios.comparison import Compared, units
 from scenarios.report import plus_minus, table, with_sigma
 
@@ -25,7 +26,8 @@ def calibration_report(calibration: Calibration, magnetic_field_unit: str | None
         if told := calibration.extra.get("recordings", {}).get(name):
             parts += [_recordings(told, sensor.unit), Text("")]
     if alignment := calibration.extra.get("alignment"):
-        return Group(*parts, *_alignment(alignment))
+        own = calibration.sensors.get(ACCELEROMETER)
+        return Group(*parts, *_alignment(alignment, "a - g" if own is not None and own.reads == "a-g" else "g - a"))
     if searched := calibration.extra.get("fminunc"):
         return Group(*parts, *_searched(searched))
     return Group(*parts[:-1])
@@ -65,6 +67,8 @@ def _sensor(name: str, sensor: SensorCalibration, field_unit: str | None) -> Ite
     heading = Text(f"{name}  ", style="bold")
     yield heading.append(f"{sensor.method}, {sensor.samples:,} samples{source}{weights}", style="not bold")
     yield _axes(name, sensor, field_unit) if sensor.axes else _matrix(name, sensor, field_unit)
+    if sensor.reads == "a-g":
+        yield Text("reads           a - g: up at rest, as the field below; the axes as they lie on the chip")
     for line in _lines(sensor):
         yield Text(line)
     untold = [(parameter, told) for parameter, told in sensor.identifiable.items() if told is not True]
@@ -104,14 +108,14 @@ def _matrix(name: str, sensor: SensorCalibration, field_unit: str | None) -> Tab
     return result
 
 
-def _alignment(found: Mapping[str, Any]) -> Iterable[Text]:
+def _alignment(found: Mapping[str, Any], reads: str) -> Iterable[Text]:
     """Both sensors in one frame, as of ``estimators.ellipsoid.Alignment``, and what that leaves open."""
     heading = Text("both in one frame", style="bold")
     if "refused" in found:
         yield heading.append(f"  refused: {found['refused']}", style="not bold yellow")
         return
     angle = plus_minus(found["angle_deg"], found["angle_std_deg"], "±")
-    words = f"  {angle} deg between g - a and the magnetic field, by {found['samples']:,} samples"
+    words = f"  {angle} deg between {reads} and the magnetic field, by {found['samples']:,} samples"
     yield heading.append(words, style="not bold")
     for words in found["cannot_tell"]:
         yield Text(f"cannot be told: {words}", style="yellow")

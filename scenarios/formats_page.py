@@ -16,11 +16,12 @@ from typing import Any, Final
 
 from estimators.calibration import SensorCalibration
 from rig.acquisition import Acquisition
+from rig.channels import READS
 from rig.effects import EFFECTS
 from rig.files import write_text
 from rig.maneuver import MANEUVERS
 from rig.recording.columns import POSITION, QUATERNION, SUPPLY, TEMPERATURE, TIME
-from rig.recording.metadata import FORMAT, READS, Metadata
+from rig.recording.metadata import FORMAT, Metadata
 from rig.units import UNITS
 from scenarios.importing.mapping import FORMAT as MAPPING_FORMAT
 from scenarios.importing.mapping import Conventions, Stated
@@ -43,12 +44,13 @@ Made by `python -m scenarios.formats_page docs/formats.md` from the code's own r
   al., equations 6 and 12). An elevation of +90 deg points along -z: gravity on a level base has phi = 90 deg. beta
   and phi lie in [-90, 90], gamma and psi in [0, 360) deg.
 - A reading is S P . R^T (g - a) + delta of an accelerometer, S P . R^T B + delta of a magnetometer: g points down, a
-  is the sensor's acceleration. The common chips read a - g, up at rest: `accelerometer_reads` says so (`rig import
-  --specific-force`, or found by the handedness of the axes). The axes of a calibration are those of g - a, for such a
-  chip the opposite of how they lie on it; `matrix` gives g - a either way, `rig export --to ros` a - g.
+  is the sensor's acceleration. The common chips read a - g, up at rest: S P . R^T (a - g) + delta. A recording says
+  so by `accelerometer_reads` (`rig import --specific-force`, or found by the handedness of the axes), a scenario in
+  `[acquisition]`, and a calibration by `reads`: its axes are those on the chip, its field is -g, up, and `matrix` and
+  `rig apply` give a - g. `rig export --to ros` gives a - g of either.
 - (field, P) and (-field, -P) give the same readings: the one whose field points down (z < 0 in the base) is given,
-  unless `--field-points up`. Right-handed axes have a positive determinant; `rig import` says where they are
-  left-handed.
+  unless `--field-points up`; of an accelerometer that reads a - g the one where gravity does. Right-handed axes have a
+  positive determinant; `rig import` says where they are left-handed.
 - Joint values are the file's own. Of the A465 by standard Denavit-Hartenberg with q2 = 90, q3 = -90, q4 = 0 deg
   locked, theta1 = q1 + 90 deg, theta5 = q5, theta6 = q6 + 180 deg are the angles of Table 1 of Renk et al. (2005)
   (`rig import --angles renk2005`).
@@ -134,7 +136,8 @@ def _scenario() -> str:
 def _calibration() -> str:
     return (
         "## Calibration (`rig-calibration/1`, JSON)\n\n`sensors` has one object a sensor; `field = matrix @ (reading -"
-        " bias)`, in the tool frame, m/s^2 (g - a) or field units; `offset` and `bias` in the recorded unit.\n\n"
+        " bias)`, in the tool frame, m/s^2 (g - a or a - g, as `reads` says) or field units; `offset` and `bias` in the"
+        " recorded unit.\n\n"
         + _table(("attribute", "what"), [(key, text) for key, _, text in _documented(SensorCalibration)])
     )
 

@@ -82,12 +82,15 @@ def from_toml(text: str, file: str) -> Scenario:
     environment, unit = _environment(top.sub("environment"))
     truths = {name: _checked(top.sub(name), sensor.sensor) for name, sensor in sensors.items()}
     arm = _checked(top.sub("arm"), partial(arm_table.arm, folder))
+    acquisition = _acquisition(top.sub("acquisition"), sensors)
+    if ACCELEROMETER in truths and acquisition.accelerometer_reads == "a-g":  # the rig's own sensors feel g - a
+        truths[ACCELEROMETER] = truths[ACCELEROMETER].turned()
     rig = Rig(
         arm=arm,
         environment=environment,
         accelerometer=truths.get(ACCELEROMETER),
         magnetometer=truths.get(MAGNETOMETER),
-        acquisition=_acquisition(top.sub("acquisition"), sensors),
+        acquisition=acquisition,
         effects=_effects(top.sub("effects"), arm),
     )
     return Scenario(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration, SensorCalibration
 from rig.arm import Arm
-from rig.channels import CHANNELS_OF
+from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording
 
@@ -29,6 +29,7 @@ class Overlay:
         directions: (n, 3) unit vectors: the field in frame 6.
         axes: (3, 3) unit vectors P_k as rows, frame 6; those of the matrix where the calibration has no axes.
         field: (3,) unit vector, the field in the base frame; None where the attitude is not known.
+        field_name: what that is: gravity, the magnetic field or, of an accelerometer that reads a - g, its opposite.
     """
 
     sensor: str
@@ -39,6 +40,7 @@ class Overlay:
     directions: Array
     axes: Array
     field: Array | None
+    field_name: str
 
 
 def overlays(recording: Recording, calibration: Calibration | None, arm: Arm | None) -> dict[str, Overlay]:
@@ -94,7 +96,15 @@ def _by_attitude(sensor: str, readings: Array, R: Array, part: SensorCalibration
         seen,
         part.axis_vectors,
         field,
+        field_name(sensor, part.reads),
     )
+
+
+def field_name(sensor: str, reads: str | None) -> str:
+    """What a sensor's field is, in words."""
+    if sensor != ACCELEROMETER:
+        return "magnetic field"
+    return "minus gravity" if reads == "a-g" else "gravity"
 
 
 def _by_magnitude(sensor: str, readings: Array, part: SensorCalibration, unit: str) -> Overlay:
@@ -120,6 +130,7 @@ def _by_magnitude(sensor: str, readings: Array, part: SensorCalibration, unit: s
         directions,
         axes,
         None,
+        field_name(sensor, part.reads),
     )
 
 

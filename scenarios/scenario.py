@@ -225,10 +225,14 @@ def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
         sheet: dict[str, Any] = {"datasheet": scenario.datasheets[name]} if name in scenario.datasheets else {}
         if name in scenario.nominal:
             sheet |= {f"nominal_{key}": value for key, value in zip(NOMINAL, scenario.nominal[name], strict=True)}
+        if name == ACCELEROMETER and acquisition.accelerometer_reads == "a-g":
+            sensor = sensor.turned()
         yield f"[{name}]", {**asdict(sensor), "noise_V": acquisition.noise_V[COLUMNS_OF[name]], **sheet}
     written = {key: value for key, value in asdict(acquisition).items() if key != "noise_V"}
     if set(written["units"]) == {"V"}:  # volts need no word
         del written["units"]
+    if written["accelerometer_reads"] == "g-a":
+        del written["accelerometer_reads"]
     yield "[acquisition]", written
     if locked := set_fields(scenario.locked):
         yield "[locked]", locked

@@ -16,7 +16,7 @@ from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import Kind
 from rig.errors import RigError
 from rig.recording import Recording
-from scenarios.overlay import Overlay
+from scenarios.overlay import Overlay, field_name
 from scenarios.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -102,7 +102,15 @@ def beside_simulation(recording: Recording, scenario: Scenario) -> tuple[tuple[C
         unit, factor = ("mV", 1e3) if recording.unit(sensor) == "V" else (recording.unit(sensor), 1.0)
         band = factor * np.where(sigma[list(columns)] > 0.0, sigma[list(columns)], np.sqrt(np.mean(left**2, axis=0)))
         laid[sensor] = Overlay(
-            sensor, CHANNELS_OF[sensor], unit, factor * left, band, direction @ rotation, own.axes, direction
+            sensor,
+            CHANNELS_OF[sensor],
+            unit,
+            factor * left,
+            band,
+            direction @ rotation,
+            own.axes,
+            direction,
+            field_name(sensor, None),
         )
     return tuple(rows), laid
 

@@ -7,8 +7,9 @@ through the mean and the covariance of a m^T alone.
 What this tells: R (three numbers) and the angle between the fields. What it cannot tell:
 - how the common frame lies in the housing: any rotation of both leaves all readings as they are;
 - the handedness of the sensors: (R, c) and (-R, -c) fit alike. R is taken to be a rotation; if only one of the two has
-  left-handed axes, or the accelerometer reads a - g, that is minus the true R, and the angle is 180 degrees less the
-  true one. Where it is known whether the magnetic field points down or up, that decides, and R may be a reflection.
+  left-handed axes, or the accelerometer reads other than stated, that is minus the true R, and the angle is 180 degrees
+  less the true one. Where it is known whether the magnetic field points down or up, that decides, and R may be a
+  reflection.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from scipy.spatial.transform import Rotation
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.monomials import PAIRS
 from estimators.ellipsoid.rows import spread_rows
+from rig.channels import READS
 from rig.errors import RefusedFit
 from rig.threads import one_blas_thread
 
@@ -49,12 +51,13 @@ class Alignment:
     Attributes:
         R_accelerometer_magnetometer: (3, 3) takes vectors of the magnetometer's own frame to the accelerometer's. Of
             determinant -1 if the field's direction was stated and only one of the sensors has left-handed axes.
-        angle_deg: between the two fields [deg]; the accelerometer's is g - a, so at rest 90 less the dip.
+        angle_deg: between the two fields [deg]; the accelerometer's is what it ``reads``: at rest 90 less the dip of
+            g - a, and 90 and the dip of a - g.
         covariance: (4, 4) of small rotations about the accelerometer's axes and the angle [deg^2], with the uncertainty
             of both calibrations.
         residual_deg: root mean square of the angle's residual [deg].
         samples: how many were used.
-        field_points: of the magnetic field, as stated.
+        field_points: of the magnetic field, as stated. reads: the accelerometer, as stated, "g-a" or "a-g".
     """
 
     R_accelerometer_magnetometer: Array
@@ -63,6 +66,7 @@ class Alignment:
     residual_deg: float
     samples: int
     field_points: Literal["down", "up"] | None = None
+    reads: str = READS[0]
 
     @property
     def angle_std_deg(self) -> float:
@@ -79,7 +83,7 @@ class Alignment:
             "residual_deg": self.residual_deg,
             "samples": self.samples,
             "field_points": self.field_points,
-            "cannot_tell": [_HOUSING, _HAND if self.field_points is None else _HAND_BY_FIELD],
+            "cannot_tell": [_HOUSING, _hand(self.reads) if self.field_points is None else _HAND_BY_FIELD],
         }
 
 
@@ -89,6 +93,7 @@ def align(
     readings_a: Array,
     readings_m: Array,
     field_points: Literal["down", "up"] | None = None,
+    reads: str = READS[0],
 ) -> Alignment:
     """The rotation between the sensors' frames, from readings taken together.
 
@@ -97,6 +102,7 @@ def align(
         readings_a, readings_m: (n, 3) of both at the same instants [recorded units], the accelerometer at rest.
         field_points: where the magnetic field points, "down" on the northern hemisphere; None: both sensors are taken
             to have axes of the same hand.
+        reads: the accelerometer: "g-a" or "a-g".
 
     Raises:
         RefusedFit: the attitudes do not tell the rotation.
@@ -126,18 +132,24 @@ def align(
         if data.count * (other_cost - cost) < AMBIGUOUS_CHI_SQUARE * variance:
             apart = np.degrees(Rotation.from_matrix(other @ R.T).magnitude())
             raise RefusedFit(f"alignment: two rotations {apart:.0f} deg apart fit alike: {_WANTED}")
-    if field_points is not None and (c < 0.0) != (field_points == "up"):
+    if field_points is not None and (c < 0.0) != ((field_points == "up") != (reads == READS[1])):
         R, c = -R, -c
     residual = float(np.degrees(np.sqrt(variance)) / sine)
-    return Alignment(R, float(np.degrees(np.arccos(c))), covariance, residual, data.count, field_points)
+    return Alignment(R, float(np.degrees(np.arccos(c))), covariance, residual, data.count, field_points, reads)
 
 
 _WANTED: Final = "turn the sensors about at least two axes, through more attitudes"
 _HOUSING: Final = "how the common frame lies in the housing: no rotation of both sensors changes a reading"
-_HAND: Final = (
-    "handedness: if only one of the sensors has left-handed axes, or the accelerometer reads a - g, the true rotation"
-    " is minus this one and the true angle 180 deg less this one; where the magnetic field points decides"
-)
+
+
+def _hand(reads: str) -> str:
+    other = " - ".join(READS[1 - READS.index(reads)].split("-"))
+    return (
+        f"handedness: if only one of the sensors has left-handed axes, or the accelerometer reads {other}, the true"
+        " rotation is minus this one and the true angle 180 deg less this one; where the magnetic field points decides"
+    )
+
+
 _HAND_BY_FIELD: Final = "whether both sensors have right-handed axes, or both left-handed ones"
 
 

@@ -231,6 +231,7 @@ def _aligned(
             at_rest.readings(ACCELEROMETER),
             at_rest.readings(MAGNETOMETER),
             options.field_points,
+            recording.metadata.accelerometer_reads,
         )
     except RefusedFit as refused:
         return None, {"alignment": {"refused": str(refused)}}

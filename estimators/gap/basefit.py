@@ -17,6 +17,7 @@ from estimators.gap.rounded import COARSE, rounded_floor
 from estimators.goodness.residuals import residuals_of
 from estimators.noise import held_poses
 from estimators.pipeline import arm_of
+from estimators.turned import turned
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect
@@ -109,10 +110,11 @@ def cleared(recording: Recording, change: Array) -> Recording:
 
 
 def fitted_pipeline(calibration: Calibration, recording: Recording) -> Pipeline:
-    """The pipeline with a calibration's sensors and fields."""
+    """The pipeline with a calibration's sensors and fields; of an accelerometer g - a, whatever it reads."""
     sensors: dict[str, TriaxialSensor] = {}
     environment = Environment(recording.metadata.gravity_m_s2, magnetic_field=recording.metadata.magnetic_field)
-    for name, found in calibration.sensors.items():
+    for name, own in calibration.sensors.items():
+        found = turned(own) if own.reads == "a-g" else own
         sensors[name] = TriaxialSensor.from_axes(found.sensitivity, found.offset, found.axis_vectors)
         assert found.field_direction is not None
         x, y, z = (float(component) for component in found.field_direction.vector)

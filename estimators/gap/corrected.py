@@ -28,8 +28,9 @@ from estimators.gap.refine import Fitted, tangents
 from estimators.identifiability import Told
 from estimators.kinematic import fit_sensor
 from estimators.model import SensorParameters
-from estimators.pipeline import magnitude_of, summarise
-from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
+from estimators.pipeline import magnitude_of, reads_of, summarise
+from estimators.turned import turned
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, READS
 from rig.directions import tangent_basis
 from rig.pipeline import Pipeline
 from rig.recording import Recording
@@ -230,11 +231,14 @@ def _assembled(recording: Recording, bench: Bench, pipeline: Pipeline, covarianc
         scale[:12].reshape(3, 4)[:, :2] = parameters.scales
         own = slice(_OWN * place, _OWN * (place + 1))
         fit = replace(fit, parameters=parameters, covariance=covariance[own, own] / np.outer(scale, scale))
-        found[name] = assemble(
+        reads = reads_of(recording.metadata, name)
+        own_calibration = assemble(
             fit,
             unit=recording.unit(name),
             noise_source="locked recording" if source == "locked recording" else "residuals",
             floor_std=of_floor,
             field_points=towards,
+            reads=None if reads is None else READS[0],
         )
+        found[name] = turned(own_calibration) if reads == READS[1] else own_calibration
     return Calibration(found, recording.name, summed.arm)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.gap.bench import Bench, Step
+from estimators.turned import turned
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.directions import tangent_basis
 from rig.effects import Effect
@@ -208,6 +209,9 @@ class Anchor(Bench):
             own = known[sensor]
             if not own.axes or own.field_direction is None or own.method != "simultaneous":
                 raise RigError(f"calibration of the {sensor}: found method {own.method!r}, expected simultaneous")
+        known = replace(
+            known, sensors={name: turned(own) if own.reads == "a-g" else own for name, own in known.sensors.items()}
+        )
         count = -(-_size(pipeline) // len(pipeline.columns))
         base = sampled(member.base, slice(0, count))
         after = float(member.base.t[-1]) + np.arange(1.0, count + 1.0)

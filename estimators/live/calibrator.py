@@ -15,7 +15,7 @@ from estimators.ellipsoid.pipeline import Options as EllipsoidOptions
 from estimators.ellipsoid.thinned import Thinned
 from estimators.live.estimate import AttitudeFree, AttitudeKnown, SensorEstimate
 from estimators.live.stillness import StillStream
-from estimators.pipeline import arm_of, has_pose, magnitude_of, statistics_of
+from estimators.pipeline import arm_of, has_pose, magnitude_of, points_of, statistics_of
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.recording import Recording
@@ -31,7 +31,6 @@ HOLE_DEG: Final = 65.0
 #: Of longer streams without attitude every second sample is used, or every fourth, .., live and at the end, so that
 #: memory does not grow.
 MOST_SAMPLES: Final = 1 << 17
-_DOWN: Final = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -122,8 +121,8 @@ class Calibrator:
         for sensor in first.sensors:
             magnitude = magnitude_of(first.metadata, sensor)
             if self.posed:
-                down = np.asarray(points.get(sensor, _DOWN), dtype=float)
-                self._known[sensor] = AttitudeKnown(sensor, magnitude, options.forget_s, down)
+                towards = np.array(points_of(points, sensor, first.metadata))
+                self._known[sensor] = AttitudeKnown(sensor, magnitude, options.forget_s, towards)
             else:
                 own = EllipsoidOptions(parameters=options.parameters)
                 self._free[sensor] = AttitudeFree(sensor, magnitude, options.forget_s, own, first.rate_Hz)
@@ -195,13 +194,13 @@ class Calibrator:
         return SensorState(sensor, estimate, estimate.problem, rule, enough, turn)
 
     def up(self, sensor: str, directions: Array) -> Array:
-        """Which way up is in the sensor's frame, for directions (n, 3) of the field g - a, or of readings.
+        """Which way up is in the sensor's frame, for directions (n, 3) of the field, or of readings.
 
-        Without a pose, readings in volts follow what the metadata say, and those of a chip, in g, m/s^2 or counts,
-        are taken to be a - g, up at rest.
+        With a pose, or in volts, they follow what the metadata say; without a pose those of a chip, in g, m/s^2 or
+        counts, are taken to be a - g, up at rest.
         """
         volts = self._units[sensor] in ("V", "mV")
-        follows_g = self.posed or (volts and self._metadata.accelerometer_reads == "g-a")
+        follows_g = (self.posed or volts) and self._metadata.accelerometer_reads == "g-a"
         return -directions if follows_g else directions
 
     def turn(self, sensor: str, direction: Array) -> str:

@@ -10,7 +10,7 @@ from datetime import datetime
 from numbers import Real
 from typing import Any, Final
 
-from rig.channels import ACCELEROMETER
+from rig.channels import ACCELEROMETER, READS, Reads
 from rig.documents import parse_json
 from rig.errors import RigError, closest, shown, unknown_name
 
@@ -18,7 +18,6 @@ from rig.errors import RigError, closest, shown, unknown_name
 FORMAT: Final = "rig-recording/1"
 
 _FIELD_UNITS: Final = ("G", "uT", "nT")
-READS: Final = ("g-a", "a-g")
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Metadata:
     notes: Any = ""
     magnetic_field_unit: str | None = None
     pose_rate_Hz: float | None = None
-    accelerometer_reads: str = "g-a"
+    accelerometer_reads: Reads = "g-a"
     still_poses: bool = False
     serial: str | int | None = None
     recorded: str | None = None

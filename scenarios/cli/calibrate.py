@@ -299,7 +299,8 @@ def _counted(progress: Callable[[float], None], rows: int | None) -> Callable[[i
 def apply(calibration: Path, run: Path, output: Path, as_json: bool) -> None:
     """Turn the readings of RUN into m/s² and field units with the calibration CAL.
 
-    The accelerometer's field is g - a, the magnetometer's the magnetic field, both in frame 6.
+    The accelerometer's field is g - a, or a - g where the recording states that; the magnetometer's the magnetic field,
+    both in frame 6.
 
     \b
     Example:

@@ -128,6 +128,7 @@ def _acquisition(residuals: GapResiduals, locked: Recording | None, every: int) 
         bits=bits,
         full_scale_V=standard.full_scale_V if bits is None else float(f"{np.median(steps) * 2.0 ** (bits - 1):.6g}"),
         decimation=every,
+        accelerometer_reads=recording.metadata.accelerometer_reads,
         pose="joints" if residuals.bench.base.arm is not None else "tool",
         units=(recording.units.get(ACCELEROMETER, "V"), recording.units.get(MAGNETOMETER, "V")),
     )
@@ -175,8 +176,6 @@ def _remarks(diagnosis: Diagnosis, residuals: GapResiduals, rig: Rig) -> list[st
     coloured = [CHANNELS[column] for column in residuals.bench.columns if residuals.floor[column].parts]
     if coloured:
         remarks.append(f"The noise floor of {', '.join(coloured)} is coloured; here it is white noise of the same RMS.")
-    if residuals.recording.metadata.accelerometer_reads == "a-g":
-        remarks.append("The accelerometer reads a - g: its axes are given for g - a, opposite to the chip's.")
     temperature = residuals.recording.temperature
     if temperature is not None:
         off = temperature - rig.environment.temperature(residuals.recording.t - residuals.recording.t[0])

@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 ELAPSED_MAP: Final = LinearSegmentedColormap.from_list("elapsed", ELAPSED)
 
 #: What a sensor sees.
-FIELD_NAMES: Final = {"accelerometer": "Gravity", "magnetometer": "Magnetic field"}
 
 _POINTS = 20_000
 
@@ -92,8 +91,8 @@ def _map(axis: Axes, t: Array, overlay: Overlay) -> None:
     axis.add_collection(unseen(on_map(shapes)), autolim=False)
     frame = "frame 6" if overlay.field is not None else "the sensor's own frame"
     axis.set_title(
-        f"{FIELD_NAMES[overlay.sensor]} in {frame}: {100.0 * seen.share:.0f} % of {seen.cells.count} equal cells seen,"
-        f"\nlargest hole {2.0 * seen.hole_deg:.0f}° wide" + ("; shaded: missing" if len(shapes) else ""),
+        f"{overlay.field_name.capitalize()} in {frame}: {100.0 * seen.share:.0f} % of {seen.cells.count} equal cells"
+        f" seen,\nlargest hole {2.0 * seen.hole_deg:.0f}° wide" + ("; shaded: missing" if len(shapes) else ""),
         pad=14,
     )
     label_map(axis)

@@ -17,7 +17,7 @@ from rig.errors import RigError
 from scenarios.colours import BLACK, GREY, VERMILLION
 from scenarios.decimation import evenly
 from scenarios.overlay import Overlay
-from scenarios.plots.coverage import ELAPSED_MAP, FIELD_NAMES
+from scenarios.plots.coverage import ELAPSED_MAP
 from scenarios.plots.coverage_cells import outlines, unseen
 from scenarios.plots.style import new_figure, style
 
@@ -84,7 +84,7 @@ def _sphere(axis: Any, t: Array, overlay: Overlay, span: Normalize) -> None:
     axis.set_box_aspect((1.0, 1.0, 1.0), zoom=1.35)
     axis.set_axis_off()
     axis.view_init(elev=24.0, azim=35.0)
-    axis.set_title(f"{FIELD_NAMES[overlay.sensor]} in {frame_name(overlay)}")
+    axis.set_title(f"{overlay.field_name.capitalize()} in {frame_name(overlay)}")
 
 
 def _angles(axis: Axes, t: Array, overlay: Overlay, span: Normalize) -> None:

@@ -11,7 +11,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from rig.channels import ACCELEROMETER
 from scenarios.overlay import Overlay
 from scenarios.view.arm import ARM
 from scenarios.view.series import READINGS, RESIDUALS
@@ -128,7 +127,7 @@ def _spheres(sensor: str, overlay: Overlay | None) -> rrb.Spatial3DView:
 def _sphere_title(sensor: str, overlay: Overlay | None) -> str:
     if overlay is None:
         return f"Readings of the {sensor}, blue first, yellow last"
-    field = "Gravity" if sensor == ACCELEROMETER else "Magnetic field"
+    field = overlay.field_name.capitalize()
     return f"{field} in frame 6 by residual, blue −3σ, orange +3σ"
 
 

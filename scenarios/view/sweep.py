@@ -14,6 +14,7 @@ from rig.channels import ACCELEROMETER, MAGNETOMETER
 from scenarios.colours import AXES_ON_DARK, GRAVITY, MAGNETIC, elapsed, rgb
 from scenarios.decimation import evenly
 from scenarios.motion import SensorMotion
+from scenarios.overlay import Overlay
 from scenarios.view.timeline import at
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ SENSOR_TRANSFORM: Final = "transforms/sensor"
 SENSOR_FRAME: Final = "torusrig/sensor"
 
 _PATH_COLOURS = 64  # a strip has one colour: the path is cut into this many
-_FIELDS = {ACCELEROMETER: ("gravity", GRAVITY), MAGNETOMETER: ("magnetic field", MAGNETIC)}
+_FIELDS = {ACCELEROMETER: GRAVITY, MAGNETOMETER: MAGNETIC}
 
 
 def log_sweep(stream: rr.RecordingStream, base: str, sweep: SensorMotion, share: Array, bristles: int) -> None:
@@ -91,24 +92,24 @@ def log_sensor(
 
 
 def log_fields(
-    stream: rr.RecordingStream, base: str, fields: Mapping[str, Array], start: Array, beside: Array, length: float
+    stream: rr.RecordingStream, base: str, fields: Mapping[str, Overlay], start: Array, beside: Array, length: float
 ) -> None:
     """Arrows along the estimated fields, side by side.
 
     Args:
-        fields: sensor -> (3,) the field it feels, base frame.
+        fields: sensor -> its overlay, with the field it feels.
         start: (3,) [m] where the first arrow starts.
         beside: (3,) [m] from one arrow's start to the next one's.
         length: [m] of an arrow.
     """
     if not fields:
         return
-    names, colours = zip(*(_FIELDS[sensor] for sensor in fields), strict=True)
+    vectors = [overlay.field for overlay in fields.values() if overlay.field is not None]
     arrows = rr.Arrows3D(
-        vectors=[length * field / np.linalg.norm(field) for field in fields.values()],
+        vectors=[length * field / np.linalg.norm(field) for field in vectors],
         origins=[start + number * beside for number in range(len(fields))],
-        colors=[rgb(colour) for colour in colours],
+        colors=[rgb(_FIELDS[sensor]) for sensor in fields],
         radii=0.04 * length,
-        labels=names,
+        labels=[overlay.field_name for overlay in fields.values()],
     )
     stream.log(FIELDS, rr.CoordinateFrame(base), arrows, static=True)

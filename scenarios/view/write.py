@@ -135,7 +135,7 @@ def _log_sweep(
     axes = np.eye(3) if calibrated is None else calibrated.axes
     names = ("x6", "y6", "z6") if calibrated is None else CHANNELS_OF[calibrated.sensor]
     log_sensor(stream, base, recording.t[sweep.rows], sweep, axes, names, 0.15 * size)
-    fields = {sensor: overlay.field for sensor, overlay in laid.items() if overlay.field is not None}
+    fields = {sensor: overlay for sensor, overlay in laid.items() if overlay.field is not None}
     if not fields:
         return reach
     length = 0.18 * size
