@@ -1,32 +1,41 @@
-"""The whole story on one scenario: sweep, locked arm, noise floor, calibration, truth, pictures."""
+"""The whole story on one scenario: sweep, locked arm, noise floor, calibration, truth, a fault found, pictures."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
 import estimators
-from estimators import Calibration, NoiseFloor
+from estimators import Calibration, Diagnosis, NoiseFloor
+from rig.effects import make_effect
 from rig.errors import RigError
 from rig.files import atomic_path
 from rig.recording import Recording
 from rig.simulate import Progress
 from scenarios.calibration_report import calibration_report, comparison_table
 from scenarios.comparison import Compared, compare
+from scenarios.gap_report.terminal import diagnosis_tables
 from scenarios.loader import load
 from scenarios.report import plus_minus
 from scenarios.scenario import Scenario
 
+if TYPE_CHECKING:
+    from scenarios.gap_report.residuals import GapResiduals
+
 #: What the demo shows unless told otherwise.
 SCENARIO: Final = "ann-arbor"
+
+#: What goes wrong on the arm in the demo, and how many samples of its sweep make one of that recording.
+FAULT: Final = ("backlash", {"where": "joint5", "width_rad": 0.02})
+_FAULT_EVERY: Final = 2
 
 #: 95 % of normal errors lie within so many standard deviations.
 _WITHIN: Final = 1.96
@@ -43,6 +52,7 @@ class Demo:
         scenario: what was simulated, with ``seed``.
         calibration: of its recording, with the locked recording's ``floor``.
         compared: every parameter beside its truth.
+        diagnosis: of the same sweep with play in a joint.
         files: what was written, by what it is.
         seconds: how long all of it took.
     """
@@ -52,6 +62,7 @@ class Demo:
     floor: NoiseFloor
     calibration: Calibration
     compared: tuple[Compared, ...]
+    diagnosis: Diagnosis
     files: dict[str, Path]
     seconds: float
 
@@ -64,7 +75,7 @@ class Demo:
 def run_demo(
     folder: Path, seed: int = 0, tell: Tell = lambda _: None, working: Working = lambda _: nullcontext(_unheard)
 ) -> Demo:
-    """Run the demo and write recording, locked recording, calibration, plots and the view into ``folder``.
+    """Run the demo and write recordings, calibration, diagnosis, plots and views into ``folder``.
 
     Args:
         folder: made where it is missing.
@@ -104,13 +115,39 @@ def run_demo(
     tell(comparison_table(compared))
     tell(Text(_verdict(compared)))
 
-    tell(_heading(5, "To look at"))
+    tell(_heading(5, "A joint gets play, and a diagnosis finds it\n"))
+    with working("diagnosing") as progress:
+        fault = _faulty(scenario, seed, locked, progress)
+    tell(diagnosis_tables(fault.diagnosis, fault.recording.units))
+
+    tell(_heading(6, "To look at"))
     with working("drawing"):
-        files = _write(folder, scenario, recording, locked, calibration, compared)
+        files = _write(folder, scenario, recording, locked, calibration, compared, fault)
     width = max(len(str(path)) for path in files.values())
     for what, path in files.items():
         tell(Text(f"  {path!s:<{width}}  {what}", no_wrap=True, overflow="ignore"))
-    return Demo(scenario, seed, floor, calibration, compared, files, time.perf_counter() - begin)
+    return Demo(scenario, seed, floor, calibration, compared, fault.diagnosis, files, time.perf_counter() - begin)
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """The sweep of a faulty arm, its diagnosis, and the residuals that it stands on."""
+
+    recording: Recording
+    diagnosis: Diagnosis
+    residuals: GapResiduals
+
+
+def _faulty(scenario: Scenario, seed: int, locked: Recording, progress: Progress) -> _Fault:
+    from scenarios.gap_report import gap_residuals
+
+    rig = scenario.with_effects([make_effect(*FAULT)])
+    acquisition = replace(rig.rig.acquisition, decimation=_FAULT_EVERY * rig.rig.acquisition.decimation)
+    recording = replace(
+        replace(rig, rig=replace(rig.rig, acquisition=acquisition)).simulate(seed), name=f"{scenario.name}-fault"
+    )
+    diagnosis = estimators.diagnose(recording, locked, progress=progress)
+    return _Fault(recording, diagnosis, gap_residuals(recording, diagnosis, locked))
 
 
 def _unheard(share: float) -> None:
@@ -157,10 +194,11 @@ def _write(
     locked: Recording,
     calibration: Calibration,
     compared: Sequence[Compared],
+    fault: _Fault,
 ) -> dict[str, Path]:
     from scenarios import plots
     from scenarios.overlay import overlays
-    from scenarios.view import write_view
+    from scenarios.view import write_diagnosis_view, write_view
 
     name, arm = scenario.name, scenario.rig.arm
     files = {
@@ -172,10 +210,13 @@ def _write(
         "residuals": folder / f"{name}-residuals.png",
         "directions seen": folder / f"{name}-coverage.png",
         "all of it, moving, for the rerun viewer": folder / f"{name}.rrd",
+        "the recording of the faulty arm": folder / f"{name}-fault.parquet",
+        "its diagnosis": folder / f"{name}-fault.diagnosis.json",
+        "the fault on the arm, for the rerun viewer": folder / f"{name}-fault.rrd",
     }
     with ExitStack() as opened:  # all of them or none: a recording is never beside another's calibration
         own = [opened.enter_context(atomic_path(path)) for path in files.values()]
-        recorded, still, found, errors, sweep, residuals, coverage, view = own
+        recorded, still, found, errors, sweep, residuals, coverage, view, faulty, diagnosis, fault_view = own
         locked.write(still)
         recording.write(recorded)
         calibration.write(found)
@@ -185,4 +226,7 @@ def _write(
         plots.save(plots.residuals_figure(recording.t, laid), residuals)
         plots.save(plots.coverage_figure(recording.t, laid), coverage)
         write_view(recording, calibration, view, arm)
+        fault.recording.write(faulty)
+        fault.diagnosis.write(diagnosis)
+        write_diagnosis_view(fault.diagnosis, fault.residuals, fault_view)
     return files

@@ -248,6 +248,8 @@ def test_the_demo_tells_the_whole_story(rig: Rig, here: Path) -> None:
     assert None not in errors, "on the leaning base everything can be told"
     assert max(map(abs, errors)) < 5.0  # of 28 normal errors: missed once in 60,000, were the seed not fixed
     assert all(Path(path).stat().st_size > 1000 for path in said["files"])
+    cause = said["diagnosis"]["causes"][0]
+    assert (cause["effect"], cause["where"]) == ("backlash", "joint5")
     assert {Path(path).suffix for path in said["files"]} == {".parquet", ".json", ".png", ".rrd"}
     assert set(map(Path, said["files"])) == set((here / "new" / "out").relative_to(here).iterdir())
 
@@ -257,6 +259,7 @@ def test_the_demo_is_readable(rig: Rig, here: Path) -> None:
     assert "error / σ" in text
     assert "of 28 errors within 1.96 σ" in text
     assert "rig view out/ann-arbor.parquet --calibration out/ann-arbor.json" in text
+    assert "rig view out/ann-arbor-fault.parquet --diagnosis out/ann-arbor-fault.diagnosis.json" in text
 
 
 def test_an_interruption_is_one_line(rig: Rig, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

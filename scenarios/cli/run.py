@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the noise.")
 @json_option
 def demo(output: Path, seed: int, as_json: bool) -> None:
-    """Tell the whole story on the scenario ann-arbor, and leave recording, calibration, plots and view in FOLDER.
+    """Tell the whole story on the scenario ann-arbor, a fault and its diagnosis included, and leave recordings,
+    calibration, diagnosis, plots and views in FOLDER.
 
     \b
     Example:
@@ -50,11 +51,14 @@ def demo(output: Path, seed: int, as_json: bool) -> None:
             "seconds": result.seconds,
             "files": list(result.files.values()),
             "parameters": [vars(row) for row in result.compared],
+            "diagnosis": {"verdict": result.diagnosis.verdict, "causes": result.diagnosis.to_json()["causes"]},
         }
         print_json(summary)
         return
     run, calibration = result.files["the recording"], result.files["the calibration"]
     click.echo(f"\nDone in {result.seconds:.1f} s. Look at it: rig view {run} --calibration {calibration}")
+    fault, diagnosis = result.files["the recording of the faulty arm"], result.files["its diagnosis"]
+    click.echo(f"The fault on the arm: rig view {fault} --diagnosis {diagnosis}")
 
 
 @click.command(short_help="Simulate a scenario and write its recording.")
