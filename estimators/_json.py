@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from rig.errors import RigError, nearest, shown
 
 Array = NDArray[np.float64]
+
+#: By so much, beside the largest variance, a covariance may be off in its last digits.
+_ROUNDED: Final = 1e-9
 
 
 def nullable(value: ArrayLike) -> Any:
@@ -114,6 +117,22 @@ class Reader:
         if value is None and missing is not None:
             return np.full(shape, missing)
         return np.array(_nested(value, shape, f"{self.where}.{name}", missing), dtype=float).reshape(shape)
+
+    def covariance(self, name: str, count: int, *, required: bool = False) -> Array:
+        """A covariance (count, count), NaN in whole rows and columns where it is null; all of it if it is absent."""
+        found = self.array(name, (count, count), missing=math.nan, required=required)
+        variance = np.diagonal(found)
+        told = np.isfinite(variance)
+        whole = np.array_equal(np.isfinite(found), np.outer(told, told))
+        sigma = np.sqrt(np.where(told, variance, 0.0).clip(0.0))
+        slack = _ROUNDED * (np.outer(sigma, sigma) + np.max(sigma, initial=0.0) ** 2)
+        too_large = np.abs(found) > np.outer(sigma, sigma) + slack
+        if not whole or (variance < 0.0).any() or too_large.any() or (np.abs(found - found.T) > slack).any():
+            raise RigError(
+                f"{self.where}.{name}: is no covariance, expected variances and covariances that go together, and null"
+                " in whole rows and columns"
+            )
+        return found
 
     def numbers(self, name: str) -> dict[str, float]:
         """An object of numbers, null being NaN; empty where it is absent."""

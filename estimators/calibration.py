@@ -206,7 +206,7 @@ class SensorCalibration:
             values=reader.array("values", (p,), missing=math.nan)
             if "values" in reader.content
             else _values(parameters, axes, found),
-            covariance=reader.array("covariance", (p, p), missing=math.nan, required=True),
+            covariance=reader.covariance("covariance", p, required=True),
             identifiable=dict(identifiable.content),
             samples=reader.whole("samples"),
             fit_rms=reader.array("fit_rms", (3,)),
@@ -216,7 +216,7 @@ class SensorCalibration:
             field_direction=found,
             vector_parameters=vector_parameters,
             vector_values=reader.array("vector_values", (v,)) if v else _NO_NUMBERS,
-            vector_covariance=reader.array("vector_covariance", (v, v), missing=math.nan) if v else np.empty((0, 0)),
+            vector_covariance=reader.covariance("vector_covariance", v),
             noise=_optional(reader, "noise"),
             noise_source=reader.optional_text("noise_source"),
             noise_degrees_of_freedom=_optional(reader, "noise_degrees_of_freedom"),

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rig.directions import direction_from_angles
-from rig.errors import RigError
+from rig.errors import RigError, shown
 
 Array = NDArray[np.float64]
+
+#: No magnitude of anything recorded is smaller or larger, and its fourth power is still a number.
+MAGNITUDES: Final = (1e-60, 1e60)
 
 
 @dataclass(frozen=True)
@@ -37,8 +40,8 @@ class Environment:
     def __post_init__(self) -> None:
         for name in ("gravity_m_s2", "magnetic_field", "temperature_tau_s"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise RigError(f"environment.{name}: found {value}, expected a positive number")
+            if not MAGNITUDES[0] <= value <= MAGNITUDES[1]:
+                raise RigError(f"environment.{name}: found {shown(value)}, expected a positive number, no extreme one")
         for name in ("gravity_direction", "magnetic_direction"):
             vector = np.asarray(getattr(self, name), dtype=float)
             length = float(np.linalg.norm(vector)) if vector.shape == (3,) else np.nan

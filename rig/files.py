@@ -28,8 +28,8 @@ _LOCK: Final = "lock"
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _YOUNG_S: Final = 60.0
 _swept: set[tuple[int, Path]] = set()
-#: The temporary files that are being written here.
-_own: set[Path] = set()
+#: The temporary files that are being written here, and the names that they are to have.
+_own: dict[Path, Path] = {}
 
 
 def _umask() -> int:
@@ -60,27 +60,35 @@ def atomic_path(path: str | os.PathLike[str], mode: int | None = None) -> Iterat
     """
     target = Path(path)
     if target in _own:  # its name is not yet given, and another file in its place would not be locked
-        yield target
+        with _fullness_told(target, _own[target]):
+            yield target
         return
     check_writable(target)
     with ExitStack() as opened:
         temporary = opened.enter_context(_temporary(target))
-        _own.add(temporary)
-        opened.callback(_own.discard, temporary)
-        try:
+        _own[temporary] = target
+        opened.callback(_own.pop, temporary, None)
+        with _fullness_told(temporary, target):
             yield temporary
             os.chmod(temporary, _mode(target) if mode is None else mode)
             with temporary.open("rb") as file:
                 os.fsync(file.fileno())
             temporary.replace(target)
             sync_folder(target.parent)
-        except OSError as error:
-            if error.errno not in _FULL:
-                raise
-            size = temporary.stat().st_size if temporary.exists() else 0
-            raise RigError(
-                f"{target}: cannot be written: {os.strerror(error.errno)} after {size} bytes; nothing was changed"
-            ) from error
+
+
+@contextmanager
+def _fullness_told(temporary: Path, target: Path) -> Iterator[None]:
+    """A full disk is said with the file's name and size."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        size = temporary.stat().st_size if temporary.exists() else 0
+        raise RigError(
+            f"{target}: cannot be written: {os.strerror(error.errno)} after {size} bytes; nothing was changed"
+        ) from error
 
 
 def check_writable(target: Path) -> None:

@@ -138,13 +138,13 @@ def apart(rows: Sequence[Compared], *calibrations: Calibration) -> dict[str, Apa
     for sensor in dict.fromkeys(row.sensor for row in rows):
         own = [row for row in rows if row.sensor == sensor and row.error_sigmas is not None]
         names = [row.parameter for row in own]
+        sigma = np.array([row.sigma for row in own], dtype=float)
         total = np.zeros((len(own), len(own)))
         for each in calibrations:
             index = [each[sensor].parameters.index(name) for name in names]
-            total += each[sensor].covariance[np.ix_(index, index)]
-        sigma = np.sqrt(np.diag(total))
+            total += each[sensor].covariance[np.ix_(index, index)] / sigma[:, None] / sigma
         errors = np.array([row.error_sigmas for row in own], dtype=float)
-        square = float(errors @ np.linalg.pinv(total / np.outer(sigma, sigma), hermitian=True) @ errors)
+        square = float(errors @ np.linalg.pinv(total, hermitian=True) @ errors)
         found[sensor] = Apart(square, len(own), float(chdtrc(len(own), square)) if own else 1.0)
     return found
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import types
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
+from rig.environment import MAGNITUDES
 from rig.errors import RigError, nearest, one_line, shown
 from scenarios.writer import NONE, toml_value
 
 Built = TypeVar("Built")
 
-_PLAIN = {float: "a finite number", int: "an integer", str: "a text", bool: "true or false"}
+_PLAIN = {float: "a finite number, no extreme one", int: "an integer", str: "a text", bool: "true or false"}
 
 
 @dataclass(frozen=True)
@@ -128,8 +128,9 @@ def converted(value: Any, hint: Any) -> Any:
             return tuple(converted(item, parts[0]) for item in value)
         if len(parts) == len(value):
             return tuple(converted(item, part) for item, part in zip(value, parts, strict=True))
-    elif hint is float and isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
-        return float(value)
+    elif hint is float and isinstance(value, int | float) and not isinstance(value, bool):
+        if value == 0 or MAGNITUDES[0] <= abs(value) <= MAGNITUDES[1]:
+            return float(value)
     elif (hint is int and isinstance(value, int) and not isinstance(value, bool)) or (
         hint in (str, bool) and isinstance(value, hint)
     ):

@@ -194,6 +194,71 @@ def _hum(x: Array, rng: Generator) -> Array:
     return np.asarray(x + rng.choice([0.01, 1.0]) * np.sin(rng.uniform(0.01, 3.0) * np.arange(len(x))))
 
 
+def _two_rates(run: Recording, rng: Generator) -> Recording:
+    """The second part at a lower rate."""
+    first = int(rng.integers(len(run) // 4, 3 * len(run) // 4))
+    return run.select(np.concatenate([np.arange(first), np.arange(first, len(run), rng.choice([2, 5, 10]))]))
+
+
+def _one_pose(run: Recording, rng: Generator) -> Recording:
+    """The arm never left its first pose."""
+    return _again(run, np.full(len(run), rng.integers(len(run))), rng)
+
+
+def _few_poses(run: Recording, rng: Generator) -> Recording:
+    """Fewer poses than parameters, each held for long."""
+    count = rng.choice([2, 4, 9])
+    return _again(run, np.sort(rng.choice(len(run), count, replace=False)).repeat(len(run) // count), rng)
+
+
+def _wandering(q: Array, rng: Generator) -> Array:
+    """All joints move, as the readings do not know."""
+    steps = rng.choice([1e-4, 1e-2]) * rng.standard_normal(q.shape)
+    limits = np.array([np.inf, 0.5, 0.5, 1.0, 0.2, np.inf])
+    return np.asarray(q + np.clip(np.cumsum(steps, axis=0), -limits, limits))
+
+
+def _counts(run: Recording, rng: Generator) -> Recording:
+    """Whole numbers of a converter."""
+    per_volt = rng.choice([100.0, 6553.6, 2.0**20])
+    readings = {sensor: np.round(per_volt * np.asarray(run.readings(sensor))) for sensor in run.sensors}
+    return replace(run, **readings, units=dict.fromkeys(run.sensors, "raw"))
+
+
+def _turned_once(run: Recording, rng: Generator) -> Recording:
+    """The sensor comes loose and is mounted anew, another way around."""
+    return _one_sensor(lambda x, rng: np.where(np.arange(len(x))[:, None] < len(x) // 2, x, x[:, [1, 2, 0]]))(run, rng)
+
+
+def _backwards(run: Recording, rng: Generator) -> Recording:
+    """One sensor's readings in the wrong order."""
+    return _one_sensor(lambda x, rng: x[::-1].copy())(run, rng)
+
+
+def _beating(x: Array, rng: Generator) -> Array:
+    """Readings that are right for a while, then frozen, by turns."""
+    every = int(rng.choice([20, 200]))
+    rows = np.arange(len(x))
+    return np.asarray(x[np.where(rows // every % 2 == 0, rows, rows // every * every)])
+
+
+def _heavy(x: Array, rng: Generator) -> Array:
+    return np.asarray(x + 0.01 * rng.standard_t(rng.choice([1.0, 2.0, 3.0]), len(x)))
+
+
+def _glued(x: Array, rng: Generator) -> Array:
+    """An axis copied from another, or nearly."""
+    own, other = rng.choice(3, 2, replace=False)
+    x[:, own] = x[:, other] + rng.choice([0.0, 1e-9, 0.01]) * rng.standard_normal(len(x))
+    return x
+
+
+def _wrapped(x: Array, rng: Generator) -> Array:
+    """A converter that runs over."""
+    width = rng.choice([0.3, 0.7, 0.95]) * np.ptp(x)
+    return np.asarray(np.mod(x, width)) if width > 0.0 else x
+
+
 IMPERFECT: Final[dict[str, Spoil]] = {
     "saturated": _one_channel(_saturated),
     "saturated everywhere": _one_sensor(lambda x, rng: np.stack([_saturated(each, rng) for each in x.T], axis=1)),
@@ -242,6 +307,18 @@ IMPERFECT: Final[dict[str, Spoil]] = {
     "angles held": _jointed(_held),
     "tool poses": _by_tool,
     "otherwise stated": _otherwise_stated,
+    "two rates": _two_rates,
+    "one pose": _one_pose,
+    "few poses": _few_poses,
+    "all joints move": _jointed(_wandering),
+    "counts": _counts,
+    "mounted anew": _turned_once,
+    "backwards": _backwards,
+    "frozen by turns": _one_sensor(_beating),
+    "no variance": _one_channel(_heavy),
+    "a copied axis": _one_sensor(_glued),
+    "a converter that runs over": _one_channel(_wrapped),
+    "digital offsets": _one_sensor(lambda x, rng: np.round(x, 2) + rng.choice([4096.0, -32768.0, 2.0**31])),
 }
 
 

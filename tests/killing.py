@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final
 
 import pyarrow.parquet as pq
-from fuzzing import make_good
+from hostile_calls import make_good
 
 SIGNALS: Final = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 #: Short enough to be killed with the tests; they need small.toml only.

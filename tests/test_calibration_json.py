@@ -186,6 +186,10 @@ def test_the_contracts_own_keys_are_enough(content: dict[str, Any]) -> None:
         (("sensors", "accelerometer", "bias", 1), True, r"bias\[1\]: found True, expected a finite number"),
         (("sensors", "accelerometer", "matrix", 0), [1.0], r"matrix\[0\]: found \[1.0\], expected a list of 3"),
         (("sensors", "accelerometer", "covariance"), [[1.0]], "covariance: found .*, expected a list of 14"),
+        (("sensors", "accelerometer", "covariance", 0, 0), None, "covariance: is no covariance, expected variances"),
+        (("sensors", "accelerometer", "covariance", 0, 1), None, "covariance: is no covariance"),
+        (("sensors", "accelerometer", "covariance", 3, 3), -1e-9, "covariance: is no covariance"),
+        (("sensors", "accelerometer", "vector_covariance", 0, 1), 1e308, "vector_covariance: is no covariance"),
         (("sensors", "accelerometer", "axes", 2, "axis"), None, r"axes\[2\].axis: found None, expected a list of 3"),
         (
             ("sensors", "accelerometer", "identifiable", "psi_deg"),

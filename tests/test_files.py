@@ -126,6 +126,22 @@ def test_a_writer_inside_another_leaves_its_file_locked(tmp_path: Path) -> None:
     assert found == {"cal.json": "whole", "other.json": "another"}
 
 
+def test_a_full_disk_is_told_by_the_file_that_did_not_fit(tmp_path: Path) -> None:
+    """Also inside a writer of several files, of which none gets its name then."""
+    program = (
+        "import resource, signal, sys; from rig.files import *\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
+        "with atomic_path(sys.argv[1]) as one, atomic_path(sys.argv[2]) as two:\n"
+        "    write_text(two, 'small')\n"
+        "    write_text(one, 'x' * 1000)\n"
+    )
+    paths = [str(tmp_path / "large.txt"), str(tmp_path / "small.txt")]
+    done = subprocess.run([sys.executable, "-c", program, *paths], capture_output=True, text=True, check=False)
+    assert "large.txt: cannot be written: File too large after 100 bytes; nothing was changed" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_empty_scratch_folder_without_a_lock_is_removed_when_it_is_old(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

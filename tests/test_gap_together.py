@@ -12,7 +12,7 @@ from cli_support import SMALL, Rig
 from scipy.spatial.transform import Rotation
 
 import estimators
-from estimators.gap.basefit import floor_of, set_up
+from estimators.gap.basefit import floor_of, learn_floor, set_up
 from estimators.gap.bench import project
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.laid_out import laid_out
@@ -97,6 +97,23 @@ def test_a_calibration_from_before_counts_as_its_recording_would() -> None:
         std = np.array([[own.std(f"sensitivity{k}"), own.std(f"offset{k}")] for k in (1, 2, 3)])
         found = np.stack([sensor.sensitivity, sensor.offset], axis=1)
         assert (np.abs(found - np.stack([own.sensitivity, own.offset], axis=1)) < 0.1 * std).all()
+
+
+@pytest.mark.parametrize("unknown", [0.0, np.nan])
+def test_a_calibration_without_variances_says_nothing(unknown: float) -> None:
+    run = recorded(seed=1)
+    found = estimators.calibrate(run, noise=floor_of(run, FLOOR))
+    sensor = found["accelerometer"]
+    covariance = np.array(sensor.vector_covariance)
+    covariance[0] = covariance[:, 0] = unknown
+    spoilt = replace(found, sensors={**found.sensors, "accelerometer": replace(sensor, vector_covariance=covariance)})
+    with pytest.raises(RigError, match="accelerometer: found parameters without a variance"):
+        laid_out([run], at_rest(2), None, spoilt)
+
+
+def test_an_arm_that_never_rests_has_no_floor() -> None:
+    with pytest.raises(RigError, match="the arm is never at rest, expected a locked recording"):
+        learn_floor(recorded(seed=1), 0.1)
 
 
 def turn(seed: int = 5) -> Recording:

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import StoragePlugin
 from scipy.spatial.transform import Rotation
 
 import estimators
@@ -21,6 +20,7 @@ from rig.recording import Recording, read_recording
 from scenarios.importing import Imported, Mapping, import_logs
 from scenarios.importing.mapping import Conventions, Stated, read_mapping
 from tests.arm_files import UR5E_NAMES, written
+from tests.bag_examples import write_bag
 from tests.cli_support import Rig
 
 SHARED = Path(__file__).parents[2] / "shared"
@@ -126,49 +126,13 @@ def test_two_files_on_one_clock_are_joined(tmp_path: Path, run: Recording, arm: 
     np.testing.assert_allclose(recording.accelerometer, run.accelerometer[:count], atol=1e-12)
 
 
-TYPES = get_typestore(Stores.ROS2_HUMBLE)
-
-
-def write_bag(path: Path, run: Recording, storage: StoragePlugin, clock_s: float) -> Path:
-    """The run as a ROS 2 bag: joints in an order of their own, at half the rate, on a clock that is off."""
-    types = TYPES.types
-    Header, Time = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
-    Vector, Quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    Imu, Field = types["sensor_msgs/msg/Imu"], types["sensor_msgs/msg/MagneticField"]
-    Joints, none = types["sensor_msgs/msg/JointState"], np.zeros(9)
-    order = [2, 1, 0, 3, 4, 5]  # as a driver sorts them by name
-
-    def header(t: float) -> object:
-        nanoseconds = round((1.7e9 + t) * 1e9)
-        return Header(Time(nanoseconds // 10**9, nanoseconds % 10**9), "")
-
-    with Writer(path, version=9, storage_plugin=storage) as writer:
-        topics = {
-            name: writer.add_connection(name, kind.__msgtype__, typestore=TYPES)
-            for name, kind in (("/imu", Imu), ("/mag", Field), ("/joint_states", Joints))
-        }
-
-        def put(topic: str, t: float, message: object) -> None:
-            raw = TYPES.serialize_cdr(message, topics[topic].msgtype)
-            writer.write(topics[topic], round((1.7e9 + t) * 1e9), raw)
-
-        for row, t in enumerate(run.t):
-            acceleration = Vector(*(9.80665 * run.accelerometer[row]))
-            put("/imu", t, Imu(header(t), Quaternion(0, 0, 0, 1), none, Vector(0, 0, 0), none, acceleration, none))
-            put("/mag", t, Field(header(t), Vector(*(1e-6 * run.magnetometer[row])), none))
-            if row % 2 == 0:
-                names, q = [f"{UR5E_NAMES[joint]}_joint" for joint in order], run.q[row, order]
-                put("/joint_states", t, Joints(header(t + clock_s), names, q, np.zeros(6), np.zeros(6)))
-    return path
-
-
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP], ids=["bag", "mcap"])
 @pytest.mark.parametrize("clock_s", [0.0, 40.0])
 def test_a_ros_bag_is_the_recording(
     tmp_path: Path, run: Recording, arm: Arm, storage: StoragePlugin, clock_s: float
 ) -> None:
     part = run.select(slice(0, 600))
-    path = write_bag(tmp_path / "bag", part, storage, clock_s)
+    path = write_bag(tmp_path / "bag", part, storage, clock_s, [f"{name}_joint" for name in UR5E_NAMES])
     if storage is StoragePlugin.MCAP:
         path = next(path.glob("*.mcap"))
     found = imported([path], arm, **({"clock_offset_s": "auto"} if clock_s else {}))

@@ -189,6 +189,9 @@ def test_the_command_plans_what_sweep_runs(rig: Rig, tmp_path: Path, monkeypatch
     assert "readings at rest" in text
     assert picture.stat().st_size > 10_000
     assert table.read_text().startswith("t_s,")
+    refused = rig("plan", made, "--seconds", "40", "-o", made)
+    assert refused.status == 2
+    assert "that is read, expected another name" in refused.err
     run = tmp_path / "run.parquet"
     rig.done("sweep", made, "-o", run)
     document = json.loads(rig.done("calibrate", run, "--still", "--json"))

@@ -133,6 +133,8 @@ def test_columns_that_do_not_hold_numbers_or_occur_twice(tmp_path: Path) -> None
 BAD_METADATA = [
     ({"format": "rig-recording/2"}, "expected 'rig-recording/1'"),
     ({"gravity_m_s2": 0.0}, "gravity_m_s2: found 0.0, expected a positive number"),
+    ({"gravity_m_s2": 5e-324}, "gravity_m_s2: found 5e-324, expected a positive number, no extreme one"),
+    ({"magnetic_field": 1e308}, "found 1e+308, expected a positive number, no extreme one"),
     ({"gravity_m_s2": "9.8"}, "expected a positive number"),
     ({"gravity_m_s2": True}, "expected a positive number"),
     ({"gravity_m_s2": 10**400}, "an integer of 401 digits is beyond the floating-point range"),

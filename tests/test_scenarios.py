@@ -230,8 +230,13 @@ def test_a_urdf_is_found_beside_the_scenario(tmp_path: Path) -> None:
             ("duration_s", "duraton_s"),
             r"\[maneuver\] unknown key 'duraton_s' with value 20\.0, expected .*\(nearest: 'duration_s'\)$",
         ),
-        (("20.0", '"long"'), r'\[maneuver\] duration_s: found "long", expected a finite number$'),
-        (("20.0", "nan"), r"\[maneuver\] duration_s: found nan, expected a finite number$"),
+        (("20.0", '"long"'), r'\[maneuver\] duration_s: found "long", expected a finite number, no extreme one$'),
+        (
+            ("[0.1, 0.15, 0.095]", "[1e308, 0.15, 0.095]"),
+            r"found \[1e\+308, .*, expected a list of 3 numbers$",
+        ),
+        (("20.0", "5e-324"), r"duration_s: found 5e-324, expected a finite number, no extreme one$"),
+        (("20.0", "nan"), r"\[maneuver\] duration_s: found nan, expected a finite number, no extreme one$"),
         (("20.0", "-1"), r"\[maneuver\] duration_s: found -1"),
         (
             ("duration_s = 20.0", 'roll = "swep"'),

@@ -49,6 +49,8 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     stride = max(1, int(interval_s * locked.rate_Hz / _FINER))
     readings = all_readings(locked)
     numbers = [label for label in np.unique(labels) if label >= 0]
+    if not numbers:
+        raise _never_at_rest(locked)
     channels, tails, coarse = {}, {}, {}
     for column in np.flatnonzero(np.isfinite(readings[0])):
         segments = [readings[labels == label, column] for label in numbers]
@@ -60,8 +62,8 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         segments, *tails[int(column)] = _relieved(segments)
         phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
         channels[int(column)] = held(phases, stride / locked.rate_Hz)
-    if not numbers or not all(channel.segments for channel in channels.values()):
-        raise RigError(f"{locked.origin or locked.name}: the arm is never at rest, expected a locked recording")
+    if not all(channel.segments for channel in channels.values()):
+        raise _never_at_rest(locked)
     silent = [CHANNELS[column] for column, channel in channels.items() if channel.variance == 0.0]
     if silent:
         raise RigError(f"{locked.origin or locked.name}: {silent[0]} is constant, expected its noise at rest")
@@ -71,6 +73,10 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
     }
     return tuple(fitted.get(column, ChannelNoise(np.nan)) for column in range(len(CHANNELS)))
+
+
+def _never_at_rest(locked: Recording) -> RigError:
+    return RigError(f"{locked.origin or locked.name}: the arm is never at rest, expected a locked recording")
 
 
 def _relieved(segments: list[Array]) -> tuple[list[Array], float, float]:

@@ -238,7 +238,11 @@ class Anchor(Bench):
 
     @cached_property
     def root(self) -> Array:
-        """(p, p) square root of the information, in the coordinates of ``Bench.raw_tangent``."""
+        """(p, p) square root of the information, in the coordinates of ``Bench.raw_tangent``.
+
+        Raises:
+            RigError: the calibration does not tell all of its parameters.
+        """
         assert self.known is not None
         total = _size(self.pipeline)
         found = np.zeros((total, total))
@@ -246,7 +250,10 @@ class Anchor(Bench):
         for name in self.pipeline.sensors:
             turn = self._turn(name)
             covariance = turn @ self.known[name].vector_covariance @ turn.T
-            scale = np.sqrt(np.diag(covariance))
+            variances = np.diag(covariance)
+            if not (np.isfinite(variances) & (variances > 0.0)).all():
+                raise RigError(f"calibration of the {name}: found parameters without a variance, expected one of each")
+            scale = np.sqrt(variances)
             values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
             values = np.maximum(values, _ROUNDING)
             stop = first + len(turn)

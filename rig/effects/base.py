@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects.parameters import Parameter, Value
 from rig.effects.readings import Finding, Readings
+from rig.environment import MAGNITUDES
 from rig.errors import RigError, nearest, unknown_name
 from rig.signals import Signals
 
@@ -184,7 +185,7 @@ class Effect(ABC):
             except (TypeError, ValueError):
                 values = np.asarray(np.nan)
             shape = () if item.size == 1 else (item.size,)
-            if values.shape != shape or not np.isfinite(values).all():
+            if values.shape != shape or not (np.abs(values) <= MAGNITUDES[1]).all():
                 count = "a finite number" if item.size == 1 else f"{item.size} finite numbers"
                 raise RigError(f"effect {self.name}.{item.name}: found {value!r}, expected {count} [{item.unit}]")
             if (values < item.lower).any() or (values > item.upper).any():

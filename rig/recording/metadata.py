@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import datetime
@@ -12,6 +11,7 @@ from typing import Any, Final
 
 from rig.channels import ACCELEROMETER, READS, Reads
 from rig.documents import parse_json
+from rig.environment import MAGNITUDES
 from rig.errors import RigError, closest, shown, unknown_name
 
 #: The format of a recording, version included.
@@ -150,9 +150,6 @@ def _is_moment(value: Any) -> bool:
 
 def _positive(name: str, value: Any) -> float:
     number = isinstance(value, Real) and not isinstance(value, bool)
-    if number and 0 < value < math.inf:
-        try:
-            return float(value)
-        except OverflowError:
-            pass  # an integer beyond the floating-point range
-    raise RigError(f"metadata {name}: found {shown(value)}, expected a positive number")
+    if number and MAGNITUDES[0] <= value <= MAGNITUDES[1]:
+        return float(value)
+    raise RigError(f"metadata {name}: found {shown(value)}, expected a positive number, no extreme one")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -124,6 +125,7 @@ def calibrate(
     import estimators
     from estimators.ellipsoid import Options
     from estimators.pipeline import has_pose
+    from rig.files import atomic_path
     from rig.recording import Recording, locked_beside, scan_recording, whole_or_thinned
     from scenarios.cli._start import parsed_start
 
@@ -203,10 +205,11 @@ def calibrate(
             ends = as_renk(source if isinstance(source, Recording) else scan, calibration, arm)
             extra = {**calibration.extra, "fminunc": {name: end.to_json() for name, end in ends.items()}}
             calibration = replace(calibration, extra=extra)
-    if coverage is not None:
-        _draw_coverage(source, calibration, arm, coverage)
-    if output is not None:
-        calibration.write(output)
+    with ExitStack() as both_or_none:
+        if coverage is not None:
+            _draw_coverage(source, calibration, arm, both_or_none.enter_context(atomic_path(coverage)))
+        if output is not None:
+            calibration.write(both_or_none.enter_context(atomic_path(output)))
     if as_json:
         click.echo(calibration.to_text())
         return _status(calibration)

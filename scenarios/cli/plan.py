@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -72,12 +73,12 @@ def plan(
       rig plan ann-arbor --arm ur5e.urdf --tip tool0 --seconds 60 --table 0 -o plan.toml
       rig sweep plan.toml -o run.parquet --engine dynamic && rig calibrate run.parquet --still
     """
-    check_output(output, (".toml",), arm_file)
+    check_output(output, (".toml",), Path(scenario), arm_file)
     if csv is not None:
         check_output(csv, (".csv",), arm_file)
     if plot is not None:
         check_output(plot, (".png", ".svg", ".pdf"), arm_file)
-    from rig.files import write_text
+    from rig.files import atomic_path, write_text
     from scenarios.loader import load
     from scenarios.plan.plan import make_plan, trajectory_csv
 
@@ -97,14 +98,15 @@ def plan(
             name=output.stem,
             progress=progress,
         )
-    write_text(output, found.scenario.to_toml())
-    if csv is not None:
-        write_text(csv, trajectory_csv(found))
-    if plot is not None:
-        from scenarios.plan.report import plan_figure
-        from scenarios.plots import save
+    with ExitStack() as all_or_none:
+        write_text(all_or_none.enter_context(atomic_path(output)), found.scenario.to_toml())
+        if csv is not None:
+            write_text(all_or_none.enter_context(atomic_path(csv)), trajectory_csv(found))
+        if plot is not None:
+            from scenarios.plan.report import plan_figure
+            from scenarios.plots import save
 
-        save(plan_figure(found), plot)
+            save(plan_figure(found), all_or_none.enter_context(atomic_path(plot)))
     if as_json:
         print_json({**found.to_json(), "file": output})
         return

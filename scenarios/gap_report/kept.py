@@ -14,7 +14,7 @@ from estimators.gap.reading import diagnosis_of
 from rig.arm_file import model_file
 from rig.documents import read_json
 from rig.errors import RigError
-from rig.files import atomic_path, file_hash
+from rig.files import atomic_path, file_hash, write_text
 from rig.memory import stated
 from rig.recording import Recording, locked_beside
 from scenarios.version import package_version, sources_hash
@@ -133,8 +133,7 @@ def write_outcome(outcome: Outcome, out: Path, saved: Path | None = None) -> Non
     with ExitStack() as all_or_none:
         for path, text in texts.items():
             if text is not None:
-                file = all_or_none.enter_context(atomic_path(path))
-                file.write_text(text, encoding="utf-8", errors="backslashreplace")
+                write_text(all_or_none.enter_context(atomic_path(path)), text)
     for path, text in texts.items():
         if text is None and again and path != saved:
             path.unlink(missing_ok=True)  # of the earlier diagnosis

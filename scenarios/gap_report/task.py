@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from scenarios.gap_report.kept import About
 
 #: Memory that a diagnosis takes [bytes a sample], and the program by itself [bytes].
-BYTES_A_SAMPLE: Final = 6500.0
+BYTES_A_SAMPLE: Final = 10_000.0
 BYTES_ANYWAY: Final = 400e6
 
 
