@@ -39,8 +39,9 @@ _FAR: Final = 14.0
 _PROMISING: Final = 8.0
 #: Sets of more than this are not extended where something without effects is far likelier.
 _FOLLOWED: Final = 2
-#: So many sets at most are fitted sample by sample; what means over neighbours change of an evidence, as a share.
-_FINE, _ROUGHLY = 6, 0.02
+#: So many sets of each size, and of all, are fitted sample by sample; what means over neighbours change of an
+#: evidence, as a share.
+_FINE_EACH, _FINE, _ROUGHLY = 3, 6, 0.02
 
 Key = tuple[str, ...]
 
@@ -303,7 +304,11 @@ class Search:
             return ranked
         margin = _FAR + _ROUGHLY * max(self.gained(ranked[0]), 0.0)
         # evidence on means and on single samples differ by a constant: compare each with nothing there
-        chosen = [each for each in ranked if self.gained(each) > self.gained(ranked[0]) - margin][:_FINE]
+        near = [each for each in ranked if self.gained(each) > self.gained(ranked[0]) - margin]
+        of_size: dict[int, list[Explanation]] = {}
+        for each in near:
+            of_size.setdefault(len(each.members), []).append(each)
+        chosen = near[:_FINE] + [each for own in of_size.values() for each in own[:_FINE_EACH]]
         leading = self._fitted(chosen[0].members, self.bench)
         leading_members = chosen[0].members
         subsets = [leading_members[:index] + leading_members[index + 1 :] for index in range(len(leading_members))]
@@ -316,6 +321,9 @@ class Search:
         )
         found = {each.key: each for each in (self.fine(each.members, each) for each in wanted)}
         found |= {(): self.fine(()), leading.key: leading}
+        while (best := max(found.values(), key=lambda each: each.log_mass)).refitted is None:
+            del self.found[best.key, True]
+            found[best.key] = self._fitted(best.members, self.bench)
         return sorted(found.values(), key=lambda each: -each.log_mass)
 
     def fine(self, members: Sequence[Member], rough: Explanation | None = None) -> Explanation:
