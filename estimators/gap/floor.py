@@ -28,9 +28,10 @@ _STEP: Final = 0.05
 _WHITE, _COLOURED, _TIME = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5)
 #: Prior standard deviations of the logarithms of a coloured part's size and time about what was learned.
 _SIZES, _TIMES = 1.5, 0.7
-#: A coloured floor may go on below what the poses at rest show: parts so many times slower than each other, each as
-#: large as those that were seen, give or take a factor of exp(2). Noise of electronics falls with one over the
-#: frequency for as long as anyone has looked (Keshner, "1/f noise", Proceedings of the IEEE 70, 1982).
+#: A floor may go on below what the poses at rest show: parts so many times slower than each other, each as large as
+#: those that were seen, of a white one as large as just stays unseen, give or take a factor of exp(2). Noise of
+#: electronics falls with one over the frequency for as long as anyone has looked (Keshner, "1/f noise", Proceedings
+#: of the IEEE 70, 1982).
 _SLOWER, _UNSEEN = 4.0, 2.0
 #: The share of its expected size that such a part has in the floor as it was learned.
 _NEXT_TO_NOTHING: Final = 1e-6
@@ -104,22 +105,30 @@ def _exponential(frequency: Array, decay: float) -> Array:
 def going_on(floor: Sequence[ChannelNoise], column: int, until_s: float) -> tuple[tuple[float, float], ...]:
     """Sizes [V^2] and times [s] of parts that a channel's floor may have below what the poses at rest show.
 
-    None where no channel of its sensor is coloured.
-
     Args:
         floor: of the six channels. until_s: the slowest worth looking at [s].
     """
-    (board,) = [range(6)[own] for own in COLUMNS_OF.values() if column in range(6)[own]]
-    coloured = [floor[index] for index in board if floor[index].seen]
-    if not coloured:
-        return ()
-    own = [floor[column]] if floor[column].seen else coloured
-    share = float(np.mean([np.mean([size for size, _ in noise.seen]) / noise.white for noise in own]))
-    slowest = max(tau_s for noise in own for _, tau_s in noise.seen)
-    first = max(_SLOWER * slowest, own[0].duration_s / own[0].holds)
+    coloured = [floor[index] for index in _board(column) if floor[index].seen]
+    own = [floor[column]] if floor[column].seen or not coloured else coloured
+    held_s = own[0].duration_s / own[0].holds
+    if coloured:
+        share = float(np.mean([np.mean([size for size, _ in noise.seen]) / noise.white for noise in own]))
+        first = max(_SLOWER * max(tau_s for noise in own for _, tau_s in noise.seen), held_s)
+    else:  # where the two spectra meet at one cycle a pose
+        share, first = own[0].holds / max(own[0].samples, 1), held_s
     many = 1 + max(0, int(np.floor(np.log(max(until_s / first, 1.0)) / np.log(_SLOWER))))
     size = _NEXT_TO_NOTHING * share * floor[column].white
     return tuple((size, first * _SLOWER**number) for number in range(many))
+
+
+def remembers(floor: Sequence[ChannelNoise], column: int) -> bool:
+    """Whether any channel of a channel's sensor was seen to be coloured at rest."""
+    return any(floor[index].seen for index in _board(column))
+
+
+def _board(column: int) -> range:
+    (own,) = [range(6)[of] for of in COLUMNS_OF.values() if column in range(6)[of]]
+    return own
 
 
 @dataclass(frozen=True)

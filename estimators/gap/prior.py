@@ -39,6 +39,8 @@ FLOOR_RAISED: Final = 1.0
 FLOOR_MOVED: Final = 0.5
 #: Of that, the share that a coloured floor goes on, slower than these can show.
 FLOOR_SLOWER: Final = 0.5
+#: The same for a floor that they show to be white. As likely as a bias that wanders, or coloured noise, as a cause.
+FLOOR_WALKS: Final = 0.1
 #: A joint that stands still has little to bend under: a tenth.
 STILL: Final = 0.1
 #: Strengths are normal about zero with a scale between the one that this recording just shows, a signal-to-noise of

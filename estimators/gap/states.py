@@ -16,12 +16,13 @@ from scipy.fft import dct
 
 from estimators.gap.bench import Bench, Step
 from estimators.gap.evidence import Linear
-from estimators.gap.floor import going_on, groups
+from estimators.gap.floor import groups, remembers
 from estimators.gap.prior import (
     FLOOR_MOVED,
     FLOOR_RAISED,
     FLOOR_SLOWER,
     FLOOR_UNSEEN,
+    FLOOR_WALKS,
     GRID,
     LARGEST,
     OTHER,
@@ -107,13 +108,12 @@ def moved_floor(bench: Bench, explained: Explained, at_rest: bool, slower: bool 
 
     Args:
         at_rest: whether that was a recording at rest. Without, any spectrum may be the floor: see ``unseen_floor``.
-        slower: whether coloured noise goes on below what that shows.
+        slower: whether it goes on below what that shows.
     """
     places = [(number, column) for number, part in enumerate(bench.parts) for column in part.columns]
-    coloured = any(going_on(bench.parts[number].floor, column, 0.0) for number, column in places)
-    if slower and not coloured:
-        return None
-    share = FLOOR_SLOWER if slower else 1.0 - FLOOR_SLOWER if coloured else 1.0
+    coloured = any(remembers(bench.parts[number].floor, column) for number, column in places)
+    share = FLOOR_SLOWER if coloured else FLOOR_WALKS
+    share = share if slower else 1.0 - share
     steps, weight = [], float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
     for number, column in places:
         part, left = bench.parts[number], explained.of(bench.rows(number))
