@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Final
 
@@ -38,6 +39,8 @@ STRATA: Final = {
 }
 MECHANICS: Final = "mechanics"
 WITHHELD: Final = "withheld"
+#: On the one joint of the sweep that bends these are too much alike to make a case.
+_ALIKE: Final = {"joint_compliance", "joint_offset"}
 #: What the further strata hold, which are not drawn.
 FURTHER: Final = {
     MECHANICS: "a mechanism in MuJoCo, stepped",
@@ -150,8 +153,8 @@ def _deck(stratum: str, laboratories: list[str], rng: np.random.Generator) -> li
         return [(name, name) for name in (str(each) for each in rng.permutation(names * count)[:count])]
     if stratum == "one joint":
         names = [name for name in _moving("sweep") if EFFECTS[name].stage is Stage.TRANSMISSION]
-        pairs = [rng.choice(names, 2, replace=False) for _ in range(count)]
-        return [(str(first), str(second)) for first, second in pairs]
+        pairs = [pair for pair in itertools.permutations(names, 2) if set(pair) != _ALIKE]
+        return [pairs[int(index)] for index in rng.integers(len(pairs), size=count)]
     if stratum == "known and outside":
         known, outside = _moving("sweep"), list(OUTSIDE)
         return [(str(rng.choice(known)), str(rng.choice(outside))) for _ in range(count)]
