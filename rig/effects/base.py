@@ -292,17 +292,6 @@ class Effect(ABC):
         return [dict(zip(grids, values, strict=True)) for values in itertools.product(*grids.values())]
 
     @classmethod
-    def tone_frequencies(cls, t: Array) -> Array:
-        """The frequencies [Hz] to search for a tone in samples at times t (n,): half a resolution, 1/(2 T), apart.
-
-        Within its bands, where it has some: a sampling below twice these shows them folded. Else between two cycles a
-        recording, below which it is a drift, and half the sampling rate.
-        """
-        step = 0.5 / float(t[-1] - t[0])
-        bands = cls.bands or ((4.0 * step, 0.5 / float(np.median(np.diff(t)))),)
-        return np.concatenate([np.arange(low, high + 0.5 * step, step) for low, high in bands])
-
-    @classmethod
     def spanning(cls) -> list[dict[str, Value]]:
         """The shapes whose effects together span, to first order, those of all values of the spanned parameters."""
         spans = {item.name: item.spanned for item in cls.parameters() if item.spanned}
