@@ -105,12 +105,16 @@ def _exponential(frequency: Array, decay: float) -> Array:
 def going_on(floor: Sequence[ChannelNoise], column: int, until_s: float) -> tuple[tuple[float, float], ...]:
     """Sizes [V^2] and times [s] of parts that a channel's floor may have below what the poses at rest show.
 
+    None where there were no such poses.
+
     Args:
         floor: of the six channels. until_s: the slowest worth looking at [s].
     """
     coloured = [floor[index] for index in _board(column) if floor[index].seen]
     own = [floor[column]] if floor[column].seen or not coloured else coloured
     held_s = own[0].duration_s / own[0].holds
+    if not held_s:
+        return ()
     if coloured:
         share = float(np.mean([np.mean([size for size, _ in noise.seen]) / noise.white for noise in own]))
         first = max(_SLOWER * max(tau_s for noise in own for _, tau_s in noise.seen), held_s)

@@ -16,7 +16,7 @@ from scipy.fft import dct
 
 from estimators.gap.bench import Bench, Step
 from estimators.gap.evidence import Linear
-from estimators.gap.floor import groups, remembers
+from estimators.gap.floor import going_on, groups, remembers
 from estimators.gap.prior import (
     FLOOR_MOVED,
     FLOOR_RAISED,
@@ -111,8 +111,11 @@ def moved_floor(bench: Bench, explained: Explained, at_rest: bool, slower: bool 
         slower: whether it goes on below what that shows.
     """
     places = [(number, column) for number, part in enumerate(bench.parts) for column in part.columns]
+    goes_on = any(going_on(bench.parts[number].floor, column, 0.0) for number, column in places)
+    if slower and not goes_on:
+        return None
     coloured = any(remembers(bench.parts[number].floor, column) for number, column in places)
-    share = FLOOR_SLOWER if coloured else FLOOR_WALKS
+    share = 0.0 if not goes_on else FLOOR_SLOWER if coloured else FLOOR_WALKS
     share = share if slower else 1.0 - share
     steps, weight = [], float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
     for number, column in places:
