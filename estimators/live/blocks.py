@@ -20,7 +20,7 @@ LEAST: Final = 4
 
 #: An accelerometer without attitude is judged where it rests: where none of this block and those so long on either
 #: side [s] has a variance that noise exceeds with this probability, the noise being that of the quietest so many of
-#: those remembered.
+#: this many, whenever it was least: who turns it faster for minutes does not rest.
 _BESIDE_S: Final = 0.5
 _MISSED: Final = 0.01
 _QUIETEST: Final = 0.1
@@ -93,6 +93,7 @@ class Rested:
         self._waiting: Blocks | None = None
         self._variances = np.empty(0)
         self._past = np.empty(0)
+        self._quietest = np.inf
 
     def through(self, blocks: Blocks, readings: Array, length: int) -> Blocks:
         """The blocks that are decided by now and rested.
@@ -102,7 +103,10 @@ class Rested:
         """
         parts = readings[: len(blocks) * length].reshape(len(blocks), length, 3)
         own = parts.var(axis=1, ddof=1).sum(axis=1)
-        self._past = np.concatenate([self._past, own])[-_REMEMBERED:]
+        self._past = np.concatenate([self._past, own])
+        while len(self._past) >= 2 * _REMEMBERED:
+            self._quietest = min(self._quietest, float(np.quantile(self._past[:_REMEMBERED], _QUIETEST)))
+            self._past = self._past[_REMEMBERED:]
         if self._waiting is None or self._waiting.sums.shape[1] != blocks.sums.shape[1]:
             self._waiting, self._variances = Blocks.empty(blocks.sums.shape[1]), np.empty(0)
         waiting, variances = self._waiting.then(blocks), np.concatenate([self._variances, own])
@@ -113,6 +117,7 @@ class Rested:
             return Blocks.empty(blocks.sums.shape[1])
         freedom = 3.0 * (length - 1)
         quietest = chdtri(freedom, 1.0 - _QUIETEST)
-        limit = float(np.quantile(self._past, _QUIETEST) * chdtri(freedom, _MISSED / width) / quietest)
+        least = min(self._quietest, float(np.quantile(self._past[-_REMEMBERED:], _QUIETEST)))
+        limit = float(least * chdtri(freedom, _MISSED / width) / quietest)
         still = sliding_window_view(variances, width).max(axis=1) <= limit
         return waiting.pick(slice(self._beside, len(waiting) - self._beside)).pick(still)

@@ -5,9 +5,9 @@ formed, of the residuals' mean (a shift) and of their squares (noise); over a mi
 direction. Each test has its share of the false alarms that are allowed, by Bonferroni's bound: sliding windows overlap,
 so that there are fewer than stated.
 
-Real noise has a memory, and its variance is not quite the calibration's. Both are learnt from the first minute, of a
-running estimate ever on, and each window is held against what the others were (``estimators.live.memory``): the tests
-begin at once, hardly sensitive, and gain with what is known.
+Real noise has a memory, and its variance is not quite the calibration's. Both are learnt from the first minute, and the
+memory until enough independent windows have shown it, of a running estimate ever on. Each window is held against what
+the others were (``estimators.live.memory``): the tests begin at once, hardly sensitive, and gain with what is known.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.coverage import SphereCells, direction_name
 from estimators.live.alarm import Alarm
 from estimators.live.blocks import LEAST, Blocks, Rested
+from estimators.live.by_direction import PART, PARTS, ByDirection
 from estimators.live.memory import CERTAIN, Memory, exceeded
 from estimators.live.naming import Likeness, Span, likenesses
 from estimators.live.reference import Reference, Residuals
@@ -41,9 +41,6 @@ _RESTS: Final = 3
 WINDOWS: Final = (1, 4, 16, 64)
 _PER_LENGTH: Final = 4
 _DAY_S: Final = 86400.0
-#: Directions are told apart by so many cells, over so many seconds.
-CELLS: Final = 12
-_BY_DIRECTION_S: Final = 60.0
 #: A change is over when no window up to the one that showed it, or up to this many blocks, has been as improbable as
 #: this for so long [s].
 _SHORT: Final = 4
@@ -51,8 +48,10 @@ _STILL_THERE: Final = 1e-3
 _CALM_S: Final = 1.0
 #: A tenth more variance is no change.
 _MORE_NOISE: Final = 1.1
-#: What a window may add to the noise's own history, over what is known of it.
-_CAPPED: Final = 4.0
+#: What a window may add to the noise's own history, over what is known of it: noise itself hardly ever has more.
+_CAPPED: Final = 10.0
+#: While the memory is still learnt after the first minute, so many blocks are judged at a time.
+_AT_A_TIME: Final = 64
 #: The change is named once so many seconds after it are known, and again when more are; so much before it is kept.
 _NAMED_S: Final = (1.0, 8.0)
 _KEPT_S: Final = 20.0
@@ -64,7 +63,8 @@ _VAGUE: Final = 1.0
 @dataclass(frozen=True, eq=False)
 class _Tests:
     """One window's tests: mean squares (d,) of the mean and of the squares' deviation, over those of white noise; the
-    first block over the limit with its probability and words, and the least probability."""
+    first block over the limit with its probability and words, the least probability, and of the longest window's
+    standardised means (m, k) those that do not overlap."""
 
     place: int
     ratio: Array
@@ -73,6 +73,7 @@ class _Tests:
     p: float
     words: str
     least: float
+    apart: Array
 
 
 class SensorWatch:
@@ -82,7 +83,7 @@ class SensorWatch:
         sensor: which one.
         alarmed: the change that lasts, if any.
         memory: of the windows' means. swing: of their squares. level: the noise's variance over the reference's.
-        cells: of ``by_direction``.
+        by_direction: the residuals' means.
     """
 
     def __init__(
@@ -105,7 +106,6 @@ class SensorWatch:
         self.sensor, self._unit = sensor, unit
         self.alarmed: Alarm | None = None
         self.level = 1.0
-        self.cells = SphereCells.of(CELLS)
         self.reference: Reference | None = None
         self._block = max(_RESTS if rests else 1, round(BLOCK_S * rate_Hz))
         self._rests = rests
@@ -115,7 +115,8 @@ class SensorWatch:
         self._learn_s, self._fixed = learn_s, fixed
         self._begun_s: float | None = None
         self._learnt = learn_s <= 0.0
-        self.memory, self.swing = (Memory(WINDOWS, self._chance) for _ in range(2))
+        self.memory = Memory((*WINDOWS, PARTS * PART), self._chance, len(WINDOWS) - 1)
+        self.swing = Memory(WINDOWS, self._chance, len(WINDOWS) - 1)
         if self._learnt:
             self.memory.known()
             self.swing.known()
@@ -123,8 +124,7 @@ class SensorWatch:
         self._rested = Rested(self._block_s)
         self._number = 0
         self._squares = np.zeros(2)  # of residuals, and their degrees of freedom
-        self._by_cell: deque[Array] = deque()
-        self._since_cells = 0.0
+        self.by_direction = ByDirection(self._block)
         self._kept: deque[tuple[Array, Array, Residuals]] = deque()
         self._kept_count = 0
         self._rest: tuple[Array, Residuals] | None = None
@@ -183,6 +183,8 @@ class SensorWatch:
         free = self.alarmed is None and self._learnt
         if not free:
             blocks = blocks.pick(slice(0, 1))
+        elif not (self._fixed and self.memory.settled.all()):
+            blocks = blocks.pick(slice(0, _AT_A_TIME))
         tests = self._tests(blocks)
         count = len(blocks)
         worst = min((test for test in tests if test.first is not None), key=lambda test: test.first or 0, default=None)
@@ -201,7 +203,7 @@ class SensorWatch:
             self._watched = max(WINDOWS[worst.place], _SHORT)
             return count, self._raise(now, self._since(self._blocks), worst.words, worst.p)
         calm = all(test.least > _STILL_THERE for test in tests if WINDOWS[test.place] <= self._watched)
-        by_direction = self._directions(taken) if self._fixed and self._learnt else []
+        by_direction = self._directions(taken) if self._fixed else []
         return count, [*by_direction, *self._settle(now, calm)]
 
     @property
@@ -227,16 +229,18 @@ class SensorWatch:
             count = float(length * self._block)
             model = (predicted[end] - predicted[end - length]) / length
             mean = (sums[end] - sums[end - length]) / count
-            shift = (np.square(mean) / (1.0 / count + model)).mean(axis=1)
+            standard = mean / np.sqrt(1.0 / count + model)
+            shift = np.square(standard).mean(axis=1)
             noise = squares[end] - squares[end - length]
             if self._block < LEAST:  # about the window's mean instead
                 noise = noise - count * np.square(mean).sum(axis=1)
-            found.append(self._judged(place, due, shift, noise, k))
+            apart = standard[numbers[due] % length == 0] if place == len(WINDOWS) - 1 else standard[:0]
+            found.append(self._judged(place, due, shift, noise, apart))
         return found
 
-    def _judged(self, place: int, due: Rows, shift: Array, noise: Array, k: int) -> _Tests:
-        """Mean squares (d,) of the mean, and squares, against their limits."""
-        length = WINDOWS[place]
+    def _judged(self, place: int, due: Rows, shift: Array, noise: Array, apart: Array) -> _Tests:
+        """Mean squares (d,) of the mean, and squares, against their limits; ``apart`` as of ``_Tests``."""
+        length, k = WINDOWS[place], apart.shape[1]
         freedom = length * self._freedom - (k if self._block < LEAST else 0.0)
         p_shift, p_noise = self.memory.chance_of(place, shift, float(k)), np.ones(len(noise))
         deviation = np.zeros(len(noise))
@@ -250,33 +254,35 @@ class SensorWatch:
         over = np.flatnonzero(both < limit)
         least = float(both.min())
         if not len(over):
-            return _Tests(place, shift, deviation, None, 1.0, "", least)
+            return _Tests(place, shift, deviation, None, 1.0, "", least, apart)
         first = int(over[0])
         what = "the residuals' mean" if p_shift[first] <= p_noise[first] else "the residuals' squares"
         p = float(both[first])
         words = f"{what} over {length * self._block_s:.1f} s (p = {p:.0e})"
-        return _Tests(place, shift, deviation, int(due[first]), p, words, least)
+        return _Tests(place, shift, deviation, int(due[first]), p, words, least, apart)
 
     def _take_up(self, tests: list[_Tests], squares: Array) -> None:
         """The noise's own history; of what may be a change no more than a share."""
-        if self._fixed and self._learnt:
-            return
         k = float(self._blocks.sums.shape[1])
         for test in tests:
+            self.memory.follow(test.apart)
             windows = len(test.ratio) / min(_PER_LENGTH, WINDOWS[test.place])
             for memory, values, degrees in ((self.memory, test.ratio, k), (self.swing, test.deviation, 1.0)):
                 cap = _CAPPED * memory.ratio[test.place] if self._learnt else np.inf
                 memory.add(test.place, float(np.minimum(values, cap).mean()) * windows, windows, degrees)
+        if self._fixed and self._learnt:
+            return
         cap = _CAPPED * self.level * self._freedom if self._learnt else np.inf
         self._squares += np.minimum(squares, cap).sum(), len(squares) * self._freedom
 
     def _learn(self, now: float) -> None:
-        """Widen the tests by what the windows were so far: for some time, or, of a running estimate, ever again."""
+        """Widen the tests by what the windows were so far: until that is known; of a running estimate, ever again."""
         assert self._begun_s is not None
-        if self._fixed and self._learnt:
+        if self.memory.settled.all() and self.swing.settled.all():
             return
-        self.memory.learn(float(self._blocks.sums.shape[1]))
-        self.swing.learn(1.0)
+        settle = self._fixed and self._learnt
+        self.memory.learn(float(self._blocks.sums.shape[1]), settle)
+        self.swing.learn(1.0, settle)
         if self._squares[1] > 0.0:
             self.level = max(1.0, float(self._squares[0] / self._squares[1]))
         self._learnt = self._learnt or now - self._begun_s >= self._learn_s
@@ -300,6 +306,8 @@ class SensorWatch:
                 return []
             self.alarmed, self._named = replace(self.alarmed, names=names), len(_NAMED_S)
             return [replace(self.alarmed, kind="named", t_s=now)]
+        if self.memory.beyond:
+            test = f"{test}, of noise remembered for longer than it was seen: more alarms than stated may come"
         self.alarmed = Alarm("change", now, since, self.sensor, test, p, names)
         self._named = len(_NAMED_S) if names else 0
         self._calm_s = now
@@ -324,7 +332,7 @@ class SensorWatch:
             found.append(replace(change, kind="over", t_s=now, since_s=self._calm_s))
             self.alarmed = None
             self._blocks = self._blocks.pick(slice(0, 0))
-            self._by_cell.clear()
+            self.by_direction.clear()
             self._number = 0
         return found
 
@@ -352,36 +360,18 @@ class SensorWatch:
             self._kept_count -= len(self._kept.popleft()[0])
 
     def _directions(self, blocks: Blocks) -> list[Alarm]:
-        """The test of the means by direction, over the last minute."""
-        now, k = float(blocks.t[-1]), blocks.sums.shape[1]
-        due = bool(self._by_cell) and now - self._since_cells >= _BY_DIRECTION_S / 6.0
-        if due or not self._by_cell:
-            self._by_cell.append(np.zeros((CELLS, 2 * k + 1)))
-            self._since_cells = now
-            if len(self._by_cell) > 6:
-                self._by_cell.popleft()
-        rows = np.hstack([np.ones((len(blocks), 1)), blocks.sums / self._block, blocks.predicted]) * self._block
-        np.add.at(self._by_cell[-1], self.cells.number(blocks.directions), rows)
-        if not due or self.alarmed is not None:
-            return []
-        z = self.by_direction
-        used = np.isfinite(z).all(axis=1)
-        chi_square = float(np.square(z[used]).sum())
-        degrees = float(k * used.sum())
-        p = float(self.memory.chance_of(-1, np.array(chi_square / max(degrees, 1.0)), max(degrees, 1.0)))
-        if p >= self._chance * _BY_DIRECTION_S / 6.0:
-            return []
-        worst = int(np.nanargmax(np.where(used, np.square(np.nan_to_num(z)).sum(axis=1), -1.0)))
-        toward = direction_name(self.cells.centres[worst])
-        return self._raise(now, now - _BY_DIRECTION_S / 6.0, f"the residuals toward {toward} (p = {p:.0e})", p)
-
-    @property
-    def by_direction(self) -> Array:
-        """(cells, k) mean residual over its standard deviation in each cell, over the last minute; NaN unseen."""
-        if not self._by_cell:
-            return np.full((CELLS, 1), np.nan)
-        total = np.sum(self._by_cell, axis=0)
-        k = (total.shape[1] - 1) // 2
-        count = np.where(total[:, :1] > 0.0, total[:, :1], np.nan)
-        mean, predicted = total[:, 1 : k + 1] / count, total[:, k + 1 :] / count
-        return np.asarray(mean / np.sqrt(1.0 / count + predicted))
+        """The test of the means by direction, over the last minute of blocks."""
+        found: list[Alarm] = []
+        for now in self.by_direction.add(blocks):
+            if self.alarmed is not None:
+                continue
+            ratio = float(self.memory.ratio[-1])
+            square, degrees = self.by_direction.mean_square(ratio)
+            p = float(self.memory.chance_of(-1, np.array(square), degrees))
+            if self.by_direction.whole:
+                cap = _CAPPED * ratio if self._learnt else np.inf
+                self.memory.add(len(WINDOWS), min(square, cap) / PARTS, 1.0 / PARTS, degrees)
+            if p < self._chance * PART * self._block_s:
+                words = f"the residuals toward {self.by_direction.worst} (p = {p:.0e})"
+                found += self._raise(now, now - PART * self._block_s, words, p)
+        return found
