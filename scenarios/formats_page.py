@@ -6,8 +6,6 @@ As a command: ``python -m scenarios.formats_page docs/formats.md``, with the dra
 from __future__ import annotations
 
 import dataclasses
-import inspect
-import re
 import sys
 import typing
 from collections.abc import Iterable
@@ -23,6 +21,7 @@ from rig.maneuver import MANEUVERS
 from rig.recording.columns import POSITION, QUATERNION, SUPPLY, TEMPERATURE, TIME
 from rig.recording.metadata import FORMAT, Metadata
 from rig.units import UNITS
+from scenarios.documented import attribute_texts
 from scenarios.importing.mapping import FORMAT as MAPPING_FORMAT
 from scenarios.importing.mapping import Conventions, Stated
 from scenarios.importing.quantities import TARGETS
@@ -61,7 +60,7 @@ Made by `python -m scenarios.formats_page docs/formats.md` from the code's own r
 
 def page() -> str:
     """The page as Markdown."""
-    parts = [_HEAD, _recording(), _mapping(), _scenario(), _calibration(), _diagnosis()]
+    parts = [_HEAD, _recording(), _mapping(), _scenario(), _calibration(), _diagnosis(), _schemas()]
     return "\n".join(parts)
 
 
@@ -150,6 +149,17 @@ def _diagnosis() -> str:
     )
 
 
+def _schemas() -> str:
+    from scenarios.schemas import schemas
+
+    links = ", ".join(f"[{name}](schemas/{name}.json)" for name in schemas())
+    return (
+        "## JSON Schemas\n\nOf the JSON formats that are written to files, and of what `--json` prints of them, made"
+        " from the code by `python -m scenarios.schemas docs/schemas` (draft 2020-12). What cannot be told is null."
+        f"\n\n{links}.\n"
+    )
+
+
 def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     lines = [header, tuple("---" for _ in header), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
@@ -164,7 +174,7 @@ def _keys(cls: type[Any], leave_out: tuple[str, ...]) -> list[tuple[str, str, st
 
 def _documented(cls: type[Any], leave_out: tuple[str, ...] = ()) -> list[tuple[str, str, str]]:
     """The fields of a dataclass: name, default, and what its docstring says of it."""
-    texts = _attributes(inspect.getdoc(cls) or "")
+    texts = attribute_texts(cls)
     rows = []
     for item in dataclasses.fields(cls):
         if not item.init or item.name in leave_out or item.name.startswith("_"):
@@ -184,26 +194,6 @@ def _shown(value: object) -> str:
         return written(value)
     except TypeError:
         return str(value)
-
-
-def _attributes(text: str) -> dict[str, str]:
-    """Name -> what the section "Attributes" of a docstring says; "a, b: text" is of both."""
-    section = re.search(r"Attributes:\n((?:[ ]+.*\n?|\n)+)", text)
-    found: dict[str, str] = {}
-    names: list[str] = []
-    for line in section[1].splitlines() if section else ():
-        if not line.strip():
-            break
-        entry = re.fullmatch(r"    ([\w, ]+): (.*)", line)
-        if entry:
-            names = [name.strip() for name in entry[1].split(",")]
-            found |= dict.fromkeys(names, entry[2].strip())
-            rest = re.search(r"\. (\w+(?:, \w+)*): ", entry[2])
-            if rest:
-                found |= {name.strip(): entry[2][rest.end() :] for name in rest[1].split(",")}
-        else:
-            found |= {name: f"{found[name]} {line.strip()}" for name in names}
-    return found
 
 
 def main() -> None:
