@@ -22,12 +22,14 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Final
+from typing import Any, Final
 
 from hostile_calls import CALLS, Call, make_good, make_more, quietly
 
 LONGEST: Final = 300
 PATIENCE_S: Final = 60
+#: Numbers that a worker tries.
+_LIFE: Final = 2000
 #: Of a worker that cannot even be interrupted.
 _SILENCE_S: Final = 20.0 * PATIENCE_S
 #: More memory than this for files of less than a megabyte is a complaint [bytes].
@@ -135,7 +137,8 @@ def call_of(number: int, calls: Sequence[Call] = CALLS) -> Call | None:
 
 
 def work(good: Path, seed: int, first: int, name: str) -> None:
-    """Try inputs without end from a number on; a line for each on stdout: number, seconds, what went wrong."""
+    """Try inputs from a number on; a line for each on stdout: number, seconds, what went wrong. At last one with null:
+    libraries keep threads of their own, so that a worker is not to grow old."""
     import traceback
     import warnings
 
@@ -150,11 +153,12 @@ def work(good: Path, seed: int, first: int, name: str) -> None:
     sys.unraisablehook = lambda found: None  # as the command has it
     out = os.fdopen(os.dup(1), "w")
     calls = [call for call in CALLS if name in call.name]
-    for number in itertools.count(first):
+    for number in range(first, first + _LIFE):
         if (call := call_of(number, calls)) is not None:
             begun = time.process_time()
             wrong = complaint_about(call, good, random.Random(f"{seed} {number}"))
             print(json.dumps([number, time.process_time() - begun, wrong]), file=out, flush=True)
+    print("null", file=out, flush=True)
 
 
 def main() -> int:
@@ -166,11 +170,16 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         make_good(Path(folder))
         make_more(Path(folder))
-        number = 0
+        first = 0
         while time.monotonic() < end:
-            arguments = [sys.executable, __file__, "--work", folder, str(seed), str(number), name]
+            arguments = [sys.executable, __file__, "--work", folder, str(seed), str(first), name]
+            number = first - 1
             with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as worker:
-                for number, spent, wrong in _told(worker, end):
+                ended = False
+                for said in _told(worker, end):
+                    if ended := said is None:
+                        break
+                    number, spent, wrong = said
                     call = call_of(number, calls)
                     assert call is not None
                     took[call.name] += spent
@@ -178,20 +187,19 @@ def main() -> int:
                     if wrong:
                         complaints += 1
                         print(f"{seed} {number}: {wrong}", flush=True)
-                    number += 1
                 worker.kill()
-            if time.monotonic() < end:
-                while call_of(number, calls) is None:
-                    number += 1
+            if ended:
+                first += _LIFE
+            elif time.monotonic() < end:
+                first = next(after for after in itertools.count(number + 1) if call_of(after, calls)) + 1
                 complaints += 1
-                print(f"{seed} {number}: {call_of(number, calls)}: status {worker.returncode} or a hang", flush=True)
-                number += 1
+                print(f"{seed} {first - 1}: {call_of(first - 1, calls)}: {worker.returncode} or a hang", flush=True)
     slowest = ", ".join(f"{name} {spent:.0f} s" for name, spent in took.most_common(5))
     print(f"{tried} inputs, {complaints} complaints; most of the time: {slowest}")
     return int(complaints > 0)
 
 
-def _told(worker: subprocess.Popen[str], end: float) -> Iterator[tuple[int, float, str]]:
+def _told(worker: subprocess.Popen[str], end: float) -> Iterator[Any]:
     """What a worker says until it dies, says nothing for too long, or the time is over."""
     assert worker.stdout is not None
     while time.monotonic() < end:
@@ -199,7 +207,7 @@ def _told(worker: subprocess.Popen[str], end: float) -> Iterator[tuple[int, floa
         line = worker.stdout.readline() if ready else ""
         if not line:
             return
-        yield tuple(json.loads(line))
+        yield json.loads(line)
 
 
 if __name__ == "__main__":

@@ -142,9 +142,9 @@ CALLS: Final = (
     Call("bag", "bag/bag.db3", ("import", "bag", "-o", "out.parquet"), bytes_of),
     Call("bag, its index", "bag/metadata.yaml", ("import", "bag", "-o", "out.parquet"), text_of),
     Call("two logs", "log.csv", ("import", "log.csv", "imported.csv", "-o", "out.parquet"), text_of),
-    Call("study that goes on", "begun/study.json", _CONSISTENCY, document_of, slow=20, keeps=True, more=True),
-    Call("study's hashes that go on", "begun/tables.json", _CONSISTENCY, document_of, slow=20, keeps=True, more=True),
-    Call("study's tables that go on", "begun/table.parquet", _CONSISTENCY, table_of, slow=20, keeps=True, more=True),
+    Call("study that goes on", "begun/study.json", _CONSISTENCY, document_of, slow=100, keeps=True, more=True),
+    Call("study's hashes that go on", "begun/tables.json", _CONSISTENCY, document_of, slow=100, keeps=True, more=True),
+    Call("study's tables that go on", "begun/table.parquet", _CONSISTENCY, table_of, slow=100, keeps=True, more=True),
     Call("set to solve", "set/manifest.json", ("blind", "solve", "set", "--jobs", "0"), document_of, keeps=True),
     Call("rig", "effects.toml", ("diagnose", "little.parquet", "--rig", "effects.toml"), text_of, slow=12),
     Call(
@@ -158,8 +158,8 @@ CALLS: Final = (
     Call(
         "recording of some length", "little.parquet", ("diagnose", "little.parquet", "--out", "out"), table_of, slow=12
     ),
-    Call("one of a fleet", "run.parquet", _FLEET, table_of, slow=40, keeps=True, more=True),
-    Call("kept diagnosis", "kept/little.diagnosis.json", _FLEET, document_of, slow=40, keeps=True, more=True),
+    Call("one of a fleet", "run.parquet", _FLEET, table_of, slow=100, keeps=True, more=True),
+    Call("kept diagnosis", "kept/little.diagnosis.json", _FLEET, document_of, slow=100, keeps=True, more=True),
     Call("corrected calibration", "kept/little.calibration.json", _CORRECTED, document_of, more=True),
     Call("diagnosis, applied", "kept/little.diagnosis.json", _WITH_FOUND, document_of, more=True),
 )

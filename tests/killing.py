@@ -35,6 +35,10 @@ LONG: Final = (
     "study subsets run.parquet --subsets 3 -o out/study",
     "diagnose sweep.parquet --out out --save-scenario out/better.toml",
     "diagnose sweep.parquet alone.parquet --out out --jobs 2",
+    "diagnose little.parquet sweep.parquet --together --out out",
+    "blind solve sealed --jobs 2",
+    "study loop -o out --rigs 1 --samples 400 --workers 1",
+    "calibrate sweep.parquet alone.parquet -o out/cal.json --coverage out/cal.png",
     "blind make out/set --cases 16 --samples 400 --seed 2 --jobs 2",
     "live log.csv --idle 0.1 --keep-going -o out/live.parquet",
     "import log.csv -o out/run.parquet --map out/map.toml",
@@ -105,16 +109,32 @@ def complaint_about(folder: Path, line: str, how: signal.Signals, after_s: float
         return f"{len(left)} processes were left"
     if how != signal.SIGKILL and (temporary := temporaries(folder)):
         return f"left {temporary}"
-    if found := torn(folder / "out"):
+    if found := torn(folder / "out") + torn(folder / "sealed"):
         return f"torn: {found}"
     resumed = ("--resume",) if (folder / "out" / "live.csv").exists() else ()
     again = started(folder, *line.split(), *resumed)
     _, err = again.communicate(timeout=_PATIENCE_S)
     if again.returncode not in (0, 1) or (err and not line.startswith("live")):
         return f"again: status {again.returncode}: {err[-500:]!r}"
-    if left_over := torn(folder / "out") + temporaries(folder):
+    if left_over := torn(folder / "out") + torn(folder / "sealed") + temporaries(folder):
         return f"again: {left_over}"
     return ""
+
+
+def seal(folder: Path) -> None:
+    """A sealed set of two recordings, whose truth nobody knows."""
+    from rig.files import file_hash
+
+    set_ = folder / "sealed"
+    set_.mkdir()
+    cases = []
+    for name in ("little", "alone"):
+        files = {"recording": f"{name}.parquet", "locked": f"{name}.locked.parquet"}
+        for file, source in zip(files.values(), (f"{name}.parquet", "little.locked.parquet"), strict=True):
+            shutil.copy(folder / source, set_ / file)
+        hashes = {f"{key}_sha256": file_hash(set_ / file) for key, file in files.items()}
+        cases.append({"name": name, **files, **hashes, "commitment": "0" * 64})
+    (set_ / "manifest.json").write_text(json.dumps({"format": "rig-blind/1", "cases": cases}))
 
 
 def temporaries(folder: Path) -> list[str]:
@@ -162,6 +182,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         good = Path(name)
         make_good(good)
+        seal(good)
         for number in range(kills):
             rng = random.Random(f"{seed} {number}")
             line, how = lines[number % len(lines)], rng.choice(SIGNALS)

@@ -112,6 +112,19 @@ def test_the_mapping_file_is_written_once_and_read_again(rig: Rig, tmp_path: Pat
     assert turned.metadata.gravity_m_s2 == 9.81
 
 
+def test_a_recording_that_cannot_be_written_leaves_no_mapping(
+    rig: Rig, tmp_path: Path, run: Recording, arm: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(recording: Recording, path: Path) -> None:
+        raise RigError("the disk is full")
+
+    log = write_text(tmp_path / "log.csv", table(run))
+    monkeypatch.setattr(Recording, "write", fail)
+    call = ("import", log, "-o", tmp_path / "run.parquet", "--map", tmp_path / "map.toml", "--arm", arm.file)
+    assert rig(*call, "--gravity", "9.81", "--field", "55uT").status == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log.csv"]
+
+
 def test_two_files_on_one_clock_are_joined(tmp_path: Path, run: Recording, arm: Arm) -> None:
     """Poses at a third of the rate: between them the joints are within the parabola that a line leaves out."""
     columns = table(run)

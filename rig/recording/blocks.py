@@ -25,7 +25,7 @@ _SHORTEST_LINE: Final = 4
 #: Of the memory that may be taken, the samples get so much at least.
 _LEAST: Final = 0.2
 #: The interpreter with what a command loads [bytes].
-_PROGRAM: Final = 260e6
+_PROGRAM: Final = 290e6
 
 
 def whole_or_means(

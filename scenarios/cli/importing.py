@@ -87,8 +87,10 @@ def import_(
     """
     if output is not None:
         check_output(output, RECORDING_SUFFIXES, *logs, map_file, arm_file)
+    from contextlib import ExitStack
     from dataclasses import replace
 
+    from rig.files import atomic_path, write_text
     from scenarios.importing import import_logs
 
     options = {
@@ -108,13 +110,13 @@ def import_(
     arm = chosen_arm(arm_file, tip)
     with progress_bar(f"importing {logs[0]}"):
         found = import_logs(logs, given if there else None, arm, given)
-    if map_file is not None and not there:
-        from rig.files import write_text
-
-        check_output(map_file, (".toml",), *logs)
-        write_text(map_file, found.mapping.to_toml([f"Of {', '.join(log.name for log in logs)}: confirm or change."]))
-    if output is not None:
-        found.recording.write(output)
+    with ExitStack() as both_or_none:
+        if map_file is not None and not there:
+            check_output(map_file, (".toml",), *logs)
+            words = f"Of {', '.join(log.name for log in logs)}: confirm or change."
+            write_text(both_or_none.enter_context(atomic_path(map_file)), found.mapping.to_toml([words]))
+        if output is not None:
+            found.recording.write(both_or_none.enter_context(atomic_path(output)))
     if place:
         found = replace(found, said=(*found.said, place))
     if as_json:
