@@ -287,3 +287,20 @@ def test_what_a_recording_leaves_open_is_said_and_can_be_stated(
     assert not any("is not stated" in text for text in second["quality"]["warnings"])
     assert second["values"][0] == pytest.approx(first["values"][0] * 9.8 / 9.9, rel=1e-6)
     assert rig("check", path, "--arm", arm.file).status == 1
+
+
+def test_what_nobody_stated_is_not_stated_by_the_import(rig: Rig, tmp_path: Path, run: Recording, arm: Arm) -> None:
+    log = write_text(tmp_path / "log.csv", table(run))
+    made, own = tmp_path / "run.parquet", written(tmp_path, "ur5e")
+    rig.done("import", log, "--arm", own, "-o", made)
+    assert read_recording(made).metadata.assumed == ("gravity_m_s2", "magnetic_field")
+    found = json.loads(rig("check", made, "--arm", own, "--json").out)["findings"]
+    assert sum("is not stated" in line for line in found) == 2
+    shown = rig("calibrate", made, "--arm", own, "--json")
+    assert "gravity is not stated: 9.8" in shown.out
+    assert "gravity is not stated" not in rig("calibrate", made, "--arm", own, "--gravity", "9.81", "--json").out
+    rig.done("import", log, "--arm", own, "-o", made, "--gravity", "9.81", "--field", "55uT")
+    assert read_recording(made).metadata.assumed == ()
+    known = read_recording(made).metadata
+    with pytest.raises(RigError, match=r"metadata assumed: found .*expected a list of gravity_m_s2, magnetic_field"):
+        replace(known, assumed=("rate_Hz",))

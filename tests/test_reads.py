@@ -13,6 +13,8 @@ import scenarios
 from estimators import Calibration
 from estimators.export import export
 from estimators.gap.basefit import fitted_pipeline
+from estimators.gap.diagnosis import Cause, Closed, Estimate
+from estimators.gap.recorded_units import in_recorded_units
 from estimators.turned import turned
 from rig.arm import Arm
 from rig.errors import RigError
@@ -114,3 +116,14 @@ def test_the_rig_behind_it_is_the_same(chip: Scenario, run: Recording, found: Ca
     text = chip.to_toml()
     assert "beta_deg = [2.0, -1.0, -88.0]" in text
     assert from_toml(text, "chip.toml").rig.accelerometer == chip.rig.accelerometer
+
+
+def test_parameters_are_in_the_unit_of_the_readings() -> None:
+    units = {"accelerometer": "m_s2", "magnetometer": "uT"}
+    nothing = Closed(None, None, None)
+    volts = {"volts": Estimate(0.1, 0.01, "V"), "at_s": Estimate(5.0, 1.0, "s"), "rate": Estimate(1.0, 0.1, "V/degC")}
+    causes = [Cause("bias_step", where, 1.0, (), volts, nothing) for where in ("accel2", "magnetometer", "acquisition")]
+    found = [[each.unit for each in cause.parameters.values()] for cause in in_recorded_units(causes, units)]
+    assert found == [["m/s^2", "s", "m/s^2/degC"], ["uT", "s", "uT/degC"], ["recorded unit", "s", "recorded unit/degC"]]
+    volt = {"accelerometer": "V", "magnetometer": "V"}
+    assert in_recorded_units(causes, volt) == tuple(causes)

@@ -70,7 +70,14 @@ def test_the_page_links_them() -> None:
 def test_recordings_and_calibrations(short: Scenario, check: Callable[[str, Any], None]) -> None:
     run = short.simulate(seed=1)
     check("recording-metadata", run.metadata.to_json())
-    stated = replace(run.metadata, accelerometer_reads="a-g", serial=7, pose_rate_Hz=2.0, recorded="2026-05-31")
+    stated = replace(
+        run.metadata,
+        accelerometer_reads="a-g",
+        serial=7,
+        pose_rate_Hz=2.0,
+        recorded="2026-05-31",
+        assumed=["magnetic_field"],
+    )
     check("recording-metadata", stated.to_json())
     for method in ("simultaneous", "separate", "ellipsoid"):
         found = estimators.calibrate(run, method=method)

@@ -22,6 +22,7 @@ from estimators.gap.p_values import WAYS, defect_probability, doubts
 from estimators.gap.posterior import Hypothesis as Weighing
 from estimators.gap.posterior import Posterior
 from estimators.gap.rebase import around
+from estimators.gap.recorded_units import in_recorded_units
 from estimators.gap.refine import at
 from estimators.gap.shift import calibration_shift
 from estimators.gap.stack import Stack
@@ -85,6 +86,7 @@ def conclude(
     has_cause = bool(fits or leading.state.offers or named)
     closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE
     causes = () if quiet else _causes(posterior, leading, places, same, named, certain, doubted, after, before, rng)
+    causes = in_recorded_units(causes, recordings[0].units)
     kind = verdict_of(masses, hypotheses, causes)
     settled = around(bench, leading.explanation.bench.pipeline) if effects else bench
     other = masses["other"] >= 0.5

@@ -78,8 +78,10 @@ class RecordingScan:
 
     @property
     def stated(self) -> frozenset[str]:
-        """The keys of the metadata that the file states itself."""
-        return frozenset() if self.table.metadata is None else frozenset(json.loads(self.table.metadata))
+        """The keys of the metadata that the file states itself; not those whose default it has assumed."""
+        if self.table.metadata is None:
+            return frozenset()
+        return frozenset(json.loads(self.table.metadata)) - set(self.metadata.assumed)
 
     @property
     def rows(self) -> int | None:

@@ -17,6 +17,8 @@ from rig.errors import RigError, closest, shown, unknown_name
 #: The format of a recording, version included.
 FORMAT: Final = "rig-recording/1"
 
+#: What a recording states of gravity and of the magnetic field.
+FIELD_SIZES: Final = ("gravity_m_s2", "magnetic_field")
 _FIELD_UNITS: Final = ("G", "uT", "nT")
 
 
@@ -37,6 +39,7 @@ class Metadata:
         still_poses: whether every row is a pose held still; then `t_s` may be left out, and their numbers stand for it.
         serial: of the arm, which tells it from others of its model; None: not stated.
         recorded: date and time of the first sample, ISO 8601; None: not stated.
+        assumed: those of ``gravity_m_s2`` and ``magnetic_field`` that nobody has stated: their defaults stand in.
         extra: further JSON keys, which are kept as they are.
 
     Raises:
@@ -54,10 +57,11 @@ class Metadata:
     still_poses: bool = False
     serial: str | int | None = None
     recorded: str | None = None
+    assumed: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("gravity_m_s2", "magnetic_field"):
+        for name in FIELD_SIZES:
             object.__setattr__(self, name, _positive(name, getattr(self, name)))
         for name in ("rate_Hz", "pose_rate_Hz"):
             if getattr(self, name) is not None:
@@ -74,6 +78,11 @@ class Metadata:
             raise RigError(f"metadata serial: found {shown(self.serial)}, expected a text or a number")
         if self.recorded is not None and not _is_moment(self.recorded):
             raise RigError(f"metadata recorded: found {shown(self.recorded)}, expected a date such as 2026-05-31T14:00")
+        if not isinstance(self.assumed, list | tuple) or not set(map(str, self.assumed)) <= set(FIELD_SIZES):
+            raise RigError(
+                f"metadata assumed: found {shown(self.assumed)}, expected a list of {', '.join(FIELD_SIZES)}"
+            )
+        object.__setattr__(self, "assumed", tuple(self.assumed))
         object.__setattr__(self, "extra", dict(self.extra))
         if taken := sorted(set(self.extra) & _RESERVED):
             raise RigError(f"metadata extra: found {taken[0]!r}, which has its own field")
@@ -91,6 +100,9 @@ class Metadata:
             del stated["accelerometer_reads"]
         if not self.still_poses:
             del stated["still_poses"]
+        stated["assumed"] = list(self.assumed)
+        if not self.assumed:
+            del stated["assumed"]
         return {"format": FORMAT, **stated, **self.extra}
 
     def to_text(self) -> str:

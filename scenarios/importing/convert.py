@@ -15,6 +15,7 @@ from rig.arm import Arm
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
 from rig.recording import Metadata, Recording
+from rig.recording.metadata import FIELD_SIZES
 from rig.units import STANDARD_GRAVITY
 from scenarios.importing.bag_log import is_bag, read_bag
 from scenarios.importing.clocks import clock_offset
@@ -167,6 +168,7 @@ def _joined(
         metadata,
         gravity_m_s2=stated.gravity_m_s2 or _GRAVITY,
         magnetic_field=stated.magnetic_field or 1.0,
+        assumed=tuple(name for name in FIELD_SIZES if getattr(stated, name) is None),
         serial=stated.serial,
         recorded=stated.recorded,
         magnetic_field_unit=unit,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from rig.errors import RigError
 from rig.recording import Metadata
+from rig.recording.metadata import FIELD_SIZES
 from scenarios.importing.mapping import Mapping, read_mapping
 from scenarios.importing.quantities import (
     ACCELEROMETER_UNITS,
@@ -38,7 +39,8 @@ def renamed(path: Path) -> tuple[dict[str, tuple[str, float]], Metadata]:
         "magnetic_field_unit": own.magnetic_field_unit,
         "accelerometer_reads": None if reads == "detect" else reads,
     }
-    return found, Metadata(**{name: value for name, value in stated.items() if value is not None})  # type: ignore[arg-type]
+    known: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
+    return found, Metadata(**known, assumed=tuple(name for name in FIELD_SIZES if name not in known))
 
 
 def _column(path: Path, mapping: Mapping, text: str) -> tuple[str, float]:
