@@ -72,10 +72,26 @@ def checked_suffix(path: Path) -> str:
 
 
 def as_float64(column: Any) -> Array:
-    """An Arrow array of numbers as (n,) float64, without a copy where it is one; a missing value is a NaN."""
+    """An Arrow array of numbers as (n,) float64, without a copy where it is one; a missing value is a NaN.
+
+    Neither this nor ``from_float64`` calls Arrow's own converters, which load pandas where it is installed, with half a
+    second and 50 MiB.
+    """
     if column.type != pa.float64():
         column = column.cast(pa.float64(), safe=False)  # integers beyond 2^53 are rounded
-    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+    if not len(column):
+        return np.empty(0)
+    if isinstance(column, pa.ChunkedArray):
+        column = pa.concat_arrays(column.chunks) if column.num_chunks > 1 else column.chunk(0)
+    if column.null_count:
+        column = column.fill_null(np.nan)
+    return np.asarray(np.from_dlpack(column), dtype=np.float64)
+
+
+def from_float64(values: Array) -> Any:
+    """Numbers (n,) as an Arrow array, without a copy where they are contiguous."""
+    numbers = np.ascontiguousarray(values, dtype=np.float64)
+    return pa.Array.from_buffers(pa.float64(), len(numbers), [None, pa.py_buffer(numbers)])
 
 
 def arrow_file(path: Path) -> Any:

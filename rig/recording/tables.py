@@ -21,7 +21,7 @@ from rig.errors import RigError, nearest
 from rig.files import atomic_path
 from rig.recording.csv_table import open_csv
 from rig.recording.parquet_table import KEY, open_parquet
-from rig.recording.table import Array, Table, checked_suffix
+from rig.recording.table import Array, Table, checked_suffix, from_float64
 
 _ROW_GROUP: Final = 1 << 20  # at most so many rows
 
@@ -97,7 +97,8 @@ class TableWriter:
         Raises:
             OSError: the disk is full or gone; at the end of the block it is a RigError.
         """
-        batch = pa.record_batch([pa.array(columns[name]) for name in self._schema.names], schema=self._schema)
+        arrays = [from_float64(columns[name]) for name in self._schema.names]
+        batch = pa.record_batch(arrays, schema=self._schema)
         if self._suffix == ".parquet":
             self._writer.write_batch(batch, row_group_size=_ROW_GROUP)
         else:

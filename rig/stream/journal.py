@@ -12,6 +12,7 @@ import pyarrow.csv
 
 from rig.errors import RigError
 from rig.recording import Metadata, Recording, RecordingWriter, scan_recording
+from rig.recording.table import from_float64
 
 #: The disk is told to keep what it has at least so often [s].
 _SYNCED_S: Final = 1.0
@@ -57,7 +58,7 @@ class Journal:
             raise RigError(f"{self.csv}: found other columns than {', '.join(self._names)}")
         table = batch.table()
         schema = pa.schema([(name, pa.float64()) for name in self._names])
-        rows = pa.record_batch([pa.array(table[name]) for name in self._names], schema=schema)
+        rows = pa.record_batch([from_float64(table[name]) for name in self._names], schema=schema)
         sink = pa.BufferOutputStream()
         pa.csv.write_csv(rows, sink, pa.csv.WriteOptions(include_header=False))
         try:

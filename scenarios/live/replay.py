@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from rig.recording import Recording, RecordingScan
+from rig.recording.table import from_float64
 
 Form = Literal["csv", "json"]
 FORMS: Final[tuple[Form, ...]] = ("csv", "json")
@@ -103,6 +104,6 @@ def _lines(columns: list[np.ndarray], names: tuple[str, ...], form: Form) -> byt
         rows = zip(*(column.tolist() for column in columns), strict=True)
         return "".join(json.dumps(dict(zip(names, row, strict=True))) + "\n" for row in rows).encode()
     sink = pa.BufferOutputStream()
-    batch = pa.record_batch([pa.array(np.ascontiguousarray(column)) for column in columns], names=list(names))
+    batch = pa.record_batch([from_float64(column) for column in columns], names=list(names))
     pa.csv.write_csv(batch, sink, pa.csv.WriteOptions(include_header=False))
     return bytes(sink.getvalue())
