@@ -7,11 +7,13 @@ import inspect
 import math
 import os
 import sys
-from collections.abc import Iterable, Mapping
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
 from rich import box
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
@@ -34,6 +36,16 @@ class _Console(Console):
     def on_broken_pipe(self) -> None:
         """Leave it to the command line; rich would end the program with its own status."""
         raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Without control characters of its own in a text: names from files do not speak to the terminal."""
+        for segment in super().render(renderable, options):
+            said = segment.text if segment.control else "".join(filter(_is_visible, segment.text))
+            yield segment if said == segment.text else Segment(said, segment.style)
+
+
+def _is_visible(letter: str) -> bool:
+    return letter == "\n" or unicodedata.category(letter) not in ("Cc", "Cf")
 
 
 def show(*items: RenderableType) -> None:

@@ -11,6 +11,7 @@ import itertools
 import json
 import os
 import random
+import re
 import select
 import shutil
 import signal
@@ -71,6 +72,10 @@ def _wrong(call: Call, folder: Path) -> str:
         return f"{len(lines)} lines: {told[1].getvalue()[:500]}"
     if any(len(line) >= LONGEST or not line.isprintable() for line in lines):
         return f"a line of {max(map(len, lines))} letters: {max(lines, key=len)[:500]!r}"
+    told[0].flush()
+    printed = told[0].buffer.getvalue()  # type: ignore[attr-defined]
+    if foreign := re.search(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]", printed):
+        return f"prints {foreign[0]!r}"
     if (peak := _peak()) > _MEMORY:
         return f"took {peak / 1e9:.1f} GB"
     after = _files(folder)

@@ -43,7 +43,7 @@ class Call:
 
 _CALIBRATE: Final = ("calibrate", "run.csv", "--json")
 _LIVE: Final = ("live", "log.csv", "--idle", "0.05")
-_PLAN: Final = ("plan", "--seconds", "8", "-o", "out.toml")
+_PLAN: Final = ("plan", "--seconds", "30", "-o", "out.toml")
 _DIAGNOSE: Final = ("diagnose", "sweep.parquet", "--save-scenario", "out.toml", "--json")
 #: Three of each kind of parameter: a place, a direction, a list of effects.
 EFFECTS: Final = """

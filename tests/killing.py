@@ -43,7 +43,7 @@ LONG: Final = (
     "live log.csv --idle 0.1 --keep-going -o out/live.parquet",
     "import log.csv -o out/run.parquet --map out/map.toml",
     "view run.parquet -o out/view.rrd",
-    "plan --seconds 8 -o out/plan.toml --csv out/plan.csv --plot out/plan.png",
+    "plan --seconds 30 -o out/plan.toml --csv out/plan.csv --plot out/plan.png",
     "calibrate sweep.parquet -o out/cal.json --robust",
     "apply cal.json sweep.parquet -o out/applied.parquet",
 )

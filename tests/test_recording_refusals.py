@@ -138,6 +138,8 @@ BAD_METADATA = [
     ({"gravity_m_s2": "9.8"}, "expected a positive number"),
     ({"gravity_m_s2": True}, "expected a positive number"),
     ({"gravity_m_s2": 10**400}, "an integer of 401 digits is beyond the floating-point range"),
+    ({"arm": "\x1b[31mred"}, "arm: found '\\x1b[31mred', expected the name of an arm"),
+    ({"serial": "\x1b]0;title\x07"}, "serial: found '\\x1b]0;title"),
     ({"magnetic_field": -1}, "magnetic_field: found -1"),
     ({"rate_Hz": 0}, "rate_Hz: found 0"),
     ({"rate_hz": 100}, "unknown metadata key 'rate_hz' (nearest: 'rate_Hz')"),

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.text import Text
 
 import estimators
 import scenarios
 from rig.effects import EFFECTS
 from scenarios.calibration_report import symbol
 from scenarios.comparison import compare, units
-from scenarios.report import effect_record, plus_minus, shortened, with_sigma
+from scenarios.report import effect_record, plus_minus, shortened, show, table, with_sigma
 
 # Without an attitude (camps) or with effects the calibration does not model (renk2005-gap) there is no truth to meet.
 MODELLED = [name for name in scenarios.names() if not name.startswith("camps") and not scenarios.load(name).rig.effects]
@@ -101,3 +102,12 @@ def test_an_effect_is_described_in_full(name: str) -> None:
     record = effect_record(EFFECTS[name])
     assert record["description"]
     assert all(item["unit"] and item["typical"] for item in record["parameters"])
+
+
+def test_names_from_files_do_not_speak_to_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = table("arm")
+    rows.add_row(Text("a\x1b[31mred\x07"))
+    show(rows, Text("title\x1b]0;x\x9b"))
+    printed = capsys.readouterr().out
+    assert "red" in printed
+    assert all(letter == "\n" or letter.isprintable() for letter in printed)

@@ -19,6 +19,7 @@ FORMAT: Final = "rig-recording/1"
 
 #: What a recording states of gravity and of the magnetic field.
 FIELD_SIZES: Final = ("gravity_m_s2", "magnetic_field")
+_LONGEST_NAME: Final = 200
 _FIELD_UNITS: Final = ("G", "uT", "nT")
 
 
@@ -70,11 +71,12 @@ class Metadata:
             raise unknown_name("metadata accelerometer_reads", str(self.accelerometer_reads), READS)
         if not isinstance(self.still_poses, bool):
             raise RigError(f"metadata still_poses: found {shown(self.still_poses)}, expected true or false")
-        if not isinstance(self.arm, str) or not self.arm:
+        if not isinstance(self.arm, str) or not _is_name(self.arm):
             raise RigError(f"metadata arm: found {shown(self.arm)}, expected the name of an arm")
         if self.magnetic_field_unit is not None and self.magnetic_field_unit not in _FIELD_UNITS:
             raise unknown_name("metadata magnetic_field_unit", str(self.magnetic_field_unit), _FIELD_UNITS)
-        if self.serial is not None and (isinstance(self.serial, bool) or not isinstance(self.serial, str | int)):
+        number = isinstance(self.serial, int) and not isinstance(self.serial, bool) and self.serial.bit_length() <= 256
+        if self.serial is not None and not number and not (isinstance(self.serial, str) and _is_name(self.serial)):
             raise RigError(f"metadata serial: found {shown(self.serial)}, expected a text or a number")
         if self.recorded is not None and not _is_moment(self.recorded):
             raise RigError(f"metadata recorded: found {shown(self.recorded)}, expected a date such as 2026-05-31T14:00")
@@ -158,6 +160,10 @@ def _is_moment(value: Any) -> bool:
     except (TypeError, ValueError):
         return False
     return True
+
+
+def _is_name(text: str) -> bool:
+    return 0 < len(text) <= _LONGEST_NAME and text.isprintable()
 
 
 def _positive(name: str, value: Any) -> float:
