@@ -23,6 +23,7 @@ from estimators.gap.fast_tones import fast_tones
 from estimators.gap.fitted_rig import FittedRig, judged
 from estimators.gap.laid_out import Laid, Locked, check, floor_and_step, laid_out, rest_of
 from estimators.gap.posterior import explain
+from estimators.gap.remainder_test import remainder_p_value
 from estimators.gap.report import conclude
 from estimators.gap.stack import acting, restricted
 from estimators.gap.states import NoiseState
@@ -153,7 +154,9 @@ def examined(
     readings = [[*own, *tones] for own, (tones, _) in zip(unmodelled, found, strict=True)]
     result, effects = conclude(laid.recordings, clean, posterior, readings, without, laid.floors, laid.sources)
     if rig is not None:
-        result = replace(result, rig=judged(rig, laid.recordings[0], result, ideal, laid.benches[0], defects[0]))
+        p_value = remainder_p_value(posterior) if laid.at_rest else None
+        verdict = judged(rig, laid.recordings[0], result, ideal, laid.benches[0], defects[0], p_value)
+        result = replace(result, rig=verdict)
     if one and calibration is None:
         try:
             made = corrected_calibration(laid.recordings[0], clean, posterior, laid.sources[0])

@@ -121,7 +121,8 @@ class Diagnosis:
         closed: share of the squared gap that the causes close. closed_on: what that was judged on.
         closed_elsewhere: the share of another maneuver's gap that they close there; None without one.
         rig: against a fitted rig, of whose remainder all the rest then tells: its ``name`` and ``effects``, whether it
-            is ``better`` than the ideal rig and ``why``, the share that is ``left``, and the gaps by channel.
+            is ``better`` than the ideal rig and ``why``, the share that is ``left``, ``remainder_p_value`` of that
+            against the floor, and the gaps by channel.
         calibration: the corrected one, a file of its own; None where it was not asked for.
         remainder: what is left.
         calibration_shift: by parameter: before, after, and the difference in standard deviations.

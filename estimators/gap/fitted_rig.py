@@ -26,6 +26,8 @@ from rig.recording import Recording
 
 Array = NDArray[np.float64]
 
+#: A rig that leaves nothing but the floor is refused by the test of what it leaves so often.
+REFUSED: Final = 0.05
 #: Log likelihood ratio that a better rig must reach. Both rigs are fixed before the recording is seen, so that by
 #: Markov's inequality the ideal rig comes out worse by chance once in twenty recordings at most.
 BETTER: Final = math.log(20.0)
@@ -85,6 +87,7 @@ def judged(
     ideal: Bench,
     fitted: Bench,
     defects: Sequence[Defect],
+    p_value: float | None = None,
 ) -> Mapping[str, Any]:
     """The gap before, against the ideal rig, and after, against the fitted one; what is left; whether it is better.
 
@@ -92,6 +95,8 @@ def judged(
         diagnosis: of what the fitted rig leaves.
         ideal, fitted: benches of single samples; the fitted one with the rig's effects.
         defects: of single readings, left out of both.
+        p_value: of what the fitted rig leaves, against the floor (``remainder_test``); None where the floor is not
+            known well enough to tell.
     """
     before, after = (masked(bench, defects) for bench in (ideal, fitted))
     steps = after.steps[len(before.steps) :]
@@ -99,6 +104,7 @@ def judged(
     ratio += sum(log_bayes_factor(defect.log_p) for defect in defects if rig.has(defect))  # found again
     chose = recording.fingerprint in rig.fitted_to
     at_floor = diagnosis.verdict == "no-gap"
+    refused = p_value is not None and p_value <= REFUSED
     channels: dict[str, dict[str, float]] = {}
     total = [0.0, 0.0]
     for column in before.columns:
@@ -119,22 +125,28 @@ def judged(
     return {
         "name": rig.name,
         "effects": [[effect.name, effect.where] for effect in rig.effects],
-        "better": ratio > BETTER and at_floor and not chose,
-        "why": _why(ratio, at_floor, chose, diagnosis),
+        "better": ratio > BETTER and at_floor and not refused and not chose,
+        "why": _why(ratio, at_floor, p_value if refused else None, chose, diagnosis),
         "log_likelihood_ratio": ratio,
+        "remainder_p_value": p_value,
         "chosen_by_this_recording": chose,
         "left": total[1] / total[0] if total[0] > 0.0 else None,
         "channels": channels,
     }
 
 
-def _why(ratio: float, at_floor: bool, chose: bool, diagnosis: Diagnosis) -> str:
+def _why(ratio: float, at_floor: bool, refused: float | None, chose: bool, diagnosis: Diagnosis) -> str:
     if ratio <= BETTER:
         return "the recording is not clearly likelier under the fitted rig than under the ideal one"
     if not at_floor:
         chance = diagnosis.posterior["nothing"]
         return (
             f"the fitted rig leaves more than the noise floor (probability that it leaves nothing else: {chance:.2g})"
+        )
+    if refused is not None:
+        return (
+            f"what the fitted rig leaves looks like more than the noise floor (p = {refused:.2g}; a rig that leaves"
+            f" nothing is refused so in {100.0 * REFUSED:.0f} % of recordings)"
         )
     if chose:
         return "this recording chose the fitted rig: only another recording of the same arm can tell"

@@ -35,6 +35,8 @@ from estimators.gap.stochastic import NoiseOffer, noise_offers, spectrum
 
 Array = NDArray[np.float64]
 
+#: The state of a coloured floor that goes on below what poses at rest can show.
+SLOWER: Final = "slower floor"
 #: Bands of a spectrum without a name; log range of a band's excess before the data.
 _BANDS: Final = 10
 _RANGE: Final = 12.0
@@ -133,7 +135,7 @@ def moved_floor(bench: Bench, explained: Explained, at_rest: bool, slower: bool 
         weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
     if not steps:
         return None
-    name = "slower floor" if slower else "floor"
+    name = SLOWER if slower else "floor"
     return NoiseState(name, (), tuple(steps), weight)
 
 

@@ -30,7 +30,8 @@ def page(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], fo
 
 def _lines(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], folder: str) -> Iterator[str]:
     minutes = steps[0].minutes
-    yield "<!-- Written by `rig study loop -o docs`; do not edit. -->"
+    command = f"rig study loop -o docs --rigs {settings.rigs} --samples {settings.samples} --seed {settings.seed}"
+    yield f"<!-- Written by `{command}`; do not edit. -->"
     yield "# The loop: diagnose, record what tells most, diagnose together"
     yield ""
     yield (
@@ -69,7 +70,10 @@ def _lines(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], 
 
 def _headline(found: Sequence[Summary]) -> Iterator[str]:
     for each in found:
-        median = "" if np.isnan(each.added_maneuvers) else f", after {each.added_maneuvers:g} more at the median"
+        median = ""
+        if not np.isnan(each.added_maneuvers):
+            minutes = np.median([last.minutes for last in each.open if last.rightly])
+            median = f", after {each.added_maneuvers:g} more at the median, {minutes:.0f} minutes of arm time in all"
         yield (
             f"- With {_WORDS[each.strategy]}, {_share(each.rightly_open)} of the rigs that the first recording left "
             f"open end with the right name{median}."
