@@ -131,10 +131,10 @@ class _Weighing:
     def best(self) -> float:
         return self.leading.log_mass
 
-    def leading_under(self, state: NoiseState) -> Explanation:
-        """The explanation of the likeliest hypothesis under a state of the noise, with or without a discrepancy."""
-        own = [each for each in self.hypotheses.values() if each.state is state]
-        return max(own, key=lambda each: each.log_mass).explanation
+    def beside_other(self, state: NoiseState) -> list[Explanation]:
+        """The explanation that is likeliest under a state of the noise beside a discrepancy, if there is one."""
+        own = [each for each in self.hypotheses.values() if each.state is state and each.terms]
+        return [max(own, key=lambda each: each.log_mass).explanation] if own else []
 
     def known(self, explanation: Explanation, state: NoiseState) -> float:
         """Log mass without a discrepancy, but for its own prior."""
@@ -234,7 +234,7 @@ def explain(
         for given, given_scanner, explanations in frontier:
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
             looked_at = [explanations[0], *{len(one.members): one for one in reversed(smallest_first)}.values()]
-            looked_at.append(work.leading_under(given))
+            looked_at += work.beside_other(given)
             for each in {each.key: each for each in looked_at}.values():
                 states += _states(work, given, given_scanner, each)
         frontier = []
