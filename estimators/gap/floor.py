@@ -29,10 +29,10 @@ _WHITE, _COLOURED, _TIME = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5)
 #: Prior standard deviations of the logarithms of a coloured part's size and time about what was learned.
 _SIZES, _TIMES = 1.5, 0.7
 #: A floor may go on below what the poses at rest show: parts so many times slower than each other, each as large as
-#: those that were seen, of a white one as large as just stays unseen, give or take a factor of exp(2). Noise of
-#: electronics falls with one over the frequency for as long as anyone has looked (Keshner, "1/f noise", Proceedings
-#: of the IEEE 70, 1982).
-_SLOWER, _UNSEEN = 4.0, 2.0
+#: those that were seen, give or take a factor of exp(2); of a white one as large as just stays unseen, give or take
+#: exp(4), as nothing tells. Noise of electronics falls with one over the frequency for as long as anyone has looked
+#: (Keshner, "1/f noise", Proceedings of the IEEE 70, 1982).
+_SLOWER, _UNSEEN, _UNTOLD = 4.0, 2.0, 4.0
 #: The share of its expected size that such a part has in the floor as it was learned.
 _NEXT_TO_NOTHING: Final = 1e-6
 #: Logarithm of how much larger the slowest part may turn out, to start from.
@@ -284,7 +284,8 @@ class Spectrum:
     def _prior(self) -> Array:
         """Prior precisions of the logarithms of the white part, and of the coloured parts' sizes and times."""
         found = np.array([1e-2, *[1.0 / _SIZES**2, 1.0 / _TIMES**2] * (self.learned.free // 2)])
-        found[self._unseen] = 1.0 / _UNSEEN**2
+        seen = self.learned.free > 1 + 2 * self.learned.unseen
+        found[self._unseen] = 1.0 / (_UNSEEN if seen else _UNTOLD) ** 2
         return found
 
     @property
