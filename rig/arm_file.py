@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import mujoco
+import numpy as np
 
 from rig.assets import model_path
 from rig.chain import joints_of, site_names
@@ -92,6 +93,9 @@ def compiled_mjcf(file: Path, tip: str | None) -> tuple[str, mujoco.MjModel, str
         model = _compiled(spec, file)
     except ValueError as error:
         raise RigError(f"{file}: not a valid MJCF model: {_line(error)}") from error
+    for name in ("body_pos", "body_quat", "jnt_axis", "jnt_pos", "jnt_range", "site_pos", "site_quat"):
+        if not np.isfinite(getattr(model, name)).all():
+            raise RigError(f"{file}: {name.replace('_', ' ')} holds a number that is not finite, expected none")
     bodies = [name for name in (model.body(index).name for index in range(1, model.nbody)) if name]
     sites = site_names(model)
     chosen = _end(model, sites, file) if tip is None else tip

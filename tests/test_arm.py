@@ -237,6 +237,16 @@ def test_broken_mjcf_is_one_line(tmp_path: Path, content: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body quat="1 0 inf 0"><joint name="j" axis="0 0 1"/><geom size="1"/><site name="imu"/>'
+        "</body></worldbody></mujoco>"
+    )
+    with pytest.raises(RigError, match=r"body quat holds a number that is not finite|not a valid MJCF model"):
+        Arm.from_mjcf(path)
+
+
 def test_missing_mjcf(tmp_path: Path) -> None:
     with pytest.raises(RigError, match="no such file"):
         Arm.from_mjcf(tmp_path / "none.xml")

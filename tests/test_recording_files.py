@@ -53,8 +53,8 @@ def recordings(draw: st.DrawFn) -> Recording:
         currents=draw(st.dictionaries(st.integers(1, 9), array(), max_size=2)),
         supply=draw(st.none() | array()),
         metadata=Metadata(
-            gravity_m_s2=draw(st.floats(1e-300, 1e300)),
-            magnetic_field=draw(st.floats(1e-300, 1e300)),
+            gravity_m_s2=draw(st.floats(1e-60, 1e60)),
+            magnetic_field=draw(st.floats(1e-60, 1e60)),
             rate_Hz=draw(st.none() | st.floats(1e-3, 1e5)),
             notes=draw(st.none() | texts | st.lists(texts)),
             magnetic_field_unit=draw(st.sampled_from([None, "G", "uT"])),
