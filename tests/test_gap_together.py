@@ -108,7 +108,7 @@ def test_a_calibration_without_variances_says_nothing(unknown: float) -> None:
     covariance[0] = covariance[:, 0] = unknown
     spoilt = replace(found, sensors={**found.sensors, "accelerometer": replace(sensor, vector_covariance=covariance)})
     with pytest.raises(RigError, match="accelerometer: found parameters without a variance"):
-        laid_out([run], at_rest(2), None, spoilt)
+        estimators.diagnose(run, locked=at_rest(2), calibration=spoilt)
 
 
 def test_an_arm_that_never_rests_has_no_floor() -> None:

@@ -59,7 +59,7 @@ def test_what_the_machine_has_left_is_halved(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_scenario_is_not_larger_than_memory(rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for duration in ("1e9", "1e300"):
+    for duration in ("1e9", "1e50"):
         Path("long.toml").write_text(SMALL.replace("duration_s = 60.0", f"duration_s = {duration}"))
         line = rig.refused("sweep", "long.toml", "-o", "run.parquet")
         assert "samples: takes" in line

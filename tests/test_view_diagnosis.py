@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -87,12 +89,24 @@ def test_the_web_viewer_listens_to_this_machine_and_ends_with_ctrl_c(tmp_path: P
     run, _ = recorded()
     run.write(tmp_path / "run.parquet")
     call = [sys.executable, "-m", "scenarios.cli", "view", "run.parquet", "--web", "-o", "v.rrd"]
-    with subprocess.Popen(call, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        address = process.stderr.readline().strip()
-        while not address.startswith("http"):  # whatever is said of the calibration
-            assert address, "the server ended"
+    with subprocess.Popen(
+        call,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # the shell may have it ignored
+    ) as process:
+        try:
+            assert process.stderr is not None
             address = process.stderr.readline().strip()
-        assert address.startswith("http://127.0.0.1:")
-        process.send_signal(signal.SIGINT)
-        assert process.wait(30.0) == 130
+            while not address.startswith("http"):  # whatever is said of the calibration
+                assert address, "the server ended"
+                address = process.stderr.readline().strip()
+            assert address.startswith("http://127.0.0.1:")
+            process.send_signal(signal.SIGINT)
+            assert process.wait(30.0) == 130
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
