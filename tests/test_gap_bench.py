@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import estimators
 import scenarios
@@ -14,6 +15,8 @@ from estimators.gap.basefit import estimated_floor, set_up
 from estimators.gap.bench import Bench
 from estimators.gap.converge import converged
 from estimators.gap.defects import readings_of
+from estimators.gap.score import Explained
+from estimators.gap.states import unnamed
 from estimators.gap.tones import _allowed
 from rig.arm import Arm
 from rig.effects import EFFECTS, Kind, make_effect
@@ -130,3 +133,23 @@ def test_a_slow_recording_folds_a_band_once() -> None:
     frequency = np.arange(401) / (800 * bench.interval_s)
     allowed = _allowed(mains, bench, frequency)  # type: ignore[arg-type]
     assert allowed[frequency > 1.5 / (400 * 1e9)].all()
+
+
+def test_noise_without_a_name_may_come_and_go(bench: Bench) -> None:
+    """Noise of a sensor that is coloured, and 20 times as large in a third of the time, is white once it is learned.
+
+    Half of the readings have a mean square within 15 % of one (1,000 of them and more: 6 sigma of what a fitted size
+    leaves); a spectrum that stays the same is off by a factor of two in the quiet part at least.
+    """
+    rng = np.random.default_rng(0)
+    size = np.where((np.arange(bench.count) * 6 // bench.count) % 3 == 1, 60.0, 3.0)
+    left = lfilter([0.6], [1.0, -0.8], rng.standard_normal((len(bench.columns), bench.count))) * size
+    state = unnamed(bench, Explained(bench.absorbed, left.ravel()))
+    assert state is not None
+    assert state.other
+    for number, column in enumerate(bench.columns):
+        white = left[number]
+        for step in state.steps:
+            white = step(white) if step.column == column else white
+        for part in (white[size < 10.0], white[size > 10.0]):
+            assert 0.85 < float(np.mean(part**2)) < 1.15

@@ -15,13 +15,14 @@ from estimators.gap.bench import Bench
 from estimators.gap.candidates import Candidate
 from estimators.gap.common import CommonNoise, beside, common_noises
 from estimators.gap.discrepancy import Discrepancies, Weighed, total, weighed
-from estimators.gap.evidence import Linear
+from estimators.gap.evidence import Linear, linearised
 from estimators.gap.prior import OTHER, OTHER_NOISE, Prior
 from estimators.gap.rebase import around
+from estimators.gap.refine import at
 from estimators.gap.scan import Scanner
 from estimators.gap.score import Explained
 from estimators.gap.search import Explanation, Member, Search, set_prior, unseen_places, visible
-from estimators.gap.states import NoiseState, moved_floor, named, under_steps, unnamed, unseen_floor
+from estimators.gap.states import NoiseState, moved_floor, named, raised, under_steps, unnamed, unseen_floor
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,9 @@ _FAR: Final = 14.0
 _CLOSE: Final = 3.0
 #: Log odds by which a state that names nothing must be better than what was found to be worth a search.
 _BETTER: Final = 2.0
+#: Rounds of search, each under the states of the noise that what was found promises; of those before them.
+_ROUNDS: Final = 6
+_OUTWARDS: Final = 2
 #: So many explanations of a state are weighed beside discrepancies.
 _BESIDE: Final = 4
 #: Log odds against the leading explanation within which others are.
@@ -206,6 +210,10 @@ class _Weighing:
                     queue += search.beside(leading.explanation, leading.terms[0])
 
 
+#: Log mass that a state promises, the state, the scanner of the bench below it, what it was learned beside.
+_Promised = tuple[float, NoiseState, Scanner, Explanation]
+
+
 def explain(
     bench: Bench,
     without: Sequence[str] = (),
@@ -229,8 +237,10 @@ def explain(
     found = work.weigh(floor, scanner, (), deep=True)
     tried: set[tuple[str, tuple[str, ...]]] = set()
     frontier = [(floor, scanner, found)]
-    for _ in range(4):
-        states: list[tuple[float, NoiseState, Scanner, Explanation]] = []
+    outside = _far_from_it(work, found[0])
+    for _ in range(_ROUNDS):
+        states = [state for each in outside for state in _relearned(work, each)]
+        outside = []
         for given, given_scanner, explanations in frontier:
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
             looked_at = [explanations[0], *{len(one.members): one for one in reversed(smallest_first)}.values()]
@@ -238,12 +248,13 @@ def explain(
             for each in {each.key: each for each in looked_at}.values():
                 states += _states(work, given, given_scanner, each)
         frontier = []
-        best: dict[tuple[str, tuple[str, ...]], tuple[float, NoiseState, Scanner, Explanation]] = {}
+        reached = work.best  # before what the states promise is entered
+        best: dict[tuple[str, tuple[str, ...]], _Promised] = {}
         for promise, state, below, each in states:
             kind = state.name, state.labels
-            if kind not in tried and (kind not in best or best[kind][0] < promise):
+            anew = kind not in tried or (not state.offers and promise > reached + _BETTER)
+            if anew and (kind not in best or best[kind][0] < promise):
                 best[kind] = promise, state, below, each
-        reached = work.best  # before what the states promise is entered
         for promise, state, _, each in states:
             alone = promise + (0.0 if state.other else float(np.log1p(-OTHER)))
             work.enter(Hypothesis(each, state, (), alone))
@@ -258,6 +269,8 @@ def explain(
             fresh = below.stepped(state.steps[len(_steps_of(below, scanner)) :])
             seeds = _seeds(each)
             frontier.append((state, fresh, work.weigh(state, fresh, seeds, deep=False)))
+            if state.other or state.name == "unseen floor":  # learned beside worse causes, or one too many
+                outside += frontier[-1][2]
         if not frontier:
             break
     assert work.discrepancies is not None
@@ -269,18 +282,14 @@ def _steps_of(scanner: Scanner, first: Scanner) -> tuple[object, ...]:
     return scanner.fine.bench.steps[len(first.fine.bench.steps) :]
 
 
-def _states(
-    work: _Weighing, given: NoiseState, scanner: Scanner, each: Explanation
-) -> list[tuple[float, NoiseState, Scanner, Explanation]]:
+def _states(work: _Weighing, given: NoiseState, scanner: Scanner, each: Explanation) -> list[_Promised]:
     """States of the noise beyond a given one, beside an explanation: what each promises before anything is refitted."""
     bench = scanner.fine.bench if not each.members else around(scanner.fine.bench, each.bench.pipeline)
     explained = Explained(bench.absorbed, each.linear.left)
     found = named(bench, explained, work.without, given)
     if not given.name:
-        any_spectrum = unnamed(bench, explained)
-        unseen = None if work.at_rest or any_spectrum is None else unseen_floor(any_spectrum)
         moved = (moved_floor(bench, explained, work.at_rest, slower) for slower in (False, True))
-        for state in (*moved, unseen, any_spectrum):
+        for state in (*moved, *_nameless(work, bench, explained)):
             if state is not None:
                 weight = given.log_weight + state.log_weight
                 found.append(replace(state, offers=given.offers, steps=(*given.steps, *state.steps), log_weight=weight))
@@ -293,6 +302,49 @@ def _states(
         promise = linear.averaged[0] + prior + weight
         result.append((promise, replace(state, log_weight=weight), scanner, each))
     return result
+
+
+def _nameless(work: _Weighing, bench: Bench, explained: Explained) -> list[NoiseState | None]:
+    """Noise without a name; where nothing shows the floor, it may be that."""
+    steady = None if work.at_rest else unnamed(bench, explained, steady=True)
+    return [unnamed(bench, explained), None if steady is None else unseen_floor(steady)]
+
+
+def _relearned(work: _Weighing, each: Explanation) -> list[_Promised]:
+    """Noise without a name beside an explanation that was found under other noise."""
+    below = around(work.scanner.fine.bench, each.bench.pipeline)
+    linear = linearised(at(each.fits, below), each.linear.searched)
+    prior = work.prior.log_set([member.drawn for member in each.members])
+    found: list[_Promised] = []
+    for state in _nameless(work, below, Explained(below.absorbed, linear.left)):
+        if state is not None:
+            left, determinant = under_steps(below, linear, state.steps)
+            weight = state.log_weight + determinant
+            promise = left.averaged[0] + prior + weight
+            found.append((promise, replace(state, log_weight=weight), work.scanner, each))
+    return found
+
+
+def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
+    """Where noise without a name is far likelier than all that was found, sets of effects that leave ever less.
+
+    They are searched under white noise as large as what is left: a floor that everything misses a hundred times ranks
+    effects by what they do to the least of errors.
+    """
+    found: list[Explanation] = []
+    for _ in range(_OUTWARDS):
+        if max((promise for promise, *_ in _relearned(work, each)), default=-np.inf) < work.best + _FAR:
+            break
+        below = around(work.scanner.fine.bench, each.bench.pipeline)
+        left = linearised(at(each.fits, below)).left
+        scanner = work.scanner.stepped(raised(below, Explained(below.absorbed, left)))
+        search = Search(scanner, work.candidates, work.prior, work.progress, wide=True)
+        found += search.run(_seeds(each), deep=False)
+        leading = max(search.found.values(), key=search.gained)
+        if leading.key == each.key:
+            break
+        each = leading
+    return found
 
 
 def _seeds(each: Explanation) -> list[tuple[Member, ...]]:

@@ -360,6 +360,8 @@ def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rn
                     follows.append({"source": each.term.source, "course": each.term.course, "share": share})
         if posterior.hypotheses[0].state.other:
             for step in posterior.hypotheses[0].state.steps:
+                if step.in_time:
+                    continue
                 added = float(np.sum(1.0 / np.maximum(step.factor, 1e-9) ** 2 - 1.0))
                 follows.append(
                     {
@@ -378,7 +380,8 @@ def _in(bench: Bench, number: int) -> str:
 
 def _band(factor: Array, bench: Bench) -> str:
     """The frequencies at which noise is raised most."""
-    raised = 1.0 / np.maximum(factor[1:], 1e-9) ** 2 - 1.0
+    power = 1.0 / np.maximum(factor[1:], 1e-9) ** 2
+    raised = power - power.min()
     cumulated = np.cumsum(raised) / max(float(raised.sum()), 1e-300)
     low, high = np.searchsorted(cumulated, [0.1, 0.9])
     unit = 0.5 * bench.samples / (bench.interval_s * len(raised))

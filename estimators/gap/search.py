@@ -119,6 +119,7 @@ class Search:
     Attributes:
         scanner: of the bench. candidates: what is considered. prior: their probabilities.
         given: noise effects that are there, as the prior knows them.
+        wide: whether additions are tried that promise far less than the best, as where much is wrong few keep theirs.
     """
 
     scanner: Scanner
@@ -126,6 +127,7 @@ class Search:
     prior: Prior
     progress: Callable[[float], None] | None = None
     given: tuple[Drawn, ...] = ()
+    wide: bool = False
     found: dict[tuple[Key, bool], Explanation] = field(default_factory=dict)
     explained: dict[tuple[Key, bool, bool], Explained] = field(default_factory=dict)
     nothing: dict[int, float] = field(default_factory=dict)
@@ -175,8 +177,8 @@ class Search:
             level = [each for each in level if self.gained(each) > self.gained(best) - _PROMISING]
             if not level or (size >= _FOLLOWED and self.gained(level[0]) < target - _FAR):
                 break
-        if deep:
-            self._improve()
+        if deep or self.wide:
+            self._improve(1 if self.wide else 3)
         return self._refined()
 
     def fitted(self, members: Sequence[Member]) -> Explanation:
@@ -208,8 +210,8 @@ class Search:
                 price = self.prior.log_single((offer.candidate.effect.name, labels)) - max(offer.spread, 0.0)
                 grouped.append((0.5 * offer.score.evidence + price, group))
         grouped.sort(key=lambda pair: -pair[0])
-        near = [group for promise, group in grouped if promise > grouped[0][0] - max(_FAR, 0.3 * abs(grouped[0][0]))]
-        hopeful = [group for group in near if 0.5 * group[0].score.evidence > _HOPELESS]
+        least = -np.inf if self.wide or not grouped else grouped[0][0] - max(_FAR, 0.3 * abs(grouped[0][0]))
+        hopeful = [group for promise, group in grouped if promise > least and 0.5 * group[0].score.evidence > _HOPELESS]
         return [(*parent.members, self._member(group, parent)) for group in hopeful[:most]]
 
     def offers(self, parent: Explanation) -> list[Offer]:
@@ -271,9 +273,9 @@ class Search:
                     found.append(self._fitted((*parent.members, self._member([offer], parent)), self.bench))
         return found
 
-    def _improve(self) -> None:
+    def _improve(self, rounds: int) -> None:
         """Drops and swaps of the leading set, until nothing is better."""
-        for _ in range(3):
+        for _ in range(rounds):
             best = self._best()
             if len(best.members) < 2:
                 return

@@ -6,7 +6,7 @@ Each is a further step of whitening, and a log weight: the determinant of that s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -32,6 +32,7 @@ from estimators.gap.prior import (
 )
 from estimators.gap.score import Explained
 from estimators.gap.stochastic import NoiseOffer, noise_offers, spectrum
+from rig.channels import COLUMNS_OF
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,9 @@ SLOWER: Final = "slower floor"
 #: Bands of a spectrum without a name; log range of a band's excess before the data.
 _BANDS: Final = 10
 _RANGE: Final = 12.0
+#: Pieces of time in which noise without a name may have another size, readings in each at least, and passes by which
+#: size and spectrum are learned in turn; a variance that no noise falls below.
+_PIECES, _LONG, _ALTERNATE, _LEAST = 48, 8, 4, 1e-6
 
 
 @dataclass(frozen=True)
@@ -145,7 +149,7 @@ def unseen_floor(found: NoiseState) -> NoiseState:
     What lies far above the floor that differences of neighbouring readings show is unlikely to be that floor.
 
     Args:
-        found: the spectrum, as noise without a name.
+        found: the spectrum, as steady noise without a name.
     """
     raised = max(float(np.log(np.mean(step.factor**-2.0))) for step in found.steps)
     weight = found.log_weight - float(np.log(OTHER * OTHER_NOISE)) + float(np.log(FLOOR_UNSEEN))
@@ -176,29 +180,88 @@ def _offers(bench: Bench, explained: Explained, without: Sequence[str]) -> list[
     return [replace(first, more=tuple(rest)) for first, *rest in found.values()]
 
 
-def unnamed(bench: Bench, explained: Explained) -> NoiseState | None:
-    """Noise of each channel by itself, of any spectrum."""
-    steps, weight = [], float(np.log(OTHER * OTHER_NOISE))
-    for number, column in ((number, column) for number, part in enumerate(bench.parts) for column in part.columns):
-        part = bench.parts[number]
-        edges = np.geomspace(1.0, part.count, _BANDS + 1)
-        band = np.clip(np.searchsorted(edges, np.arange(1, part.count), side="right") - 1, 0, _BANDS - 1)
-        alive = max(float(np.mean(part.weights[:, column] > 0)), 1e-9)
-        own = part.channel(explained.residual[bench.rows(number)], column)
-        power = dct(own, norm="ortho")[1:] ** 2 / alive
-        many = np.bincount(band, minlength=_BANDS).astype(float)
-        ratio = np.bincount(band, power, minlength=_BANDS) / np.maximum(many, 1.0)
-        raised = np.where(many > 0, np.maximum(ratio, 1.0), 1.0)
-        gains = 0.5 * many * (ratio - np.log(np.maximum(raised, 1e-300)) - ratio / raised)
-        price = np.log(_RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))
-        kept = gains > price
-        weight -= float(np.sum(price[kept])) + _BANDS * np.log(2.0) * 0.2
-        if kept.any():
-            factor = 1.0 / np.sqrt(np.where(kept, raised, 1.0))
-            steps.append(Step(column, np.concatenate([[1.0], factor[band]]), in_time=False, part=number))
+def unnamed(bench: Bench, explained: Explained, steady: bool = False) -> NoiseState | None:
+    """Noise of each channel by itself, of any spectrum; that of a sensor may come and go, but where it is steady."""
+    steps: list[Step] = []
+    weight = float(np.log(OTHER * OTHER_NOISE))
+    for number, part in enumerate(bench.parts):
+        left = explained.residual[bench.rows(number)]
+        for where in COLUMNS_OF.values():
+            own = {column: part.channel(left, column) for column in part.columns if column in range(6)[where]}
+            if not own:
+                continue
+            ways = [_any_spectrum(part, own, np.ones(part.count))]
+            if not steady and part.count >= _LONG * _PIECES:
+                ways.append(_coming_and_going(part, own))
+            _, price, factors = max(ways, key=lambda way: way[0] - way[1])
+            weight -= price
+            steps += [Step(column, factor, in_time, number) for column, factor, in_time in factors]
     if not steps:
         return None
     return NoiseState("noise", (), tuple(steps), weight, other=True)
+
+
+def raised(bench: Bench, explained: Explained) -> list[Step]:
+    """White noise of each channel as large as what is left: under it, effects that leave less come first."""
+    steps = []
+    for number, part in enumerate(bench.parts):
+        for column in part.columns:
+            own = part.channel(explained.residual[bench.rows(number)], column)
+            size = max(float(np.sqrt(np.mean(own**2))), 1.0)
+            steps.append(Step(column, np.full(part.count, 1.0 / size), in_time=False, part=number))
+    return steps
+
+
+#: Gain in log likelihood, what it costs, and for each channel a factor of whitening and whether it is in time.
+_Way = tuple[float, float, list[tuple[int, Array, bool]]]
+
+
+def _any_spectrum(part: Bench, own: Mapping[int, Array], root: Array, least: float = 1.0) -> _Way:
+    """Noise of any spectrum.
+
+    Args:
+        own: by channel, (n,) whitened readings. root: (n,) standard deviation that all of them are divided by.
+        least: variance that the spectrum does not fall below, 1 of the floor.
+    """
+    edges = np.geomspace(1.0, part.count, _BANDS + 1)
+    band = np.clip(np.searchsorted(edges, np.arange(1, part.count), side="right") - 1, 0, _BANDS - 1)
+    many = np.bincount(band, minlength=_BANDS).astype(float)
+    gain, price, factors = 0.0, 0.0, []
+    for column, white in own.items():
+        here = part.weights[:, column] > 0
+        power = dct(white / root, norm="ortho")[1:] ** 2 / max(float(np.mean(here)), 1e-9)
+        ratio = np.bincount(band, power, minlength=_BANDS) / np.maximum(many, 1.0)
+        raised = np.where(many > 0, np.maximum(ratio, least), 1.0)
+        gains = 0.5 * many * (ratio - np.log(raised) - ratio / raised)
+        costs = np.log(_RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))
+        kept = gains > costs
+        gain += float(np.sum(gains[kept]) + 0.5 * (white @ white - (white / root) @ (white / root)))
+        gain -= float(np.sum(np.log(root[here])))
+        price += float(np.sum(costs[kept])) + _BANDS * np.log(2.0) * 0.2
+        if kept.any():
+            factor = 1.0 / np.sqrt(np.where(kept, raised, 1.0))
+            factors.append((column, np.concatenate([[1.0], factor[band]]), False))
+    return gain, price, factors
+
+
+def _coming_and_going(part: Bench, own: Mapping[int, Array]) -> _Way:
+    """Noise of any spectrum whose size is another in each piece of time, alike for the channels of a sensor."""
+    piece = np.arange(part.count) * _PIECES // part.count
+    there = sum((part.weights[:, column] > 0).astype(float) for column in own)
+    many = np.bincount(piece, there, minlength=_PIECES)
+    root = np.ones(part.count)
+    found: _Way = (0.0, 0.0, [])
+    for _ in range(_ALTERNATE):
+        left = dict(own)
+        for column, factor, _ in found[2]:
+            left[column] = Step(column, factor, in_time=False)(own[column] / root) * root
+        square = np.bincount(piece, sum(white**2 for white in left.values()), minlength=_PIECES)
+        root = np.sqrt(np.where(many > 0, np.maximum(square / np.maximum(many, 1.0), _LEAST), 1.0))[piece]
+        found = _any_spectrum(part, own, root, _LEAST)
+    gain, price, factors = found
+    price += float(np.sum(np.log(_RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))))
+    whole = [(column, np.where(part.weights[:, column] > 0, 1.0 / root, 1.0), True) for column in own]
+    return gain, price, [*whole, *factors]
 
 
 def _cost(offer: NoiseOffer) -> float:
