@@ -22,7 +22,7 @@ from estimators.gap.refine import at
 from estimators.gap.scan import Scanner
 from estimators.gap.score import Explained
 from estimators.gap.search import Explanation, Member, Search, set_prior, unseen_places, visible
-from estimators.gap.states import NoiseState, moved_floor, named, raised, under_steps, unnamed, unseen_floor
+from estimators.gap.states import UNSEEN, NoiseState, moved_floor, named, raised, under_steps, unnamed, unseen_floor
 
 Array = NDArray[np.float64]
 
@@ -239,7 +239,7 @@ def explain(
     frontier = [(floor, scanner, found)]
     outside = _far_from_it(work, found[0])
     for _ in range(_ROUNDS):
-        states = [state for each in outside for state in _relearned(work, each)]
+        states = [state for each in outside for state in _relearned(work, *_on_floor(work, each), each)]
         outside = []
         for given, given_scanner, explanations in frontier:
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
@@ -269,7 +269,7 @@ def explain(
             fresh = below.stepped(state.steps[len(_steps_of(below, scanner)) :])
             seeds = _seeds(each)
             frontier.append((state, fresh, work.weigh(state, fresh, seeds, deep=False)))
-            if state.other or state.name == "unseen floor":  # learned beside worse causes, or one too many
+            if state.other or state.name == UNSEEN:  # learned beside worse causes, or one too many
                 outside += frontier[-1][2]
         if not frontier:
             break
@@ -293,15 +293,23 @@ def _states(work: _Weighing, given: NoiseState, scanner: Scanner, each: Explanat
             if state is not None:
                 weight = given.log_weight + state.log_weight
                 found.append(replace(state, offers=given.offers, steps=(*given.steps, *state.steps), log_weight=weight))
-    held = [member.drawn for member in each.members]
-    result = []
-    for state in found:
-        prior = work.prior.log_set([*state.drawn, *held])
-        linear, determinant = under_steps(bench, each.linear, state.steps[len(given.steps) :])
-        weight = state.log_weight + determinant
-        promise = linear.averaged[0] + prior + weight
-        result.append((promise, replace(state, log_weight=weight), scanner, each))
-    return result
+    return [_promised(work, bench, each.linear, scanner, each, state, len(given.steps)) for state in found]
+
+
+def _promised(
+    work: _Weighing,
+    bench: Bench,
+    linear: Linear,
+    scanner: Scanner,
+    each: Explanation,
+    state: NoiseState,
+    taken: int = 0,
+) -> _Promised:
+    """What a state is worth beside an explanation that was linearised on a bench with the first ``taken`` steps."""
+    prior = work.prior.log_set([*state.drawn, *(member.drawn for member in each.members)])
+    under, determinant = under_steps(bench, linear, state.steps[taken:])
+    weight = state.log_weight + determinant
+    return under.averaged[0] + prior + weight, replace(state, log_weight=weight), scanner, each
 
 
 def _nameless(work: _Weighing, bench: Bench, explained: Explained) -> list[NoiseState | None]:
@@ -310,19 +318,16 @@ def _nameless(work: _Weighing, bench: Bench, explained: Explained) -> list[Noise
     return [unnamed(bench, explained), None if steady is None else unseen_floor(steady)]
 
 
-def _relearned(work: _Weighing, each: Explanation) -> list[_Promised]:
-    """Noise without a name beside an explanation that was found under other noise."""
-    below = around(work.scanner.fine.bench, each.bench.pipeline)
-    linear = linearised(at(each.fits, below), each.linear.searched)
-    prior = work.prior.log_set([member.drawn for member in each.members])
-    found: list[_Promised] = []
-    for state in _nameless(work, below, Explained(below.absorbed, linear.left)):
-        if state is not None:
-            left, determinant = under_steps(below, linear, state.steps)
-            weight = state.log_weight + determinant
-            promise = left.averaged[0] + prior + weight
-            found.append((promise, replace(state, log_weight=weight), work.scanner, each))
-    return found
+def _on_floor(work: _Weighing, each: Explanation) -> tuple[Bench, Linear]:
+    """An explanation that was found under other noise, linearised under the floor as it was learned."""
+    bench = around(work.scanner.fine.bench, each.bench.pipeline)
+    return bench, linearised(at(each.fits, bench), each.linear.searched)
+
+
+def _relearned(work: _Weighing, bench: Bench, linear: Linear, each: Explanation) -> list[_Promised]:
+    """Noise without a name beside an explanation on the floor's bench."""
+    states = _nameless(work, bench, Explained(bench.absorbed, linear.left))
+    return [_promised(work, bench, linear, work.scanner, each, state) for state in states if state is not None]
 
 
 def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
@@ -333,11 +338,10 @@ def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
     """
     found: list[Explanation] = []
     for _ in range(_OUTWARDS):
-        if max((promise for promise, *_ in _relearned(work, each)), default=-np.inf) < work.best + _FAR:
+        bench, linear = _on_floor(work, each)
+        if max((promise for promise, *_ in _relearned(work, bench, linear, each)), default=-np.inf) < work.best + _FAR:
             break
-        below = around(work.scanner.fine.bench, each.bench.pipeline)
-        left = linearised(at(each.fits, below)).left
-        scanner = work.scanner.stepped(raised(below, Explained(below.absorbed, left)))
+        scanner = work.scanner.stepped(raised(bench, Explained(bench.absorbed, linear.left)))
         search = Search(scanner, work.candidates, work.prior, work.progress, wide=True)
         found += search.run(_seeds(each), deep=False)
         leading = max(search.found.values(), key=search.gained)

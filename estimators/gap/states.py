@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 
 #: The state of a coloured floor that goes on below what poses at rest can show.
 SLOWER: Final = "slower floor"
+#: The state of a floor that no poses at rest show.
+UNSEEN: Final = "unseen floor"
 #: Bands of a spectrum without a name; log range of a band's excess before the data.
 _BANDS: Final = 10
 _RANGE: Final = 12.0
@@ -153,7 +155,7 @@ def unseen_floor(found: NoiseState) -> NoiseState:
     """
     raised = max(float(np.log(np.mean(step.factor**-2.0))) for step in found.steps)
     weight = found.log_weight - float(np.log(OTHER * OTHER_NOISE)) + float(np.log(FLOOR_UNSEEN))
-    return NoiseState("unseen floor", (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
+    return NoiseState(UNSEEN, (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
 
 
 def named(bench: Bench, explained: Explained, without: Sequence[str], given: NoiseState) -> list[NoiseState]:
