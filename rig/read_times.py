@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
-from scipy.signal import savgol_filter
 
 Array = NDArray[np.float64]
 
@@ -45,6 +44,8 @@ def read_times(t: Array, groups: Sequence[Array]) -> Array:
     width = 2 * _NEIGHBOURS + 1
     if len(t) < width:
         return t
+    from scipy.signal import savgol_filter  # takes a third of a second and 20 MB, which few recordings need
+
     interval_s = float(np.median(np.diff(t)))
     count = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.round(np.diff(t) / interval_s)))])
     slope = float(np.polyfit(count, t, 1)[0])

@@ -192,7 +192,7 @@ def least_median(readings: Array, variances: Array, parameters: int) -> Ellipsoi
 @lru_cache(maxsize=4)
 def _draws(count: int, few: int) -> NDArray[np.intp]:
     """(draws, few) the random subsets of so many rows."""
-    chosen = np.random.default_rng(0).random((_DRAWS, count)).argpartition(few - 1, axis=1)[:, :few]
+    chosen = np.random.default_rng(0).random((_DRAWS, count)).argpartition(few - 1, axis=1)[:, :few].copy()
     chosen.flags.writeable = False
     return chosen
 

@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
-from scipy.stats import binom, poisson
 
 from rig.channels import CHANNELS
 from rig.effects.base import Effect, Kind, Stage, register
@@ -66,6 +65,8 @@ class Saturation(Effect):
     @classmethod
     def examined(cls, readings: Readings, where: str) -> Finding | None:
         """A level at which the readings pile up and beyond which there are none though some were expected."""
+        from scipy.stats import binom  # takes a third of a second, which only the diagnosis needs
+
         column = CHANNELS.index(where)
         values, sigma = readings.values[:, column], float(readings.sigma[column])
         step = lattice_step(values)
@@ -204,6 +205,8 @@ class Dropouts(Effect):
     @classmethod
     def examined(cls, readings: Readings, where: str) -> Finding | None:
         """Rows that repeat the row before in every channel, more often than readings do by chance."""
+        from scipy.stats import poisson
+
         values = readings.values[:, readings.columns]
         count = len(values)
         same = (values[1:] == values[:-1]).all(axis=1)

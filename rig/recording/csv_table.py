@@ -22,7 +22,7 @@ pa.enable_signal_handlers(False)  # its own would hold Ctrl-C back until a block
 
 _COMMENT: Final = re.compile(r"#\s*rig\s*:\s*(.*)", re.DOTALL)
 _LONGEST_LINE: Final = 1 << 20  # of metadata and names [bytes]
-_BLOCK: Final = 1 << 20  # parsed at a time [bytes]
+_BLOCK: Final = 1 << 19  # parsed at a time, of which the parser reads up to 32 ahead [bytes]
 
 # The parser's complaints that deserve better words.
 _NOT_A_NUMBER: Final = re.compile(r"CSV column #(\d+): (?:Row #(\d+): )?.*invalid value '(.*)'", re.DOTALL)
