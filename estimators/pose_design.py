@@ -8,7 +8,7 @@ determinant; V. V. Fedorov, "Theory of optimal experiments", 1972).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -34,6 +34,7 @@ class Criterion:
         sensor: its name. names: (14,) of the coordinates: an axis and the field count along elevation and azimuth.
         jacobian: (3, 10, 14) of the readings by these coordinates. noise: (3,) of a sample [recorded unit].
         reference: (14,) standard deviations that one is compared with. weight: (14,) how much each counts.
+        gain: (3, 3) of the channels by the field in frame 6 [recorded unit per field unit].
     """
 
     sensor: str
@@ -42,6 +43,7 @@ class Criterion:
     noise: Array
     reference: Array
     weight: Array
+    gain: Array
 
     @classmethod
     def of(
@@ -62,8 +64,8 @@ class Criterion:
         turn = _along_angles(truth)
         jacobian = truth.jacobian("simultaneous") @ turn.T
         weight = np.array([_weight(name, weights or {}) for name in names])
-        found = cls(sensor, names, jacobian, noise, np.ones(_PARAMETERS), weight)
-        return cls(sensor, names, jacobian, noise, found.std(found.information(gram)[None])[0], weight)
+        found = cls(sensor, names, jacobian, noise, np.ones(_PARAMETERS), weight, truth.gain)
+        return replace(found, reference=found.std(found.information(gram)[None])[0])
 
     def information(self, gram: Array) -> Array:
         """(..., 14, 14) of Gram matrices (..., 10, 10)."""
@@ -81,12 +83,26 @@ class Criterion:
         lost = np.einsum("mij,mj->mi", vectors**2, open_.astype(float)) > 1e-6
         return np.asarray(np.where(lost, OPEN, np.sqrt(variance) / size))
 
-    def worst(self, information: Array) -> Array:
-        """(m,) the largest weighted standard deviation over its reference; what the reference leaves open is left
-        out."""
+    def moved(self, information: Array, cross: Array) -> Array:
+        """(m, 14) by how much a field that the calibration does not know of moves what it finds.
+
+        Args:
+            information: (m, 14, 14). cross: (m, 10, 3) sum over samples of (vec R, 1) times that field, frame 6.
+        """
+        weighted = self.jacobian / self.noise[:, None, None] ** 2
+        score = np.einsum("kip,mij,kj->mp", weighted, cross, self.gain, optimize=True)
+        return np.asarray(np.einsum("mpq,mq->mp", np.linalg.pinv(information, hermitian=True), score))
+
+    def ratios(self, information: Array, moved: Array | None = None) -> Array:
+        """(m, k) weighted errors over their references, standard deviation and (m, 14) ``moved`` in squares; what the
+        reference leaves open is left out."""
         told = (self.reference < OPEN) & (self.weight > 0.0)
-        ratio = self.weight * self.std(information) / self.reference
-        return np.asarray(ratio[:, told].max(axis=1)) if told.any() else np.zeros(len(information))
+        std = self.std(information)
+        return np.asarray((self.weight * (std if moved is None else np.hypot(std, moved)) / self.reference)[:, told])
+
+    def worst(self, information: Array) -> Array:
+        """(m,) the largest of the ratios."""
+        return np.asarray(self.ratios(information).max(axis=1, initial=0.0))
 
 
 def coordinate_names() -> tuple[str, ...]:

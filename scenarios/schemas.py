@@ -321,14 +321,16 @@ def _isolability() -> Schema:
 
 
 def _plan() -> Schema:
-    told = object_of({"std": TOLD, "reference": TOLD, "share_of_poses": list_of(TOLD)})
-    numbers = ("seconds", "hold_s", "move_s", "settle_s")
+    told = object_of({"std": TOLD, "reference": TOLD, "moved_by_acceleration": NUMBER, "share": list_of(TOLD)})
+    of_poses = ("hold_s", "move_s", "settle_s")
+    of_sweeps = ("acceleration_rms_m_s2", "acceleration_peak_m_s2")
     return object_of(
         {
             "format": {"const": "rig-plan/1"},
             "scenario": TEXT,
-            **dict.fromkeys(numbers, NUMBER),
-            "poses": WHOLE,
+            "seconds": NUMBER,
+            **dict.fromkeys((*of_poses, *of_sweeps), or_null(NUMBER)),
+            **dict.fromkeys(("poses", "harmonics"), or_null(WHOLE)),
             "samples": WHOLE,
             "worst": TOLD,
             "reference": TEXT,

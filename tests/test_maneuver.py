@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rig.arm import Arm
 from rig.errors import RigError
-from rig.maneuver import MANEUVERS, LockedPoses, Maneuver, StaticPoses, TorusSweep
+from rig.maneuver import MANEUVERS, FourierSweep, LockedPoses, Maneuver, StaticPoses, TorusSweep
 from rig.maneuver.profile import BackAndForth, quintic
 from rig.trajectory import JointTrajectory
 
@@ -277,6 +277,37 @@ def test_random_poses_are_decided_by_their_seed() -> None:
 def test_bad_static_poses_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(RigError, match=message):
         StaticPoses(**options)
+
+
+def test_a_fourier_sweep_is_periodic_smooth_and_at_rest_at_its_ends() -> None:
+    sweep = FourierSweep(duration_s=40.0)
+    ends = joints_at(sweep, np.array([-1.0, 0.0, 40.0, 41.0]))
+    np.testing.assert_allclose(
+        np.degrees(ends.q), np.tile([60.0, 90.0, -90.0, 0.0, 0.0, 0.0], (4, 1)), atol=ROUNDING_DEG
+    )
+    np.testing.assert_allclose(ends.qd, 0.0, atol=1e-14)
+    np.testing.assert_allclose(ends.qdd, 0.0, atol=1e-14)
+    check_derivatives(sweep, np.linspace(1.0, 39.0, 4001), 0.05)
+    motion = sweep.trajectory()
+    speed, acceleration = sweep.peaks()
+    # Instants a four-hundredth of a period apart miss a peak of the second harmonic by (2 pi / 400)^2 / 2 at most.
+    np.testing.assert_allclose(speed, np.abs(motion.qd).max(axis=0), rtol=2e-4)
+    np.testing.assert_allclose(acceleration, np.abs(motion.qdd).max(axis=0), rtol=2e-4)
+    Arm.a465().check_limits(motion.q, "sweep")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"centre_deg": (0.0,)}, "cosine_deg: found 6 rows, expected one for each of 1 joints"),
+        ({"sine_deg": ((1.0,),) * 6}, "found rows of 1 beside 2 of cosine_deg"),
+        ({"cosine_deg": ((400.0, -100.0), *((0.0, 0.0),) * 5)}, "centre_deg: joint1 goes to"),
+        ({"duration_s": 0.0}, "duration_s: found 0"),
+    ],
+)
+def test_bad_fourier_sweeps_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(RigError, match=message):
+        FourierSweep(**options)
 
 
 @pytest.mark.parametrize("name", sorted(MANEUVERS))

@@ -13,7 +13,7 @@ import scenarios
 from rig.channels import SENSORS
 from rig.effects import EFFECTS, make_effect
 from rig.errors import RigError
-from rig.maneuver import HandTumble, StaticPoses, TorusSweep
+from rig.maneuver import FourierSweep, HandTumble, Maneuver, StaticPoses, TorusSweep
 from scenarios.loader import from_toml
 from scenarios.report import example
 from scenarios.scenario import Scenario
@@ -144,11 +144,12 @@ def test_a_scenario_written_and_read_again_is_the_same(name: str) -> None:
     [
         TorusSweep(duration_s=10.0, roll="sweep", limits_deg=None),
         StaticPoses(count=3, seed=1),
+        FourierSweep(duration_s=12.0),
         HandTumble(seed=5, duration_s=5.0, coverage="hemisphere"),
     ],
     ids=lambda maneuver: type(maneuver).__name__,
 )
-def test_every_maneuver_can_be_written(maneuver: TorusSweep | StaticPoses | HandTumble) -> None:
+def test_every_maneuver_can_be_written(maneuver: Maneuver) -> None:
     scenario = replace(from_toml(SMALL, "small.toml"), maneuver=maneuver)
     assert from_toml(scenario.to_toml(), "small.toml").maneuver == maneuver
 

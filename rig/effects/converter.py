@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from rig.channels import CHANNELS
+from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.electronic import mid_scale
 from rig.effects.parameters import parameter
@@ -229,25 +229,45 @@ def _repeat_by_chance(readings: Readings) -> float:
 
     A channel repeats where both readings round to one level: for a step d, over all places of the lattice, with chance
     E max(0, 1 - |D|/d), D the difference of the two before rounding. Rows two apart, of which no dropout repeats one
-    alone, tell where that is not what happens.
+    alone, tell where that is not what happens. So do channels that repeat while others do not, as in a log that is
+    faster than what it logs: now and then they do so together.
     """
-    values = readings.values[:, readings.columns]
+    columns = readings.columns
+    values = readings.values[:, columns]
     count = len(values)
+    repeats = values[1:] == values[:-1]
     log_chance = np.zeros(count - 1)
-    for column in readings.columns:
-        step = lattice_step(readings.values[:, column]) or _ALIKE * float(readings.sigma[column])
-        spread = float(np.sqrt(2.0) * readings.sigma[column])
-        change = np.diff(readings.expected[:, column])
-
-        def above(shift: float, change: Array = change, spread: float = spread) -> Array:
-            """E max(0, D + shift)."""
-            at = (change + shift) / spread
-            return np.asarray(spread * (at * ndtr(at) + np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi)))
-
-        log_chance += np.log(np.clip((above(step) - 2.0 * above(0.0) + above(-step)) / step, _NEVER, 1.0))
-    same = (values[1:] == values[:-1]).all(axis=1)
-    apart = (values[2:] == values[:-2]).all(axis=1) & ~same[1:]
+    for sensor in COLUMNS_OF.values():
+        own = [place for place, column in enumerate(columns) if sensor.start <= column < sensor.stop]
+        together = sum((_as_seen(_log_alike(readings, columns[k]), repeats, [k]) for k in own), np.zeros(count - 1))
+        log_chance += _as_seen(together, repeats, own)
+    apart = (values[2:] == values[:-2]).all(axis=1) & ~repeats[1:].all(axis=1)
     return max(float(np.exp(log_chance).sum()), float(apart.sum())) + _NEVER * count
+
+
+def _log_alike(readings: Readings, column: int) -> Array:
+    """(n - 1,) logarithm of the chance that a channel's reading and the next round to one level."""
+    step = lattice_step(readings.values[:, column]) or _ALIKE * float(readings.sigma[column])
+    spread = float(np.sqrt(2.0) * readings.sigma[column])
+    change = np.diff(readings.expected[:, column])
+
+    def above(shift: float) -> Array:
+        """E max(0, D + shift)."""
+        at = (change + shift) / spread
+        return np.asarray(spread * (at * ndtr(at) + np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi)))
+
+    return np.asarray(np.log(np.clip((above(step) - 2.0 * above(0.0) + above(-step)) / step, _NEVER, 1.0)))
+
+
+def _as_seen(log_chance: Array, repeats: Mask, own: list[int]) -> Array:
+    """(n - 1,) the chance that channels ``own`` of (n - 1, c) repeat, or the share in which they do where that is more
+    often; told by rows that no dropout repeats, in which not all other channels repeat."""
+    others = np.delete(repeats, own, axis=1)
+    fresh = ~others.all(axis=1)
+    seen, expected = int(repeats[fresh][:, own].all(axis=1).sum()), float(np.exp(log_chance[fresh]).sum())
+    if not seen or poisson.logsf(seen - 1, expected) > np.log(SIGNIFICANT):
+        return log_chance
+    return np.full_like(log_chance, np.log(seen / fresh.sum()))
 
 
 def lattice_step(values: Array, grid: float = 0.0) -> float:

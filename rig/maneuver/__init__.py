@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.maneuver.axis_rotations import AxisRotations
+from rig.maneuver.fourier_sweep import FourierSweep
 from rig.maneuver.hand_tumble import HandTumble
 from rig.maneuver.locked_poses import LockedPoses
 from rig.maneuver.static_poses import StaticPoses
@@ -34,12 +35,24 @@ class Maneuver(Protocol):
 
 
 #: What a scenario's [maneuver] table may name.
-MANEUVERS: Final[dict[str, type[TorusSweep | LockedPoses | HandTumble | StaticPoses | AxisRotations]]] = {
+MANEUVERS: Final[
+    dict[str, type[TorusSweep | FourierSweep | LockedPoses | HandTumble | StaticPoses | AxisRotations]]
+] = {
     "torus-sweep": TorusSweep,
+    "fourier-sweep": FourierSweep,
     "locked-poses": LockedPoses,
     "static-poses": StaticPoses,
     "hand-tumble": HandTumble,
     "axis-rotations": AxisRotations,
 }
 
-__all__ = ["MANEUVERS", "AxisRotations", "HandTumble", "LockedPoses", "Maneuver", "StaticPoses", "TorusSweep"]
+__all__ = [
+    "MANEUVERS",
+    "AxisRotations",
+    "FourierSweep",
+    "HandTumble",
+    "LockedPoses",
+    "Maneuver",
+    "StaticPoses",
+    "TorusSweep",
+]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rig.arm import Arm
 from rig.errors import RigError
+from rig.maneuver.fourier_sweep import FourierSweep
 from rig.maneuver.locked_poses import LockedPoses
 from rig.maneuver.static_poses import StaticPoses
 from rig.maneuver.torus_sweep import TorusSweep
@@ -43,11 +44,15 @@ def fitted(maneuver: Fitted, arm: Arm, stated: Collection[str] = ()) -> Fitted:
     Raises:
         RigError: the arm cannot make such a maneuver.
     """
-    if arm.is_a465 or not isinstance(maneuver, TorusSweep | LockedPoses | StaticPoses):
+    if arm.is_a465 or not isinstance(maneuver, TorusSweep | FourierSweep | LockedPoses | StaticPoses):
         return maneuver
     slides = slide_numbers(arm)
-    if {"joints", "locked_deg", "poses_deg"} & set(stated):
+    if {"joints", "locked_deg", "poses_deg", "centre_deg"} & set(stated):
         return replace(maneuver, slides=slides)
+    if isinstance(maneuver, FourierSweep):
+        raise RigError(
+            f"arm {arm.name}: no fourier-sweep suits every arm, expected centre_deg, cosine_deg and sine_deg"
+        )
     if isinstance(maneuver, LockedPoses):
         return replace(maneuver, slides=slides, poses_deg=locked_poses_deg(arm))
     if isinstance(maneuver, StaticPoses):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from scenarios.cli._options import (
     PATH,
+    Choice,
     arm_options,
     check_output,
     json_option,
@@ -17,6 +19,9 @@ from scenarios.cli._options import (
     print_json,
     progress_bar,
 )
+
+if TYPE_CHECKING:
+    from scenarios.plan.plan import Kind
 
 
 @click.command(short_help="The best maneuver of an arm in a given time.")
@@ -26,6 +31,13 @@ from scenarios.cli._options import (
 @click.option("--csv", "csv", type=PATH, metavar="F.csv", help="The joint trajectory, for a controller.")
 @click.option("--plot", type=PATH, metavar="PLOT", help="A picture of it: .png, .svg or .pdf.")
 @arm_options
+@click.option(
+    "--kind",
+    type=Choice(["poses", "sweep"]),
+    default="poses",
+    show_default=True,
+    help="Poses with holds, or a continuous sweep of all joints.",
+)
 @click.option(
     "--weight", "weights", multiple=True, metavar="NAME=W", help="sensitivity, offset, axis or field (axis2, ..): W."
 )
@@ -51,6 +63,7 @@ def plan(
     plot: Path | None,
     arm_file: Path | None,
     tip: str | None,
+    kind: Kind,
     weights: tuple[str, ...],
     tell: tuple[str, ...],
     table_m: float | None,
@@ -61,14 +74,17 @@ def plan(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Plan the poses from which a calibration is most certain, with the sensors and surroundings of SCENARIO.
+    """Plan the maneuver from which a calibration is most certain, with the sensors and surroundings of SCENARIO.
 
     The arm stays within its limits, speeds and accelerations, and touches neither itself nor what its file, --table and
-    --box put around it. Readings at rest count: calibrate the recording with rig calibrate --still.
+    --box put around it. Of poses, readings at rest count: calibrate the recording with rig calibrate --still. Along a
+    sweep an accelerometer feels its own acceleration, which a calibration takes for gravity: the plan keeps that error
+    small and states it; --acceleration limits that of the joints.
 
     \b
     Example:
       rig plan --seconds 90 -o plan.toml --csv plan.csv --plot plan.png
+      rig plan --seconds 90 --kind sweep --acceleration 20 -o sweep.toml
       rig plan --seconds 120 --tell joint_offset@joint5 --tell base_rocking@base -o tell.toml
       rig plan ann-arbor --arm ur5e.urdf --tip tool0 --seconds 60 --table 0 -o plan.toml
       rig sweep plan.toml -o run.parquet --engine dynamic && rig calibrate run.parquet --still
@@ -87,6 +103,7 @@ def plan(
         found = make_plan(
             base,
             seconds,
+            kind=kind,
             weights=_weights(weights),
             table_m=table_m,
             boxes=[_box(text) for text in boxes],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +18,20 @@ from rig.arm import Arm
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.clearance import Clearance
 from rig.errors import RigError
-from rig.maneuver import StaticPoses, TorusSweep
+from rig.maneuver import FourierSweep, StaticPoses, TorusSweep
 from rig.maneuver.fitting import slide_numbers
 from rig.maneuver.static_poses import between
 from rig.moves import Dynamics
 from scenarios.bound import noise_of
 from scenarios.isolability import shown_by
 from scenarios.isolability_report import names
-from scenarios.plan.poses import PosePlan, PoseSearch
-from scenarios.plan.telling import telling
+from scenarios.plan.poses import WORTHLESS, PosePlan, PoseSearch
+from scenarios.plan.sweeps import SweepPlan, SweepSearch, sweep_curve, tenths
+from scenarios.plan.telling import telling, telling_sweep
 from scenarios.scenario import Scenario
 
 Array = NDArray[np.float64]
+Kind = Literal["poses", "sweep"]
 
 #: What a plan is compared with: the paper's sweep on its arm, every so many samples of it.
 REFERENCE: Final = "the sweep of Renk et al. (27.7 min, 6,656 samples)"
@@ -49,19 +51,31 @@ class Parameters:
         sensor: which. names: (14,) as of ``Criterion``.
         std, reference: (14,) in a sensitivity's share, an offset over the full reading, and rad; ``OPEN`` where nothing
             is told.
-        share: (k, 14) of what is learned of each parameter, what each pose has paid for.
+        moved: (14,) by how much the sensor's acceleration moves what is found, in the same; zero at rest.
+        share: (k, 14) of what is learned of each parameter, what each pose, or tenth of a sweep, has paid for.
     """
 
     sensor: str
     names: tuple[str, ...]
     std: Array
     reference: Array
+    moved: Array
     share: Array
+
+    @classmethod
+    def of(cls, criterion: Criterion, gram: Array, cross: Array) -> Parameters:
+        """Of parts of a maneuver: (k, 10, 10), and (k, 10, 3) as of ``SweepSearch.grams``."""
+        each = criterion.information(gram)
+        total = each.sum(axis=0)
+        std = criterion.std(total[None])[0]
+        moved = criterion.moved(total[None], cross.sum(axis=0)[None])[0]
+        share = np.einsum("ij,kji->ki", np.linalg.pinv(total, hermitian=True), each)
+        return cls(criterion.sensor, criterion.names, std, criterion.reference, moved, share)
 
     @property
     def ratio(self) -> Array:
-        """(14,) standard deviation over the reference's; NaN where the reference tells nothing."""
-        return np.where(self.reference < OPEN, self.std / self.reference, np.nan)
+        """(14,) error, of ``std`` and ``moved`` in squares, over the reference; NaN where that tells nothing."""
+        return np.where(self.reference < OPEN, np.hypot(self.std, self.moved) / self.reference, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +83,7 @@ class Plan:
     """A planned maneuver.
 
     Attributes:
-        scenario: that makes it. poses: of it. seconds: that it may take.
+        scenario: that makes it. found: its poses, or its sweep.
         parameters: by sensor, the standard deviations that it promises.
         curve: (m, 2) shorter and longer times [s] and the worst ratio in them.
         assumed: what the arm's file does not state. slender: whether links were taken for capsules.
@@ -77,8 +91,7 @@ class Plan:
     """
 
     scenario: Scenario
-    poses: PosePlan
-    seconds: float
+    found: PosePlan | SweepPlan
     parameters: tuple[Parameters, ...]
     curve: Array
     assumed: str
@@ -86,10 +99,10 @@ class Plan:
     told: Isolability | None = None
 
     @property
-    def maneuver(self) -> StaticPoses:
+    def maneuver(self) -> StaticPoses | FourierSweep:
         """Of the scenario."""
         maneuver = self.scenario.maneuver
-        assert isinstance(maneuver, StaticPoses)
+        assert isinstance(maneuver, StaticPoses | FourierSweep)
         return maneuver
 
     def to_json(self) -> dict[str, Any]:
@@ -98,19 +111,17 @@ class Plan:
             "format": "rig-plan/1",
             "scenario": self.scenario.name,
             "seconds": self.maneuver.duration_s,
-            "poses": len(self.poses.q),
-            "hold_s": self.poses.hold_s,
-            "move_s": self.poses.move_s,
-            "samples": round(self.poses.samples_s * self.maneuver.rate_Hz),
-            "settle_s": SETTLE_S,
-            "worst": self.poses.worst,
+            **self._kind(),
+            "samples": round(self.found.samples_s * self.maneuver.rate_Hz),
+            "worst": self.found.worst,
             "reference": REFERENCE,
             "parameters": {
                 each.sensor: {
                     name: {
                         "std": _told(each.std[place]),
                         "reference": _told(each.reference[place]),
-                        "share_of_poses": [round(float(share), 4) for share in each.share[:, place]],
+                        "moved_by_acceleration": float(each.moved[place]),
+                        "share": [round(float(share), 4) for share in each.share[:, place]],
                     }
                     for place, name in enumerate(each.names)
                 }
@@ -121,6 +132,23 @@ class Plan:
             "assumed": self.assumed,
             "links_as_capsules": self.slender,
         }
+
+    def _kind(self) -> dict[str, Any]:
+        """What it consists of; what a plan of the other kind has is null."""
+        names = (
+            "poses",
+            "hold_s",
+            "move_s",
+            "settle_s",
+            "harmonics",
+            "acceleration_rms_m_s2",
+            "acceleration_peak_m_s2",
+        )
+        if isinstance(self.found, PosePlan):
+            own: tuple[Any, ...] = (len(self.found.q), self.found.hold_s, self.found.move_s, SETTLE_S, None, None, None)
+        else:
+            own = (None, None, None, None, self.found.values.shape[1] // 2, *self.found.acceleration)
+        return dict(zip(names, own, strict=True))
 
 
 def _told(value: float) -> float | None:
@@ -148,6 +176,7 @@ def make_plan(
     base: Scenario,
     seconds: float,
     *,
+    kind: Kind = "poses",
     weights: Mapping[str, float] | None = None,
     table_m: float | None = None,
     boxes: Sequence[tuple[float, float, float, float, float, float]] = (),
@@ -159,12 +188,12 @@ def make_plan(
     name: str = "plan",
     progress: Callable[[float], None] | None = None,
 ) -> Plan:
-    """The poses with holds from which a calibration is most certain in this time, moves included.
+    """The poses with holds, or the sweep, from which a calibration is most certain in this time, moves included.
 
-    To tell causes apart, the poses that separate the least separated pair of them most.
+    To tell causes apart, those that separate the least separated pair of them most.
 
     Args:
-        base: arm, sensors and surroundings. seconds: for all of it.
+        base: arm, sensors and surroundings. seconds: for all of it. kind: poses with holds, or a continuous sweep.
         weights: as of ``Criterion.of``. table_m, boxes, margin_m: as of ``Clearance.of``; without a table and without
             surroundings in the arm's file, the arm stands on a table at the height of its base.
         speed, acceleration: as of ``Dynamics.of``. tell: effects and places to tell apart, none for all that it can
@@ -184,10 +213,15 @@ def make_plan(
     clearance = Clearance.of(arm, height, boxes, margin_m)
     dynamics = Dynamics.of(arm, speed, acceleration)
     search = PoseSearch(arm, clearance, dynamics, criteria, _RATE_HZ, seed)
+    if kind == "sweep":
+        sweeps = SweepSearch(search)
+        swept = sweeps.best(seconds, progress) if tell is None else telling_sweep(base, sweeps, seconds, tell, progress)
+        made = _swept(base, sweeps, swept, name)
+    else:
+        found = search.best(seconds, progress) if tell is None else telling(base, search, seconds, tell, progress)
+        made = planned(base, search, found, seconds, name)
     if tell is None:
-        return planned(base, search, search.best(seconds, progress), seconds, name)
-    found = telling(base, search, seconds, tell, progress)
-    made = planned(base, search, found, seconds, name)
+        return made
     told = shown_by(made.scenario, made.maneuver, tell or None)
     causes = "all effects that it can show" if not tell else names(tell)
     scenario = replace(made.scenario, description=f"Planned to tell apart: {causes}.")
@@ -212,38 +246,70 @@ def planned(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float,
         limits_deg=StaticPoses.limits_deg if arm.is_a465 else None,
         slides=slide_numbers(arm),
     )
-    made = base.with_arm(arm)
-    made = replace(
-        made,
-        name=name,
-        maneuver=maneuver,
-        rig=replace(made.rig, acquisition=replace(made.rig.acquisition, decimation=1)),
-        title=f"{len(q)} poses of the {arm.name} in {maneuver.duration_s:.1f} s",
-        description=(
-            f"Planned to calibrate: the worst standard deviation is {poses.worst:.3f} of that of {REFERENCE}. Readings"
-            f" at rest count (rig calibrate --still)."
-        ),
-        source=f"rig plan --seconds {seconds:g}; sensors and surroundings of {base.name}",
-    )
+    samples = (poses.hold_s - 2.0 * SETTLE_S) * search.rate_Hz
+    gram = samples * search.grams(poses.q)
     return Plan(
-        made,
+        _scenario(
+            base,
+            search,
+            maneuver,
+            name,
+            f"{len(q)} poses",
+            poses.worst,
+            "Readings at rest count: rig calibrate --still.",
+        ),
         poses,
-        seconds,
-        tuple(_parameters(search, criterion, poses) for criterion in search.criteria),
+        tuple(Parameters.of(criterion, gram, np.zeros((len(q), 10, 3))) for criterion in search.criteria),
         _curve(search, poses, seconds),
         search.dynamics.assumed,
         search.clearance.slender,
     )
 
 
-def _parameters(search: PoseSearch, criterion: Criterion, poses: PosePlan) -> Parameters:
-    samples = (poses.hold_s - 2.0 * SETTLE_S) * search.rate_Hz
-    each = criterion.information(samples * search.grams(poses.q))
-    total = each.sum(axis=0)
-    std = criterion.std(total[None])[0]
-    covariance = np.linalg.pinv(total, hermitian=True)
-    share = np.einsum("ij,kji->ki", covariance, each)
-    return Parameters(criterion.sensor, criterion.names, std, criterion.reference, share)
+def _swept(base: Scenario, search: SweepSearch, found: SweepPlan, name: str) -> Plan:
+    """The plan of a sweep that was found: rounded as a person reads it, and judged as it then is."""
+    room, seconds = search.room, found.seconds
+    maneuver = search.maneuver(found.values, seconds)
+    swept = search.plan(search.values_of(maneuver), seconds)
+    if contact := room.clearance.first_contact(search.way(swept.values, seconds)):
+        raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")
+    gram, cross = (tenths(part) for part in search.grams(swept.motion, swept.samples_each(room.rate_Hz)))
+    said = (
+        "The sensor's acceleration, which a calibration takes for gravity, is counted as an error: simulated with it."
+    )
+    scenario = _scenario(base, room, maneuver, name, "Sweep", swept.worst, said)
+    return Plan(
+        replace(scenario, motion="inertial"),
+        swept,
+        tuple(
+            Parameters.of(one, gram, cross if one.sensor == ACCELEROMETER else np.zeros_like(cross))
+            for one in room.criteria
+        ),
+        sweep_curve(search, swept, np.array(_SHORTER) * seconds),
+        room.dynamics.assumed,
+        room.clearance.slender,
+    )
+
+
+def _scenario(
+    base: Scenario,
+    search: PoseSearch,
+    maneuver: StaticPoses | FourierSweep,
+    name: str,
+    what: str,
+    worst: float,
+    said: str,
+) -> Scenario:
+    made = base.with_arm(search.arm)
+    return replace(
+        made,
+        name=name,
+        maneuver=maneuver,
+        rig=replace(made.rig, acquisition=replace(made.rig.acquisition, decimation=1)),
+        title=f"{what} of the {search.arm.name} in {maneuver.duration_s:.1f} s",
+        description=f"Planned to calibrate: the worst error is {worst:.3f} of that of {REFERENCE}. {said}",
+        source=f"rig plan; sensors and surroundings of {base.name}",
+    )
 
 
 def _curve(search: PoseSearch, poses: PosePlan, seconds: float) -> Array:
@@ -255,8 +321,7 @@ def _curve(search: PoseSearch, poses: PosePlan, seconds: float) -> Array:
         nested.append(q)
     times = np.array(_SHORTER) * seconds
     worst = [min(search.timed(each, time).worst for each in nested) for time in times]
-    kept = [(time, value) for time, value in zip(times, worst, strict=True) if value < 100.0]
-    return np.array(kept)
+    return np.array([(time, value) for time, value in zip(times, worst, strict=True) if value < WORTHLESS])
 
 
 def trajectory_csv(plan: Plan) -> str:

@@ -33,6 +33,8 @@ _STEPS: Final = (0.6, 0.3, 0.12, 0.04)
 _WITHIN: Final = 0.98
 #: The criterion of poses that do not fit into the time.
 FAR: Final = 1e3
+#: Errors of so many times the reference's are not worth showing.
+WORTHLESS: Final = 100.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from estimators.stillness.at_rest import SETTLE_S
 from scenarios.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY_BLUE, VERMILLION
 from scenarios.isolability_report import names
 from scenarios.plan.plan import REFERENCE, Plan
+from scenarios.plan.sweeps import SweepPlan
 from scenarios.plots.style import new_figure, style
 from scenarios.report import table
 
@@ -30,14 +31,24 @@ def plan_report(plan: Plan) -> Group:
 
 
 def _parts(plan: Plan) -> Iterable[RenderableType]:
-    poses, maneuver = plan.poses, plan.maneuver
-    yield Text(
-        f"{len(poses.q)} poses of {poses.hold_s:.2f} s, {poses.move_s:.2f} s apart: {maneuver.duration_s:.1f} s;"
-        f" {poses.samples_s * maneuver.rate_Hz:,.0f} readings at rest ({SETTLE_S:g} s beside each move left out)\n"
-    )
+    found, maneuver = plan.found, plan.maneuver
+    sweeps = isinstance(found, SweepPlan)
+    readings = f"{found.samples_s * maneuver.rate_Hz:,.0f} readings"
+    if isinstance(found, SweepPlan):
+        rms, peak = found.acceleration
+        yield Text(
+            f"A sweep of {maneuver.duration_s:.1f} s, {found.values.shape[1] // 2} harmonics of every joint;"
+            f" {readings}; the sensor accelerates by {rms:.3f} m/s² (rms; at most {peak:.3f})\n"
+        )
+    else:
+        yield Text(
+            f"{len(found.q)} poses of {found.hold_s:.2f} s, {found.move_s:.2f} s apart: {maneuver.duration_s:.1f} s;"
+            f" {readings} at rest ({SETTLE_S:g} s beside each move left out)\n"
+        )
     if plan.told is not None:
         yield from _told(plan.told)
-    columns = ("std", "over the reference's", "most of it from pose")
+    moved = ("moved by acceleration",) if sweeps else ()
+    columns = ("std", *moved, "over the reference's", f"most of it from {'tenth' if sweeps else 'pose'}")
     rows = table("sensor", "parameter", *columns, numbers=columns)
     for each in plan.parameters:
         for place, name in enumerate(each.names):
@@ -46,11 +57,17 @@ def _parts(plan: Plan) -> Iterable[RenderableType]:
                 each.sensor,
                 name.replace("_", " "),
                 _size(name, float(each.std[place])) if told else "cannot be told",
+                *([_size(name, float(each.moved[place])).split(" of ")[0] if told else "–"] if sweeps else []),
                 f"{ratio:.3f}" if np.isfinite(ratio) and told else "–",
                 f"{int(each.share[:, place].argmax()) + 1} ({each.share[:, place].max():.0%})" if told else "–",
             )
     yield rows
-    yield Text(f"\nThe reference is {REFERENCE}; the worst is {poses.worst:.3f} of it.")
+    yield Text(f"\nThe reference is {REFERENCE}; the worst is {found.worst:.3f} of it.")
+    if sweeps:
+        yield Text(
+            "An accelerometer feels its own acceleration along a sweep, and a calibration takes it for gravity: that"
+            " error is counted beside the standard deviation. Poses with holds have none."
+        )
     curve = ", ".join(f"{time:.0f} s: {value:.2f}" for time, value in plan.curve)
     yield Text(f"In other times the worst would be: {curve}.")
     if plan.assumed:
@@ -111,7 +128,7 @@ def plan_figure(plan: Plan) -> Figure:
         middle.axvline(1.0, color=BLACK, linewidth=0.8)
         middle.set_yticks(-np.arange(len(labels)), labels)
         middle.set_xlim(0.0, 1.05 * max(1.0, *(float(np.nanmax(each.ratio)) for each in plan.parameters)))
-        middle.set_xlabel("standard deviation over the paper's sweep")
+        middle.set_xlabel("error over the paper's sweep's")
         middle.set_title("What it promises")
         middle.legend(fontsize=7, loc="lower left")
         right.plot(plan.curve[:, 0], plan.curve[:, 1], "o-", color=BLUE, markersize=4)

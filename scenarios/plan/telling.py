@@ -1,4 +1,4 @@
-"""Poses that tell causes apart: stops all over, exchanged one by one for such that separate the causes more."""
+"""Poses, or a sweep, that tell causes apart: stops all over, exchanged one by one for such that separate them more."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.isolability import SEEN, Isolability, Key
 from rig.errors import RigError, nearest
@@ -13,7 +14,10 @@ from rig.maneuver import StaticPoses
 from rig.maneuver.fitting import slide_numbers
 from scenarios.isolability import shown_by
 from scenarios.plan.poses import FAR, PosePlan, PoseSearch
+from scenarios.plan.sweeps import SweepPlan, SweepSearch
 from scenarios.scenario import Scenario
+
+Array = NDArray[np.float64]
 
 #: Numbers of poses, and shares of the joints' ranges, that are begun with; draws of each.
 _COUNTS: Final = (8, 14, 24)
@@ -42,8 +46,7 @@ def telling(
     Raises:
         RigError: fewer than two causes, one that cannot act here, or too little time.
     """
-    if len(tell) == 1:
-        raise RigError(f"--tell: found one cause, expected {_FEWEST} or more, or all")
+    _check(tell)
 
     def value(plan: PosePlan) -> float:
         maneuver = StaticPoses(
@@ -90,6 +93,38 @@ def telling(
     if free is None:
         raise RigError("plan: no way between the poses is free of contacts: try another --seed or more room")
     return free
+
+
+def telling_sweep(
+    base: Scenario,
+    search: SweepSearch,
+    seconds: float,
+    tell: Sequence[Key],
+    progress: Callable[[float], None] | None = None,
+) -> SweepPlan:
+    """The sweep whose least separated pair of causes is separated most; arguments and errors as of ``telling``."""
+    _check(tell)
+
+    def value(values: Array) -> float:
+        return worth(shown_by(base, search.maneuver(values, seconds), tell or None, _SAMPLES), tell)
+
+    starts = [(value(values), values) for _, values in search.drawn(seconds, _DRAWS)]
+    best, values = max(starts, key=lambda each: each[0])
+    climbs = _CLIMBS[0] if tell else _CLIMBS[1]
+    for turn in range(climbs):
+        step = 0.2 * (1.0 - turn / climbs) + 0.02
+        moved = values + step * search.span * search.room.rng.standard_normal(values.shape) / values.shape[1]
+        other = search.fitted(moved, seconds)
+        if (found := value(other)) > best and search.free(other, seconds):
+            best, values = found, other
+        if progress is not None:
+            progress((turn + 1) / climbs)
+    return search.plan(values, seconds)
+
+
+def _check(tell: Sequence[Key]) -> None:
+    if len(tell) == 1:
+        raise RigError(f"--tell: found one cause, expected {_FEWEST} or more, or all")
 
 
 def worth(found: Isolability, tell: Sequence[Key]) -> float:
