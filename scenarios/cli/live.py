@@ -269,7 +269,7 @@ def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tupl
         from scenarios.live.view import LiveView
 
         displays.append(LiveView(given["view"], given["view_file"], plan.arm))
-    displays.append(TerminalPanel(source) if sys.stderr.isatty() else Lines())
+    displays.append(TerminalPanel("standard input" if source == "-" else source) if sys.stderr.isatty() else Lines())
     return Session(feed, path, plan, displays), displays
 
 

@@ -27,9 +27,14 @@ def live_blueprint(units: Mapping[str, str], base: str | None) -> rrb.Blueprint:
     """The layout; ``base``: the arm's base frame, None without an arm."""
     columns = [_column(sensor, unit) for sensor, unit in units.items()]
     text = rrb.TextDocumentView(origin=GUIDE, name="What to do, and what is known")
-    log = rrb.TextLogView(origin="events", name="Events")
+    log = rrb.TextLogView(
+        origin="events",
+        name="Events",
+        columns=rrb.TextLogColumns(text_log_columns=["loglevel", "body"]),
+        format_options=rrb.TextLogFormat(monospace_body=False),
+    )
     left: list[rrb.View] = [text, log] if base is None else [_arm_view(base), text, log]
-    shares = [3.0, 1.0] if base is None else [3.0, 2.2, 1.0]
+    shares = [3.0, 1.0] if base is None else [2.2, 2.8, 1.2]
     return rrb.Blueprint(
         rrb.Horizontal(contents=[rrb.Vertical(contents=left, row_shares=shares), *columns]),
         rrb.BlueprintPanel(state="collapsed"),

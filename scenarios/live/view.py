@@ -65,7 +65,8 @@ class LiveView:
         self._arm: ArmView | None = None
         self._waiting: list[Recording] = []
         self._last: Recording | None = None
-        self._begun = False
+        self._begun, self._begun_s = False, 0.0
+        self._early: list[Event] = []  # events from before the first sample
         self._shown: Snapshot | None = None
         self._at = self._sphere_at = -np.inf
         self._parameters: dict[str, tuple[str, ...]] = {}
@@ -87,11 +88,13 @@ class LiveView:
         self._draw(snapshot)
 
     def event(self, event: Event) -> None:
-        """A line in the log."""
-        if not np.isnan(event.t_s):
-            self._stream.set_time(TIMELINE, duration=event.t_s)
+        """A line in the log; from before the first sample, at the first."""
+        if not self._begun:
+            self._early.append(event)
+            return
+        self._stream.set_time(TIMELINE, duration=self._begun_s if np.isnan(event.t_s) else event.t_s)
         level = rr.TextLogLevel.WARN if event.alarm else rr.TextLogLevel.INFO
-        self._stream.log("events", rr.TextLog(event.words, level=level))
+        self._stream.log("events", rr.TextLog(str(event), level=level))
 
     def close(self) -> None:
         """Draw the last state, and write what is pending."""
@@ -101,7 +104,7 @@ class LiveView:
         self._stream.disconnect()
 
     def _begin(self, batch: Recording) -> None:
-        self._begun = True
+        self._begun, self._begun_s = True, float(batch.t[0])
         model = self._arm_model or arm_of(batch)
         if batch.q is not None and model is not None:
             self._arm = ArmView(self._stream, model)
@@ -115,6 +118,8 @@ class LiveView:
                 vectors=1.35 * np.eye(3), colors=[rgb(c) for c in AXES_ON_DARK], radii=0.015, labels=["x", "y", "z"]
             )
             self._stream.log(f"{SPHERES}/{sensor}/axes", axes, static=True)
+        for event in self._early:
+            self.event(event)
 
     def _style(self, path: str, name: str, colour: str, width: float = 1.2) -> None:
         self._stream.log(path, rr.SeriesLines(colors=[rgb(colour)], names=[name], widths=[width]), static=True)
