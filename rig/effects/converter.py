@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import gammainc, ndtr
 
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects.base import Effect, Kind, Stage, register
@@ -265,7 +265,7 @@ def _as_seen(log_chance: Array, repeats: Mask, own: list[int]) -> Array:
     others = np.delete(repeats, own, axis=1)
     fresh = ~others.all(axis=1)
     seen, expected = int(repeats[fresh][:, own].all(axis=1).sum()), float(np.exp(log_chance[fresh]).sum())
-    if not seen or poisson.logsf(seen - 1, expected) > np.log(SIGNIFICANT):
+    if not seen or gammainc(seen, expected) > SIGNIFICANT:  # the chance that a Poisson count is as large
         return log_chance
     return np.full_like(log_chance, np.log(seen / fresh.sum()))
 
