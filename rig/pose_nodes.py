@@ -6,7 +6,7 @@ the pose was read; a smooth path through these nodes is nearer to the motion tha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
@@ -46,6 +46,7 @@ class PoseNodes:
     t: Array
     quaternion: Array
     position: Array
+    _last: list[Array] = field(default_factory=list, repr=False, compare=False)
 
     @property
     def interval_s(self) -> float:
@@ -61,6 +62,20 @@ class PoseNodes:
         quaternion, position = self._splines
         rotation = Rotation.from_quat(quaternion(at), scalar_first=True).as_matrix()
         return np.asarray(rotation), np.zeros((len(at), 0)) if position is None else np.asarray(position(at))
+
+    def away(self, t: Array, R_base_tool: Array) -> tuple[Array, Array]:
+        """From logged orientations (n, 3, 3) at times t to the smooth path.
+
+        The answer to the last question is kept: an effect asks it again for each of its strengths.
+
+        Returns:
+            Rotation vectors (n, 3) [rad] in the tool's frame, and the path's positions (n, 3).
+        """
+        if not self._last or self._last[0] is not t or self._last[1] is not R_base_tool:
+            smooth, path = self.smooth(t)
+            turn = Rotation.from_matrix(np.swapaxes(R_base_tool, 1, 2) @ smooth)
+            self._last[:] = [t, R_base_tool, turn.as_rotvec(), path]
+        return self._last[2], self._last[3]
 
     @cached_property
     def read_s(self) -> Array:

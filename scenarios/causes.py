@@ -21,7 +21,7 @@ def read_causes(path: str | os.PathLike[str], arm: Arm | None = None) -> tuple[E
 
     A cause is ``{"effect": .., "where": .., "parameters": {..}}`` with each parameter a number, a list of them, or
     ``{"value": ..}`` as in a diagnosis, whose further keys are passed over. What is null there, because the recording
-    did not feel it, is left as it is by default. A diagnosis without causes gives no effect.
+    did not feel it, is as it was ``fitted``, else as it is by default. A diagnosis without causes gives no effect.
     With an ``arm`` a place may be a joint's own name, and must be one that the arm has.
 
     Raises:
@@ -83,4 +83,6 @@ def _effect(cause: Any, where: str, arm: Arm | None, strict: bool) -> Effect:
 
 
 def _value(given: Any) -> Any:
-    return given["value"] if isinstance(given, Mapping) and "value" in given else given
+    if not isinstance(given, Mapping) or "value" not in given:
+        return given
+    return given["value"] if given.get("fitted") is None else given["fitted"]

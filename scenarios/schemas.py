@@ -151,7 +151,8 @@ def _pair() -> Schema:
 
 def _estimate() -> Schema:
     own = of_class(Estimate)
-    own["required"].remove("why")
+    for name in ("why", "fitted"):
+        own["required"].remove(name)
     return own
 
 

@@ -345,3 +345,17 @@ def test_an_arm_that_nobody_knows_is_not_taken_for_the_a465(rig: Rig, here: Path
     assert "arm 'ur5e' is not built in, expected its model (--arm FILE)" in rig.refused("diagnose", "foreign.parquet")
     with pytest.raises(RigError, match="arm 'ur5e' is not built in"):
         diagnose("foreign.parquet")
+
+
+def test_what_is_not_felt_is_replayed_as_it_was_fitted(tmp_path: Path) -> None:
+    """A warm-up far slower than the recording has no time constant to report; its rate means nothing without one."""
+    estimates = {
+        "coefficient": {"value": [0.01, 0.02, 0.03], "std": [1e-3, 1e-3, 1e-3], "unit": "V"},
+        "tau_s": {"value": None, "std": None, "unit": "s", "why": "not felt", "fitted": 5e4},
+    }
+    cause = {"effect": "bias_warmup", "where": "magnetometer", "parameters": estimates}
+    (tmp_path / "cause.json").write_text(json.dumps(cause), encoding="utf-8")
+    (effect,) = read_causes(tmp_path / "cause.json")
+    assert effect == make_effect(
+        "bias_warmup", {"where": "magnetometer", "coefficient": (0.01, 0.02, 0.03), "tau_s": 5e4}
+    )

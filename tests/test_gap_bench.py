@@ -12,9 +12,11 @@ from scipy.signal import lfilter
 import estimators
 import scenarios
 from estimators.gap.basefit import estimated_floor, set_up
-from estimators.gap.bench import Bench
+from estimators.gap.bench import Bench, Step
+from estimators.gap.candidates import Candidate
 from estimators.gap.converge import converged
 from estimators.gap.defects import readings_of
+from estimators.gap.scan import Scanner
 from estimators.gap.score import Explained
 from estimators.gap.states import unnamed
 from estimators.gap.tones import _allowed
@@ -173,3 +175,21 @@ def test_noise_without_a_name_may_come_and_go(bench: Bench) -> None:
             white = step(white) if step.column == column else white
         for part in (white[size < 10.0], white[size > 10.0]):
             assert 0.85 < float(np.mean(part**2)) < 1.15
+
+
+def test_derivatives_are_taken_beside_what_changes_them(bench: Bench) -> None:
+    """Beside a latency of seconds a candidate's columns are those of the delayed path; beside one of ms as before."""
+    late, later, little = (make_effect("latency", {"where": "acquisition", "delay_s": s}) for s in (2.0, 2.01, 1e-3))
+    scanner = Scanner.of(bench)
+    assert scanner.beside([little], bench.pipeline) is scanner
+    found = scanner.beside([late], bench.pipeline)
+    assert scanner.beside([later], bench.pipeline) is found
+    candidate = Candidate(EFFECTS["joint_scale"], "joint5")
+    step = float(candidate.steps[0])
+    change = bench.change([late, candidate.make([step], {})]) - bench.change([late])
+    expected, plain = bench.whiten(change) / step, bench.whiten(candidate.derivatives(bench, {})[0])
+    values = candidate.columns(found.fine.bench, {}).values[:, 0]
+    np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
+    assert np.linalg.norm(plain - expected) > 0.01 * np.linalg.norm(expected)
+    under = scanner.stepped([Step(0, np.full(bench.count, 0.5), in_time=True)])
+    assert under.beside([late], bench.pipeline).fine.bench.steps == under.fine.bench.steps

@@ -8,11 +8,12 @@ from scipy.stats import binom
 
 from estimators.gap.basefit import learn_floor, set_up
 from estimators.gap.bench import Bench, project
+from estimators.gap.considered import set_prior, unseen_places, visible
 from estimators.gap.discrepancy import Discrepancies
 from estimators.gap.fitted_rig import REFUSED
 from estimators.gap.remainder_test import p_value
 from estimators.gap.scan import Scanner
-from estimators.gap.search import Search, set_prior, unseen_places, visible
+from estimators.gap.search import Search
 from rig.effects import Effect, make_effect
 
 RECORDINGS = 3

@@ -172,9 +172,7 @@ class Bench:
     @cached_property
     def given_change(self) -> Array:
         """(n, 6) [recorded unit] what the given effects change, with the calibration held."""
-        if not self.given:
-            return np.zeros_like(self.base.volts)
-        return np.asarray(self._volts(self.given) - self.base.volts)
+        return np.asarray(self._volts(self.given) - self.base.volts) if self.given else np.zeros_like(self.base.volts)
 
     @property
     def modelled(self) -> Array:
@@ -319,8 +317,7 @@ class Bench:
         begun, found = None, []
         for effect in moved:
             pipeline = replace(self.pipeline, effects=(*self.given, effect, *others))
-            if begun is None:
-                begun = pipeline.carried(self.base, rng, stop=stage)
+            begun = begun or pipeline.carried(self.base, rng, stop=stage)
             found.append(pipeline.carried(self.base, rng, begun, first=stage).volts - self.modelled)
         return found
 
@@ -331,6 +328,10 @@ class Bench:
         start = replace(self.base, position=np.empty((0, 0)))
         simulator = replace(self.pipeline, effects=(*self.given, *effects))
         return simulator.expected(start, np.random.default_rng(0)).volts - self.modelled
+
+    def having(self, effects: Sequence[Effect]) -> Bench:
+        """The bench whose model has some mean effects: what others change is asked for beside these."""
+        return replace(self, given=(*self.given, *effects))
 
     def without(self, left_out: NDArray[np.bool_]) -> Bench:
         """The bench, of single samples, with some readings (n, 6) left out."""

@@ -25,13 +25,15 @@ class Estimate:
     """A fitted parameter: value and standard deviation, a number or one for each component, and its unit.
 
     A parameter that is a name, such as the source of a crosstalk, is its own value. A component that the data do not
-    feel is None, and ``why`` says so.
+    feel is None, and ``why`` says so; ``fitted`` then has the numbers that stood there in the fit, to which the others
+    belong: with them the cause does again what was found.
     """
 
     value: Number | tuple[Number, ...] | str
     std: Number | tuple[Number, ...]
     unit: str
     why: str | None = None
+    fitted: Number | tuple[Number, ...] = None
 
 
 @dataclass(frozen=True)
@@ -224,8 +226,9 @@ class Diagnosis:
     def _cause(self, cause: Cause) -> dict[str, Any]:
         found = asdict(cause)
         for estimate in found["parameters"].values():
-            if estimate["why"] is None:
-                del estimate["why"]
+            for name in ("why", "fitted"):
+                if estimate[name] is None:
+                    del estimate[name]
         for key in ("recording", "evidence"):
             if not found[key]:
                 del found[key]

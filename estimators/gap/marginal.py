@@ -147,11 +147,12 @@ def parameters(label: str, posterior: Posterior, holders: Sequence[tuple[Hypothe
         within = np.clip(values[part], item.lower, item.upper)
         each = [float(v) if f else None for v, f in zip(within, felt[part], strict=True)]
         broad = [float(s) if f else None for s, f in zip(std[part], felt[part], strict=True)]
-        why = None if all(felt[part]) else "this maneuver does not feel it"
+        whole = tuple(float(v) for v in within)
+        why, fitted = (None, None) if all(felt[part]) else ("this maneuver does not feel it", whole)
         if item.size == 1:
-            found[item.name] = Estimate(each[0], broad[0], item.unit, why)
+            found[item.name] = Estimate(each[0], broad[0], item.unit, why, fitted and fitted[0])
         else:
-            found[item.name] = Estimate(tuple(each), tuple(broad), item.unit, why)
+            found[item.name] = Estimate(tuple(each), tuple(broad), item.unit, why, fitted)
     items = {item.name: item for item in effect.parameters()}
     for name, value in fit.kept.items():
         item = items[name]

@@ -14,6 +14,7 @@ from estimators.gap import robust
 from estimators.gap.bench import Bench
 from estimators.gap.candidates import Candidate
 from estimators.gap.common import CommonNoise, beside, common_noises
+from estimators.gap.considered import set_prior, unseen_places, visible
 from estimators.gap.discrepancy import Discrepancies, Weighed, total, weighed
 from estimators.gap.evidence import Linear, linearised
 from estimators.gap.prior import OTHER, OTHER_NOISE, Prior
@@ -21,7 +22,7 @@ from estimators.gap.rebase import around
 from estimators.gap.refine import at
 from estimators.gap.scan import Scanner
 from estimators.gap.score import Explained
-from estimators.gap.search import Explanation, Member, Search, set_prior, unseen_places, visible
+from estimators.gap.search import Explanation, Member, Search
 from estimators.gap.states import UNSEEN, NoiseState, moved_floor, named, raised, under_steps, unnamed, unseen_floor
 
 Array = NDArray[np.float64]
@@ -239,7 +240,9 @@ def explain(
     frontier = [(floor, scanner, found)]
     outside = _far_from_it(work, found[0])
     for _ in range(_ROUNDS):
-        states = [state for each in outside for state in _relearned(work, *_on_floor(work, each), each)]
+        states = [
+            state for each in outside for state in _relearned(work, *on_bench(work.scanner.fine.bench, each), each)
+        ]
         outside = []
         for given, given_scanner, explanations in frontier:
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
@@ -318,9 +321,9 @@ def _nameless(work: _Weighing, bench: Bench, explained: Explained) -> list[Noise
     return [unnamed(bench, explained), None if steady is None else unseen_floor(steady)]
 
 
-def _on_floor(work: _Weighing, each: Explanation) -> tuple[Bench, Linear]:
-    """An explanation that was found under other noise, linearised under the floor as it was learned."""
-    bench = around(work.scanner.fine.bench, each.bench.pipeline)
+def on_bench(bench: Bench, each: Explanation) -> tuple[Bench, Linear]:
+    """An explanation, linearised on a bench with other noise than it was found under; and that bench around it."""
+    bench = around(bench, each.bench.pipeline)
     return bench, linearised(at(each.fits, bench), each.linear.searched)
 
 
@@ -338,7 +341,7 @@ def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
     """
     found: list[Explanation] = []
     for _ in range(_OUTWARDS):
-        bench, linear = _on_floor(work, each)
+        bench, linear = on_bench(work.scanner.fine.bench, each)
         if max((promise for promise, *_ in _relearned(work, bench, linear, each)), default=-np.inf) < work.best + _FAR:
             break
         scanner = work.scanner.stepped(raised(bench, Explained(bench.absorbed, linear.left)))

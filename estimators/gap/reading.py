@@ -123,6 +123,7 @@ def _estimate(estimate: Reader) -> Estimate:
         _numbers(estimate, "std"),
         estimate.text("unit"),
         estimate.optional_text("why"),
+        _numbers(estimate, "fitted") if "fitted" in estimate.content else None,
     )
 
 

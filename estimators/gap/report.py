@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap import by_channel, closure, marginal
-from estimators.gap.bench import Bench, project
+from estimators.gap import by_channel, closed_shares, closure, marginal
+from estimators.gap.bench import Bench
 from estimators.gap.by_recording import of_several
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.converge import converged
@@ -18,7 +18,7 @@ from estimators.gap.defects import Defect
 from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, Remainder, pooled, verdict_of
 from estimators.gap.discrepancy import Weighed, weighed
 from estimators.gap.evidence import linearised
-from estimators.gap.p_values import WAYS, defect_probability, doubts
+from estimators.gap.p_values import defect_probability, doubts
 from estimators.gap.posterior import Hypothesis as Weighing
 from estimators.gap.posterior import Posterior
 from estimators.gap.rebase import around
@@ -79,9 +79,9 @@ def conclude(
     leading = posterior.leading
     rng = np.random.default_rng(0)
     fits = _at_every_sample(leading, bench)
-    after, before = _gap(posterior, rng)
+    after, before = closed_shares.of_causes(posterior, rng)
     effects = [fit.effect for fit in fits]
-    noise_after, noise_before = _noise_gap(leading.state.offers, named, bench, rng)
+    noise_after, noise_before = closed_shares.of_noise(leading.state.offers, named, bench, rng)
     quiet = masses["nothing"] >= 0.5
     has_cause = bool(fits or leading.state.offers or named)
     closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE
@@ -175,61 +175,6 @@ def _at_every_sample(leading: Weighing, bench: Bench) -> list:  # type: ignore[t
     return converged(fits, full).fits
 
 
-def _gap(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draws of the squared gap that is left and that was there."""
-    leading, rough = posterior.leading, posterior.scanner.rough.bench
-    near = [(each, p) for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if p > WAYS]
-    means = posterior.discrepancies.means
-    nothing = project(means.absorbed, means(posterior.scanner.fine.bench.whitened[:, None]))[:, 0]
-    known = {}
-    ways = []
-    for each, probability in near:
-        key = each.explanation.key, each.explanation.fine
-        if key not in known:
-            linear = means.linear(each.explanation.linear)
-            known[key] = linear, nothing - linear.left
-        linear, change = known[key]
-        terms = each.terms if not each.state.steps else ()
-        ways.append(closure.Way(float(probability), change, linear, terms))
-    fitted = known[leading.explanation.key, leading.explanation.fine][1]
-    after, before = closure.drawn(ways, fitted, rng)
-    if leading.explanation.members:
-        own = known[leading.explanation.key, leading.explanation.fine][0]
-        held = closure.held_out(own, fitted, rough)
-        before = held + after
-    return after, before
-
-
-def _noise_gap(
-    offers: Sequence[NoiseOffer], defects: Sequence[tuple[Defect, int]], bench: Bench, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """The same of noise and defects: whitened squares that they add, and what of these stays wrong."""
-    after, before = np.zeros(1), np.zeros(1)
-    for offer in [each for one in offers for each in one.every]:
-        for index, spread in enumerate(offer.spread):
-            column = bench.columns[index] if len(offer.spread) > 1 else None
-            size = float(np.nansum(offer.added if column is None else offer.added[:, column]))
-            root = np.atleast_1d(np.asarray(_strength(offer), dtype=float))[index] ** 2
-            wrong = closure.of_noise(max(root, 1e-300), float(spread), rng)
-            after = after + size * np.minimum(wrong, 1.0) ** 2
-            before = before + size
-    for defect, number in defects:
-        part = bench.parts[number]
-        sigma = np.array([whitener.sigma for whitener in part.whiteners])
-        size = float(np.nansum((defect.gap / sigma) ** 2)) * part.count
-        wrong = closure.of_noise(
-            1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))) if defect.affected.any() else 1e-3, rng
-        )
-        after = after + size * np.minimum(wrong, 1.0) ** 2
-        before = before + size
-    return after, before
-
-
-def _strength(offer: NoiseOffer) -> object:
-    (item,) = [each for each in offer.effect.parameters() if each.strength]
-    return getattr(offer.effect, item.name)
-
-
 def _causes(
     posterior: Posterior,
     leading: Weighing,
@@ -267,12 +212,12 @@ def _causes(
         mean = [(each, weight) for each, weight in held if label in each.explanation.key]
         if mean:
             estimates = marginal.parameters(label, posterior, mean)
-            closed = _closed_by(label, mean[0][0], after, before)
+            closed = closed_shares.by_cause(label, mean[0][0], posterior, after, before, rng)
         else:
             offer = next((o for each, _ in held for o in each.state.offers if o.label == label), None)
             if offer is None:  # a twin of what is listed elsewhere
                 continue
-            estimates, closed = _of_noise(offer), _closed_noise(offer, rng)
+            estimates, closed = _of_noise(offer), closed_shares.by_noise(offer, rng)
         bench = leading.explanation.bench
         cause = Cause(effect, where, probability, equivalent, estimates, closed)
         if isinstance(bench, Stack):
@@ -288,30 +233,12 @@ def _causes(
     return tuple(sorted(found, key=lambda cause: -cause.probability))
 
 
-def _closed_by(label: str, holder: Weighing, after: Array, before: Array) -> Closed:
-    """By how much the squared gap grows, as a share of what it was, where this cause is taken out again."""
-    fits, bench = holder.explanation.fits, holder.explanation.bench
-    if len(fits) == 1:
-        return closure.share(after, before)
-    rest = [fit.effect for fit in fits if fit.candidate.label != label]
-    own = bench.whiten(bench.change([fit.effect for fit in fits]) - bench.change(rest))
-    left = project(bench.absorbed, own)
-    return closure.share(np.maximum(before - float(left @ left), 0.0), before)
-
-
 def _of_noise(offer: NoiseOffer) -> dict[str, Estimate]:
     found = {}
     for item in offer.effect.parameters():
         std = (float(offer.std[0]) if item.size == 1 else tuple(map(float, offer.std))) if item.strength else None
         found[item.name] = Estimate(getattr(offer.effect, item.name), std, item.unit)
     return found
-
-
-def _closed_noise(offer: NoiseOffer, rng: np.random.Generator) -> Closed:
-    squares = np.atleast_1d(np.asarray(_strength(offer), dtype=float))[: offer.rank] ** 2
-    total = max(float(squares.sum()), 1e-300)
-    wrong = sum(closure.of_noise(total, float(spread), rng) ** 2 for spread in offer.spread)
-    return closure.share(np.minimum(np.asarray(wrong), 1.0), np.ones(len(np.asarray(wrong))))
 
 
 def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:

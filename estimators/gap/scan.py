@@ -17,6 +17,8 @@ from estimators.gap.candidates import Candidate, Shape, still
 from estimators.gap.score import Explained, Score, solve
 from estimators.gap.stack import part_of
 from estimators.gap.tones import best_tone, envelopes
+from rig.effects import Effect
+from rig.pipeline import Pipeline
 
 Array = NDArray[np.float64]
 
@@ -24,6 +26,8 @@ Array = NDArray[np.float64]
 KEPT: Final = ("at_s", "order")
 #: An onset leaves at least this share of the samples on either side.
 _EDGE: Final = 0.01
+#: What effects change of the readings, as a share of these, beyond which derivatives are taken anew beside them.
+_BENT: Final = 0.02
 #: Evidence below which a tone's first look will do.
 _NOTHING: Final = 6.0
 
@@ -113,6 +117,8 @@ class Scanner:
     rough: Look
     fine: Look
     _envelopes: dict[str, Array] = field(default_factory=dict)
+    _others: list[tuple[Array, Scanner]] = field(default_factory=list)
+    _source: tuple[Scanner, tuple[Step, ...]] | None = None
 
     @classmethod
     def of(cls, bench: Bench) -> Scanner:
@@ -136,18 +142,35 @@ class Scanner:
 
     def stepped(self, steps: Sequence[Step]) -> Scanner:
         """The scanner of the bench with further steps of whitening."""
-        fine = self.fine.stepped(steps)
-        rough = (
-            fine
-            if self.rough is self.fine
-            else self.rough.stepped([step.shortened(_length(self.rough.bench, step)) for step in steps])
-        )
-        return Scanner(rough, fine, self._envelopes)
+        return replace(self._with(steps), _source=(self, tuple(steps)))
 
-    def around(self, bench: Bench) -> Scanner:
-        """The scanner of the bench around another calibration: the first look is not made anew."""
-        fine = Look(bench)
-        return Scanner(fine if self.rough is self.fine else self.rough, fine)
+    def _with(self, steps: Sequence[Step]) -> Scanner:
+        fine = self.fine.stepped(steps)
+        if self.rough is self.fine:
+            return Scanner(fine, fine, self._envelopes)
+        shortened = [step.shortened(_length(self.rough.bench, step)) for step in steps]
+        return Scanner(self.rough.stepped(shortened), fine, self._envelopes)
+
+    def beside(self, effects: Sequence[Effect], pipeline: Pipeline) -> Scanner:
+        """The scanner whose derivatives are those beside mean effects and another calibration, or nearly so.
+
+        What effects change of the readings, as a share of these, is about what they change of others' derivatives.
+        """
+        bench = self.rough.bench
+        change = bench.change(effects)
+        enough = _BENT * float(np.linalg.norm(np.nan_to_num(bench.modelled - bench.modelled.mean(axis=0))))
+        for known, scanner in ((np.zeros_like(change), self), *self._others):
+            if float(np.linalg.norm(np.nan_to_num(change - known))) <= enough:
+                return scanner
+        if self._source is not None:
+            first, steps = self._source
+            found = first.beside(effects, pipeline)._with(steps)
+        else:
+            fine = Look(self.fine.bench.around(pipeline).having(effects))
+            rough = fine if self.rough is self.fine else Look(bench.around(pipeline).having(effects))
+            found = Scanner(rough, fine, self._envelopes)  # a tone's first look is not made anew
+        self._others.append((change, found))
+        return found
 
     def _smooth(self, candidate: Candidate) -> bool:
         return self.rough is not self.fine and candidate.smooth

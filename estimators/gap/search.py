@@ -14,17 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.bench import Bench, project
-from estimators.gap.candidates import Candidate, Shape, all_candidates, still
+from estimators.gap.candidates import Candidate, Shape
 from estimators.gap.converge import converged
 from estimators.gap.discrepancy import Means, Weighed
 from estimators.gap.evidence import Linear, linearised
-from estimators.gap.prior import STILL, Drawn, Prior
+from estimators.gap.prior import Drawn, Prior
 from estimators.gap.rebase import around
 from estimators.gap.refine import Fitted, Refit, at, explained_by, started
 from estimators.gap.scan import Offer, Scanner
-from estimators.gap.score import ABSORBED, Explained, solve
-from rig.channels import CHANNELS
-from rig.effects import EFFECTS, Kind
+from estimators.gap.score import Explained, solve
 
 Array = NDArray[np.float64]
 
@@ -37,6 +35,8 @@ _HOPELESS: Final = 1.0
 _FAR: Final = 14.0
 #: And beyond which it is not extended.
 _PROMISING: Final = 8.0
+#: The share of what a dropped effect gained that another must promise to be fitted in its place.
+_SWAPPED: Final = 0.5
 #: Sets of more than this are not extended where something without effects is far likelier.
 _FOLLOWED: Final = 2
 #: So many sets of each size, and of all, are fitted sample by sample; what means over neighbours change of an
@@ -197,8 +197,8 @@ class Search:
             self.found[key] = Explanation(own, refitted.bench, prior, fine, refitted)
         return self.found[key]
 
-    def additions(self, parent: Explanation, most: int) -> list[tuple[Member, ...]]:
-        """The set with one more effect each: the most promising ones."""
+    def additions(self, parent: Explanation, most: int, floor: float = -np.inf) -> list[tuple[Member, ...]]:
+        """The set with one more effect each: the most promising ones, of those that promise more than ``floor``."""
         offers = self.offers(parent)
         held = {label for member in parent.members for label in member.labels}
         grouped: list[tuple[float, list[Offer]]] = []
@@ -211,6 +211,7 @@ class Search:
                 grouped.append((0.5 * offer.score.evidence + price, group))
         grouped.sort(key=lambda pair: -pair[0])
         least = -np.inf if self.wide or not grouped else grouped[0][0] - max(_FAR, 0.3 * abs(grouped[0][0]))
+        least = max(least, floor)
         hopeful = [group for promise, group in grouped if promise > least and 0.5 * group[0].score.evidence > _HOPELESS]
         return [(*parent.members, self._member(group, parent)) for group in hopeful[:most]]
 
@@ -218,7 +219,11 @@ class Search:
         """Every candidate's score beside a set."""
         explained = self._left(parent, self.bench)
         roughly = explained if self.rough is self.bench else self._left(parent, self.rough)
-        return self.scanner.scan(self.candidates, explained, roughly)
+        return self._scanner(parent).scan(self.candidates, explained, roughly)
+
+    def _scanner(self, parent: Explanation) -> Scanner:
+        """With derivatives where a set holds, as a score test asks for."""
+        return self.scanner.beside([fit.effect for fit in parent.fits], parent.bench.pipeline)
 
     def _left(self, parent: Explanation, bench: Bench) -> Explained:
         key = parent.key, parent.fine, bench is self.bench
@@ -236,23 +241,23 @@ class Search:
     def _member(self, group: Sequence[Offer], parent: Explanation) -> Member:
         offer = group[0]
         smooth = offer.candidate.smooth and all(member.fit.candidate.smooth for member in parent.members)
-        bench = self.rough if smooth else self.bench
-        labels = tuple(each.candidate.label for each in group)
-        return Member(started(offer, bench, self._left(parent, bench)), offer.spread, labels, offer.widths)
+        scanner, labels = self._scanner(parent), tuple(each.candidate.label for each in group)
+        look, bench = (scanner.rough, self.rough) if smooth else (scanner.fine, self.bench)
+        return Member(started(offer, look.bench, self._left(parent, bench)), offer.spread, labels, offer.widths)
 
     def beside(self, parent: Explanation, weighed: Weighed) -> list[Explanation]:
         """The set with one more effect each, by their scores beside a discrepancy."""
         index = int(np.argmax(weighed.gains))
         shrink = weighed.term.variances[index] / (1.0 + weighed.term.variances[index] * weighed.term.values)
-        explained = self._left(parent, self.rough)
+        explained, rough = self._left(parent, self.rough), self._scanner(parent).rough
         own = weighed.term.along(explained.residual[:, None])
         scored: list[tuple[float, Candidate, Shape]] = []
         held = {member.label for member in parent.members}
         for candidate in self.candidates:
             if not candidate.smooth or candidate.label in held:
                 continue
-            best = max(self.scanner.rough.best(candidate, explained)[:2], key=lambda offer: offer.score.statistic)
-            columns = candidate.columns(self.rough, best.shape)
+            best = max(rough.best(candidate, explained)[:2], key=lambda offer: offer.score.statistic)
+            columns = candidate.columns(rough.bench, best.shape)
             full = np.zeros((self.rough.size, columns.values.shape[1]))
             full[columns.rows] = columns.values
             full = explained.without(full)
@@ -266,9 +271,7 @@ class Search:
         found = []
         for promise, candidate, shape in scored[:3]:
             if promise > -_FAR:
-                offer = next(
-                    offer for offer in self.scanner.rough.best(candidate, explained) if str(offer.shape) == str(shape)
-                )
+                offer = next(offer for offer in rough.best(candidate, explained) if str(offer.shape) == str(shape))
                 if offer.score.strengths.size:
                     found.append(self._fitted((*parent.members, self._member([offer], parent)), self.bench))
         return found
@@ -281,7 +284,8 @@ class Search:
                 return
             for index in range(len(best.members)):
                 rest = self.fitted(best.members[:index] + best.members[index + 1 :])
-                for members in self.additions(rest, 3):
+                # what promises far less than was dropped is no better: a score is about what a fit gains
+                for members in self.additions(rest, 3, _SWAPPED * (self.gained(best) - self.gained(rest))):
                     self.fitted(members)
             if self._best() is best:
                 return
@@ -355,46 +359,3 @@ def _alike(offers: Sequence[Offer]) -> list[list[Offer]]:
             groups.append(group)
         group.append(offer)
     return groups
-
-
-def set_prior(
-    candidates: Sequence[Candidate], more: dict[str, tuple[str, ...]], bench: Bench, weights: Mapping[str, float]
-) -> Prior:
-    """The prior over what a recording can show: each effect, then its places.
-
-    Args:
-        more: places of the effects that are noise or defects.
-        weights: relative weights of effects.
-    """
-    places: dict[str, dict[str, float]] = {}
-    for candidate in candidates:
-        places.setdefault(candidate.effect.name, {})[candidate.label] = STILL if still(candidate, bench) else 1.0
-    for name, own in more.items():
-        places[name] = {f"{name}@{where}": 1.0 for where in own}
-    return Prior(places, weights)
-
-
-def unseen_places(bench: Bench, without: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Places, on this recording, of the effects that are noise or defects."""
-    there = {CHANNELS[column] for column in bench.columns} | set(bench.pipeline.sensors) | {"acquisition"}
-    found = {}
-    for effect in EFFECTS.values():
-        own = tuple(where for where in effect.places if where in there)
-        if own and effect.kind is not Kind.MEAN and effect.name not in without and not bench.lacking(effect):
-            found[effect.name] = own
-    return found
-
-
-def visible(bench: Bench, scanner: Scanner, without: Sequence[str]) -> tuple[list[Candidate], list[Candidate]]:
-    """The candidates that this recording can show, and those that the calibration absorbs."""
-    base = Explained(scanner.rough.bench.absorbed, scanner.rough.bench.whitened)
-    shown: list[Candidate] = []
-    absorbed: list[Candidate] = []
-    for candidate in all_candidates(bench, without):
-        told = (
-            candidate.effect.tone
-            or candidate.effect.searched(bench.base) != [{}]
-            or scanner.visible(candidate, base) > ABSORBED
-        )
-        (shown if told else absorbed).append(candidate)
-    return shown, absorbed

@@ -157,6 +157,10 @@ class Stack(Bench):
         members = [member.around(restricted(pipeline, tuple(member.pipeline.sensors))) for member in self.each]
         return Stack.of(members, self.names, pipeline, self.began, self.steps)
 
+    def having(self, effects: Sequence[Effect]) -> Stack:
+        """As of ``Bench``."""
+        return self._made([member.having(acting(effects, number)) for number, member in enumerate(self.each)])
+
     def without(self, left_out: NDArray[np.bool_]) -> Stack:
         """As of ``Bench``."""
         return self._made([member.without(left_out[rows]) for member, rows in zip(self.each, self.single, strict=True)])
@@ -301,6 +305,10 @@ class Anchor(Bench):
     def replayed(self, effects: Sequence[Effect]) -> Array:
         """Nothing."""
         return np.zeros_like(self.readings)
+
+    def having(self, effects: Sequence[Effect]) -> Bench:
+        """As it is."""
+        return self
 
     def without(self, left_out: NDArray[np.bool_]) -> Bench:
         """As it is."""

@@ -57,14 +57,12 @@ class PoseInterpolation(Effect):
         if nodes is None or self.node_interval_s == 0.0:
             return signals
         share = self.node_interval_s / nodes.interval_s
-        smooth, path = nodes.smooth(signals.t)
-        logged = Rotation.from_matrix(signals.R_base_tool)
-        away = (logged.inv() * Rotation.from_matrix(smooth)).as_rotvec()
-        rotation = (logged * Rotation.from_rotvec(share * away)).as_matrix()
+        away, path = nodes.away(signals.t, signals.R_base_tool)
+        rotation = signals.R_base_tool @ Rotation.from_rotvec(share * away).as_matrix()
         position = signals.position
         if position.size and path.size:
             position = position + share * (path - position)
-        return replace(signals, R_base_tool=np.asarray(rotation), position=position, known_nodes=(nodes,))
+        return replace(signals, R_base_tool=rotation, position=position, known_nodes=(nodes,))
 
     def log(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.node_interval_s == 0.0 or len(signals) < 4:

@@ -1,0 +1,56 @@
+"""What is considered on a recording: the effects that it can show, their places, and how likely they are beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from estimators.gap.bench import Bench
+from estimators.gap.candidates import Candidate, all_candidates, still
+from estimators.gap.prior import STILL, Prior
+from estimators.gap.scan import Scanner
+from estimators.gap.score import ABSORBED, Explained
+from rig.channels import CHANNELS
+from rig.effects import EFFECTS, Kind
+
+
+def set_prior(
+    candidates: Sequence[Candidate], more: dict[str, tuple[str, ...]], bench: Bench, weights: Mapping[str, float]
+) -> Prior:
+    """The prior over what a recording can show: each effect, then its places.
+
+    Args:
+        more: places of the effects that are noise or defects.
+        weights: relative weights of effects.
+    """
+    places: dict[str, dict[str, float]] = {}
+    for candidate in candidates:
+        places.setdefault(candidate.effect.name, {})[candidate.label] = STILL if still(candidate, bench) else 1.0
+    for name, own in more.items():
+        places[name] = {f"{name}@{where}": 1.0 for where in own}
+    return Prior(places, weights)
+
+
+def unseen_places(bench: Bench, without: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Places, on this recording, of the effects that are noise or defects."""
+    there = {CHANNELS[column] for column in bench.columns} | set(bench.pipeline.sensors) | {"acquisition"}
+    found = {}
+    for effect in EFFECTS.values():
+        own = tuple(where for where in effect.places if where in there)
+        if own and effect.kind is not Kind.MEAN and effect.name not in without and not bench.lacking(effect):
+            found[effect.name] = own
+    return found
+
+
+def visible(bench: Bench, scanner: Scanner, without: Sequence[str]) -> tuple[list[Candidate], list[Candidate]]:
+    """The candidates that this recording can show, and those that the calibration absorbs."""
+    base = Explained(scanner.rough.bench.absorbed, scanner.rough.bench.whitened)
+    shown: list[Candidate] = []
+    absorbed: list[Candidate] = []
+    for candidate in all_candidates(bench, without):
+        told = (
+            candidate.effect.tone
+            or candidate.effect.searched(bench.base) != [{}]
+            or scanner.visible(candidate, base) > ABSORBED
+        )
+        (shown if told else absorbed).append(candidate)
+    return shown, absorbed
