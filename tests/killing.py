@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import json
 import os
 import random
@@ -15,6 +17,9 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -47,7 +52,9 @@ LONG: Final = (
     "calibrate sweep.parquet -o out/cal.json --robust",
     "apply cal.json sweep.parquet -o out/applied.parquet",
 )
-_PATIENCE_S: Final = 600.0
+_PATIENCE_S: Final = 3600.0
+#: Kills of one command, one after another, before it is left alone.
+_SERIES: Final = 4
 
 
 def started(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
@@ -81,24 +88,56 @@ def processes_of(session: int) -> list[int]:
     return found
 
 
-def complaint_about(folder: Path, line: str, how: signal.Signals, after_s: float) -> str:
-    """What a command did wrong that was killed after a while, and begun again; "" where nothing.
+@dataclass(frozen=True)
+class Kill:
+    """A signal and its moment: so long [s] after the command was begun, or after it made a file."""
+
+    how: signal.Signals
+    after_s: float
+    writing: bool = False
+
+    def strike(self, process: subprocess.Popen[bytes], folder: Path) -> None:
+        """Wait for the moment, then send the signal; a command that is done meanwhile is left alone."""
+        before = _names(folder)
+        while self.writing and process.poll() is None and _names(folder) <= before:
+            time.sleep(0.002)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(self.after_s)
+        process.send_signal(self.how)
+
+
+def complaint_about(folder: Path, line: str, kills: Sequence[Kill]) -> str:
+    """What a command did wrong that was killed, begun again and killed again, and at last left alone; "" where nothing.
 
     Args:
         folder: with what it reads; it writes to ``out``.
     """
     for name in ("out", "tmp"):
         (folder / name).mkdir()
-    process = started(folder, *line.split())
-    time.sleep(after_s)
-    process.send_signal(how)
+    for kill in kills:
+        if wrong := _complaint_about_one(folder, line, kill):
+            return f"{kill}: {wrong}"
+    again = started(folder, *_goes_on(folder, line))
+    _, err = again.communicate(timeout=_PATIENCE_S)
+    if again.returncode not in (0, 1) or (err and not line.startswith("live")):
+        return f"again: status {again.returncode}: {err[-500:]!r}"
+    if left_over := torn(folder / "out") + torn(folder / "sealed") + temporaries(folder):
+        return f"again: {left_over}"
+    return ""
+
+
+def _complaint_about_one(folder: Path, line: str, kill: Kill) -> str:
+    before = temporaries(folder)
+    process = started(folder, *_goes_on(folder, line))
+    kill.strike(process, folder)
     _, err = process.communicate(timeout=_PATIENCE_S)
     told = err.decode().splitlines()
     # It was done, or a live session that was stopped; or the interpreter had not yet begun.
-    ended = process.returncode in (0, 1) or (process.returncode == -how and not told)
-    if how != signal.SIGKILL and not ended and (process.returncode != 128 + how or not told[-1].startswith("rig: ")):
+    ended = process.returncode in (0, 1) or (process.returncode == -kill.how and not told)
+    heard = kill.how != signal.SIGKILL
+    if heard and not ended and (process.returncode != 128 + kill.how or not told[-1].startswith("rig: ")):
         return f"status {process.returncode}: {err[-500:]!r}"
-    if how != signal.SIGKILL and not ended and len(told) != 1 and not line.startswith("live"):
+    if heard and not ended and len(told) != 1 and not line.startswith("live"):
         return f"{len(told)} lines: {err[-500:]!r}"
     deadline = time.monotonic() + 20.0
     while processes_of(process.pid) and time.monotonic() < deadline:
@@ -107,18 +146,23 @@ def complaint_about(folder: Path, line: str, how: signal.Signals, after_s: float
         for number in left:
             os.kill(number, signal.SIGKILL)
         return f"{len(left)} processes were left"
-    if how != signal.SIGKILL and (temporary := temporaries(folder)):
+    if heard and (temporary := sorted(set(temporaries(folder)) - set(before))):
         return f"left {temporary}"
     if found := torn(folder / "out") + torn(folder / "sealed"):
         return f"torn: {found}"
-    resumed = ("--resume",) if (folder / "out" / "live.csv").exists() else ()
-    again = started(folder, *line.split(), *resumed)
-    _, err = again.communicate(timeout=_PATIENCE_S)
-    if again.returncode not in (0, 1) or (err and not line.startswith("live")):
-        return f"again: status {again.returncode}: {err[-500:]!r}"
-    if left_over := torn(folder / "out") + torn(folder / "sealed") + temporaries(folder):
-        return f"again: {left_over}"
     return ""
+
+
+def _goes_on(folder: Path, line: str) -> list[str]:
+    return [*line.split(), *(("--resume",) if (folder / "out" / "live.csv").exists() else ())]
+
+
+def _names(folder: Path) -> set[Path]:
+    found = set()
+    for name in ("out", "sealed"):
+        with contextlib.suppress(OSError):  # it changes while it is looked at
+            found |= set((folder / name).rglob("*"))
+    return found
 
 
 def seal(folder: Path) -> None:
@@ -178,29 +222,40 @@ def main() -> int:
     kills, seed = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0
     lines = [line for line in LONG if len(sys.argv) < 4 or sys.argv[3] in line]
     lasts: dict[str, float] = {}
+    count: Counter[str] = Counter()
     found = 0
     with tempfile.TemporaryDirectory() as name:
         good = Path(name)
         make_good(good)
         seal(good)
-        for number in range(kills):
+        for number in itertools.count():
+            if count.total() >= kills:
+                break
             rng = random.Random(f"{seed} {number}")
-            line, how = lines[number % len(lines)], rng.choice(SIGNALS)
+            line = lines[number % len(lines)]
             with tempfile.TemporaryDirectory() as place:
                 folder = Path(place) / "here"
                 shutil.copytree(good, folder)
                 begun = time.monotonic()
-                if line not in lasts:  # how long it takes if it is left alone
-                    wrong = complaint_about(folder, line, signal.SIGKILL, 0.0)
-                    lasts[line] = time.monotonic() - begun
-                else:
-                    after_s = rng.uniform(0.1, 1.0) * lasts[line]
-                    wrong = complaint_about(folder, line, how, after_s)
+                series = [Kill(signal.SIGKILL, 0.0)]
+                if line in lasts:
+                    series = [a_kill(rng, lasts[line]) for _ in range(_SERIES)]
+                wrong = complaint_about(folder, line, series)
+                lasts.setdefault(line, time.monotonic() - begun)  # how long it takes if it is left alone
+            count[line] += len(series)
             if wrong:
                 found += 1
-                print(f"{seed} {number}: {how.name}: {line}: {wrong}", flush=True)
-    print(f"{kills} kills, {found} complaints")
+            print(f"{seed} {number}: {line}: {wrong or len(series)}", flush=True)
+    for line, killed in count.items():
+        print(f"{killed:4d} {line}")
+    print(f"{count.total()} kills, {found} complaints")
     return int(found > 0)
+
+
+def a_kill(rng: random.Random, lasts: float) -> Kill:
+    """At any time of a command that lasts so long [s], or soon after it wrote."""
+    how = rng.choice(SIGNALS)
+    return Kill(how, rng.uniform(0.0, 0.3), True) if rng.random() < 0.5 else Kill(how, rng.uniform(0.1, 1.0) * lasts)
 
 
 if __name__ == "__main__":

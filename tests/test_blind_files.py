@@ -13,6 +13,7 @@ import estimators.gap
 from rig.errors import RigError
 from scenarios.cli import _app
 from scenarios.workers import Workers
+from validation.blind import answers
 from validation.blind.answers import Answers
 from validation.blind.solve import ANSWERS, solve_set
 from validation.blind.strata import FEWEST
@@ -47,6 +48,26 @@ def test_a_set_does_not_write_through_links(made: Path, tmp_path: Path) -> None:
     with pytest.raises(RigError, match=r"case000.parquet: is a link"):
         solve_set(folder, HERE)
     assert not list(elsewhere.iterdir())
+
+
+def test_a_set_that_is_refused_gets_no_answers(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    folder = tmp_path / "set"
+    shutil.copytree(made, folder)
+    last = sorted(folder.glob("case*.locked.parquet"))[-1]
+    content = last.read_bytes()
+    last.write_bytes(content + b"x")
+    with pytest.raises(RigError, match="has changed since it was sealed"):
+        solve_set(folder, HERE)
+    assert not (folder / ANSWERS).exists()
+    last.write_bytes(content)
+
+    def full(path: Path, text: str) -> None:
+        raise RigError("no space left")
+
+    monkeypatch.setattr(answers, "write_text", full)
+    with pytest.raises(RigError, match="no space left"):
+        solve_set(folder, HERE)
+    assert not (folder / ANSWERS).exists()
 
 
 def test_a_damaged_answer_is_found_and_made_again(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811

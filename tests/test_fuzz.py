@@ -13,7 +13,7 @@ import pytest
 from cli_support import SMALL
 from fuzzing import complaint_about
 from hostile_calls import CALLS, Call, make_good
-from killing import SHORT, SIGNALS
+from killing import SHORT, SIGNALS, Kill
 from killing import complaint_about as complaint_about_kill
 
 INPUTS = int(os.environ.get("RIG_FUZZ", "12"))
@@ -58,4 +58,5 @@ def test_a_kill_at_any_moment_tears_nothing(tmp_path: Path, number: int) -> None
     rng = random.Random(number)
     (tmp_path / "small.toml").write_text(SMALL)
     after_s = rng.uniform(0.4, 3.0)  # after the interpreter's own start
-    assert complaint_about_kill(tmp_path, SHORT[number % len(SHORT)], rng.choice(SIGNALS), after_s) == ""
+    kill = Kill(rng.choice(SIGNALS), after_s)
+    assert complaint_about_kill(tmp_path, SHORT[number % len(SHORT)], [kill]) == ""

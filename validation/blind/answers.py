@@ -43,9 +43,15 @@ class Answers:
         Raises:
             RigError: the folder cannot be made or is a link, or holds answers of another version.
         """
+        new = not self.folder.is_dir()
         own_folder(self.folder)
         if not (self.folder / _SOLVER).exists():
-            self._write({})
+            try:
+                self._write({})
+            except BaseException:
+                if new:
+                    self.folder.rmdir()
+                raise
         elif self.solver() != sources_hash():
             raise RigError(
                 f"{self.folder}: holds answers of another version of the diagnosis: remove that folder to start anew"

@@ -62,8 +62,11 @@ def solve_cases(
 ) -> int:
     """Diagnose some recordings of a set with effects left out; as ``solve_set``."""
     answers = Answers(output)
-    answers.begin()
     asked = {case["name"]: (case, without) for case, without in cases}
+    for name, (case, _) in asked.items():  # before anything is made
+        answers.path(name)
+        check_recording(folder, case)
+    answers.begin()
     left = answers.missing(asked)
     task = Task(str(folder), str(output), tuple(asked[name] for name in left))
     for done, (number, _) in enumerate(workers.completed(_solve_one, task, range(len(left))), start=1):
