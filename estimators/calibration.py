@@ -23,6 +23,7 @@ from rig.channels import READS, SENSORS
 from rig.documents import parse_json, read_bytes
 from rig.errors import RigError, shown, unknown_name
 from rig.files import write_text
+from rig.units import UNITS
 
 Array = NDArray[np.float64]
 
@@ -198,7 +199,7 @@ class SensorCalibration:
         v = len(vector_parameters)
         return cls(
             method=reader.text("method"),
-            unit=reader.text("unit", missing="V"),
+            unit=_unit(reader),
             reference_magnitude=reader.number("reference_magnitude"),
             matrix=reader.array("matrix", (3, 3), missing=math.nan, required=True),
             bias=reader.array("bias", (3,)),
@@ -244,6 +245,14 @@ def _reads(reader: Reader) -> str | None:
     found = reader.optional_text("reads")
     if found is not None and found not in READS:
         raise RigError(f"{reader.where}.reads: found {found!r}, expected {' or '.join(READS)}")
+    return found
+
+
+def _unit(reader: Reader) -> str:
+    """The recorded unit: one that recordings can have."""
+    found = reader.text("unit", missing="V")
+    if found not in (known := sorted({unit for units in UNITS.values() for unit in units})):
+        raise RigError(f"{reader.where}.unit: {unknown_name('unit', found, known)}")
     return found
 
 

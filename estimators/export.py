@@ -145,7 +145,7 @@ def _c_sensor(name: str, sensor: Mapping[str, Any]) -> str:
     warnings = "".join(f"\n * Warning: {_comment(text)}" for text in sensor["warnings"])
     return f"""\
 /* {name}, {_comment(sensor["method"])}, {sensor["samples"]} samples
- * reading[3]: {", ".join(sensor["channels"])} [{sensor["reading_unit"]}]
+ * reading[3]: {", ".join(sensor["channels"])} [{_comment(sensor["reading_unit"])}]
  * field[3]: {sensor["field"]} [{_comment(sensor["field_unit"])}]
  * reference magnitude: {number(sensor["reference_magnitude"])}{warnings}
  */

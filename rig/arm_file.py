@@ -12,6 +12,7 @@ import numpy as np
 
 from rig.assets import model_path
 from rig.chain import joints_of, site_names
+from rig.documents import check_ordinary
 from rig.errors import RigError, nearest
 
 if TYPE_CHECKING:
@@ -29,11 +30,10 @@ def is_urdf(path: Path) -> bool:
     Raises:
         RigError: it cannot be read.
     """
+    check_ordinary(path, "an arm as URDF, MJCF or a folder with one")
     try:
         with path.open("rb") as file:
             found = _ROOT.search(file.read(_BEGINNING))
-    except FileNotFoundError:
-        raise RigError(f"{path}: no such file, expected an arm as URDF, MJCF or a folder with one") from None
     except OSError as error:
         raise RigError(f"{path}: cannot be read: {error.strerror}") from error
     if found is None:
@@ -53,7 +53,7 @@ def model_file(path: Path) -> Path:
         file
         for pattern in ("*.xml", "*.urdf", "urdf/*.urdf", "robots/*.urdf")
         for file in path.glob(pattern)
-        if not file.stem.startswith(("scene", "mjx")) and _holds_model(file)
+        if not file.stem.startswith(("scene", "mjx")) and file.is_file() and _holds_model(file)
     )
     if not found:
         raise RigError(f"{path}: found no model in this folder, expected an arm as .xml (MJCF) or .urdf")

@@ -37,13 +37,8 @@ def read_bytes(path: str | os.PathLike[str], expected: str, largest: int = LARGE
         RigError: no such file, a folder, too large, or it cannot be read.
     """
     file = Path(path)
+    check_ordinary(file, expected)
     try:
-        if not file.exists():
-            beside = os.listdir(file.parent) if file.parent.is_dir() else []
-            raise RigError(f"{file}: no such file, expected {expected}{nearest(file.name, beside)}")
-        if not file.is_file():  # a pipe or a device would be waited for
-            found = "is a folder" if file.is_dir() else "is no ordinary file"
-            raise RigError(f"{file}: {found}, expected {expected}")
         with file.open("rb") as opened:
             content = opened.read(largest + 1)
     except (OSError, ValueError) as error:  # ValueError: a zero in its name
@@ -51,6 +46,23 @@ def read_bytes(path: str | os.PathLike[str], expected: str, largest: int = LARGE
     if len(content) > largest:
         raise RigError(f"{file}: found {file.stat().st_size} bytes, expected {expected} of at most {largest}")
     return content
+
+
+def check_ordinary(file: Path, expected: str) -> None:
+    """Refuse what is no ordinary file: a pipe or a device would be waited for.
+
+    Raises:
+        RigError: no such file, a folder, or something else.
+    """
+    try:
+        if not file.exists():
+            beside = os.listdir(file.parent) if file.parent.is_dir() else []
+            raise RigError(f"{file}: no such file, expected {expected}{nearest(file.name, beside)}")
+        if not file.is_file():
+            found = "is a folder" if file.is_dir() else "is no ordinary file"
+            raise RigError(f"{file}: {found}, expected {expected}")
+    except (OSError, ValueError) as error:  # ValueError: a zero in its name
+        raise RigError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
 def read_text(path: str | os.PathLike[str], expected: str, largest: int = LARGEST_DOCUMENT) -> str:

@@ -154,19 +154,32 @@ def child(folder: Path, name: Any, where: str) -> Path:
     return path
 
 
-def own_folder(path: Path) -> Path:
-    """A folder inside another, made where it is missing, that is no link to elsewhere.
+def own_folder(path: Path, linked: bool = False) -> Path:
+    """A folder inside another, made where it is missing, that is no link to elsewhere, unless it may be ``linked``.
 
     Raises:
         RigError: it is a link or a file, or cannot be made.
     """
-    if path.is_symlink():
+    if path.is_symlink() and not linked:
         raise RigError(f"{path}: is a link, expected a folder of its own")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RigError(f"{path}: the folder cannot be made: {error.strerror}") from error
     return path
+
+
+@contextmanager
+def made_folder(path: Path, linked: bool = True) -> Iterator[Path]:
+    """A folder as of ``own_folder``; what was made for it and is still empty when the block fails is removed."""
+    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
+    try:
+        yield own_folder(path, linked)
+    except BaseException:
+        for folder in missing:
+            with suppress(OSError):  # not empty, or never made
+                folder.rmdir()
+        raise
 
 
 @contextmanager

@@ -16,8 +16,7 @@ from rich.text import Text
 import estimators
 from estimators import Calibration, Diagnosis, NoiseFloor
 from rig.effects import make_effect
-from rig.errors import RigError
-from rig.files import atomic_path
+from rig.files import atomic_path, made_folder
 from rig.recording import Recording
 from rig.simulate import Progress
 from scenarios.calibration_report import calibration_report, comparison_table
@@ -86,8 +85,12 @@ def run_demo(
     Raises:
         RigError: the folder cannot be made or written to.
     """
+    with made_folder(folder):
+        return _told(folder, seed, tell, working)
+
+
+def _told(folder: Path, seed: int, tell: Tell, working: Working) -> Demo:
     begin = time.perf_counter()
-    _make(folder)
     scenario = load(SCENARIO)
     environment, maneuver = scenario.rig.environment, scenario.maneuver
     tell(_heading(1, "The arm sweeps a torus while the board samples six voltages"))
@@ -152,13 +155,6 @@ def _faulty(scenario: Scenario, seed: int, locked: Recording, progress: Progress
 
 def _unheard(share: float) -> None:
     """Progress that nobody watches."""
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RigError(f"{folder}: the folder cannot be made: {error.strerror}") from error
 
 
 def _heading(number: int, words: str) -> Text:

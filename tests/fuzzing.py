@@ -25,7 +25,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
-from hostile_calls import CALLS, Call, make_good, make_more, quietly
+from hostile_calls import CALLS, Call, a_loop, make_good, make_more, quietly
 
 LONGEST: Final = 300
 PATIENCE_S: Final = 60
@@ -45,6 +45,8 @@ def complaint_about(call: Call, good: Path, rng: random.Random) -> str:
         (folder / "out.csv").unlink(missing_ok=True)
         spoilt = call.spoil(good / call.file, rng)
         (folder / call.file).write_bytes(spoilt)
+        if call.forge is not None:
+            call.forge(folder / call.file)
         wrong = _wrong(call, folder)
         if wrong and (keep := os.environ.get("RIG_FUZZ_KEEP")):
             Path(keep).mkdir(exist_ok=True)
@@ -148,12 +150,14 @@ def work(good: Path, seed: int, first: int, name: str) -> None:
     import warnings
 
     from scenarios.cli import _app
+    from validation.loop import run as played
 
     def told(error: Exception) -> int:
         traceback.print_exception(error, limit=-3, file=sys.__stderr__)
         return _app.BUG
 
     _app._bug = told
+    played.trial = a_loop
     warnings.simplefilter("ignore")
     sys.unraisablehook = lambda found: None  # as the command has it
     out = os.fdopen(os.dup(1), "w")
@@ -171,11 +175,11 @@ def main() -> int:
     seconds, seed = float(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0
     name = sys.argv[3] if len(sys.argv) > 3 else ""
     calls = [call for call in CALLS if name in call.name]
-    end, tried, complaints, took = time.monotonic() + seconds, 0, 0, Counter[str]()
+    tried, complaints, took = 0, 0, Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
         make_good(Path(folder))
         make_more(Path(folder))
-        first = 0
+        end, first = time.monotonic() + seconds, 0
         while time.monotonic() < end:
             arguments = [sys.executable, __file__, "--work", folder, str(seed), str(first), name]
             number = first - 1

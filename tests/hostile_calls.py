@@ -12,10 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import pyarrow as pa
 from cli_support import SMALL
 from imperfect_recordings import imperfect, locked_imperfect
 from mutations import bytes_of, document_of, table_of, text_of
 from rosbags.rosbag2 import StoragePlugin
+
+from rig.files import file_hash, own_folder
+from scenarios.studies.store import HASHES, StudyFolder, _digest
+from scenarios.workers import Workers
+from validation.blind.answers import Answers
+from validation.loop.play import Settings, Step
 
 
 @dataclass(frozen=True)
@@ -30,6 +37,7 @@ class Call:
         slow: with the tests, one input for so many of others: it takes seconds where the file is good enough.
         more: needs ``make_more``, whose files take the rig some time.
         keeps: what is sound stays where the rest is refused: a stream's recording, a diagnosis without its scenario.
+        forge: makes what is beside the spoilt file agree with it, checksums say.
     """
 
     name: str
@@ -39,6 +47,31 @@ class Call:
     slow: int = 1
     keeps: bool = False
     more: bool = False
+    forge: Callable[[Path], None] | None = None
+
+
+def _noted(table: Path) -> None:
+    """The study says that its table is as it was written."""
+    file = table.with_name(HASHES)
+    file.write_text(json.dumps({**json.loads(file.read_text()), table.name: file_hash(table)}))
+
+
+def _stated(study: Path) -> None:
+    """The document of a study says that nothing was changed in it."""
+    with contextlib.suppress(ValueError, TypeError, AttributeError):
+        document = json.loads(study.read_text())
+        document.pop("sha256", None)
+        study.write_text(json.dumps({**document, "sha256": _digest(document)}))
+
+
+def a_loop(settings: Settings, number: int) -> pa.Table:
+    """Steps of a hidden rig as they might be: a diagnosis of each takes minutes, and is tried by other calls."""
+    steps = [
+        Step(number, strategy, step, "backlash", "joint5", 8.0, 1, 14.0 * step, "torus sweep", "named", 0.97, 1,
+             "backlash@joint5", True, "named" if step == 2 else "")
+        for strategy in settings.strategies for step in (1, 2)
+    ]  # fmt: skip
+    return pa.Table.from_pylist([vars(step) for step in steps])
 
 
 _CALIBRATE: Final = ("calibrate", "run.csv", "--json")
@@ -66,6 +99,8 @@ JOINTS: Final = [f"joint{number}" for number in range(1, 7)]
 _RRD: Final = ("-o", "out.rrd")
 _STUDY: Final = ("study", "consistency", "small.toml", "--draws", "3", "--counts", "2", "--first", "40")
 _CONSISTENCY: Final = (*_STUDY, "--workers", "0", "-o", "begun")
+_LOOP: Final = ("study", "loop", "-o", "looped", "--rigs", "2", "--samples", "400", "--workers", "0")
+_SOLVE: Final = ("blind", "solve", "sealed", "--jobs", "0")
 _FLEET: Final = ("diagnose", "little.parquet", "run.parquet", "--out", "kept", "--jobs", "1")
 _CORRECTED: Final = ("apply", "kept/little.calibration.json", "run.csv", "-o", "out.csv")
 _WITH_FOUND: Final = ("sweep", "small.toml", "-o", "out.csv", "--with", "kept/little.diagnosis.json")
@@ -145,7 +180,20 @@ CALLS: Final = (
     Call("study that goes on", "begun/study.json", _CONSISTENCY, document_of, slow=100, keeps=True, more=True),
     Call("study's hashes that go on", "begun/tables.json", _CONSISTENCY, document_of, slow=100, keeps=True, more=True),
     Call("study's tables that go on", "begun/table.parquet", _CONSISTENCY, table_of, slow=100, keeps=True, more=True),
-    Call("set to solve", "set/manifest.json", ("blind", "solve", "set", "--jobs", "0"), document_of, keeps=True),
+    Call("study's tables, forged", "begun/table.parquet", _CONSISTENCY, table_of, 4, True, True, _noted),
+    Call("study, forged", "study/summary.parquet", ("view", "study", "-o", "out.rrd"), table_of, forge=_noted),
+    Call("study's table, forged", "study/table.parquet", ("view", "study", "-o", "out.rrd"), table_of, forge=_noted),
+    Call(
+        "study's settings, forged", "study/study.json", ("view", "study", "-o", "out.rrd"), document_of, forge=_stated
+    ),
+    Call("loop", "looped/loop/study/study.json", _LOOP, document_of, 4, True, True),
+    Call("loop, forged", "looped/loop/study/study.json", _LOOP, document_of, 4, True, True, _stated),
+    Call("loop's hashes", "looped/loop/study/tables.json", _LOOP, document_of, 4, True, True),
+    Call("loop's table", "looped/loop/study/table.parquet", _LOOP, table_of, 4, True, True),
+    Call("loop's table, forged", "looped/loop/study/table.parquet", _LOOP, table_of, 4, True, True, _noted),
+    Call("set to solve", "set/manifest.json", ("blind", "solve", "set", "--jobs", "0"), document_of),
+    Call("sound set to solve", "sealed/manifest.json", _SOLVE, document_of, 4, True, True),
+    Call("answers", "sealed/answers/solver.json", _SOLVE, document_of, 50, True, True),
     Call("rig", "effects.toml", ("diagnose", "little.parquet", "--rig", "effects.toml"), text_of, slow=12),
     Call(
         "earlier calibration",
@@ -217,6 +265,21 @@ def make_good(folder: Path) -> None:
     case = {"name": "case000", "recording": "case000.parquet", "locked": "case000.locked.parquet"}
     hashes = {"recording_sha256": digest, "locked_sha256": digest, "commitment": digest}
     (folder / "set" / "manifest.json").write_text(json.dumps({"format": "rig-blind/1", "cases": [{**case, **hashes}]}))
+    seal(folder)
+
+
+def seal(folder: Path) -> None:
+    """A sealed set of two recordings, whose truth nobody knows."""
+    set_ = folder / "sealed"
+    set_.mkdir()
+    cases = []
+    for name in ("little", "sweep"):
+        files = {"recording": f"{name}.parquet", "locked": f"{name}.locked.parquet"}
+        for file, source in zip(files.values(), (f"{name}.parquet", "little.locked.parquet"), strict=True):
+            shutil.copy(folder / source, set_ / file)
+        hashes = {f"{key}_sha256": file_hash(set_ / file) for key, file in files.items()}
+        cases.append({"name": name, **files, **hashes, "commitment": "0" * 64})
+    (set_ / "manifest.json").write_text(json.dumps({"format": "rig-blind/1", "cases": cases}))
 
 
 def make_more(folder: Path) -> None:
@@ -229,6 +292,14 @@ def make_more(folder: Path) -> None:
         Path("out.parquet").unlink()
         assert run(list(_CONSISTENCY)) == 0
         assert run(["diagnose", "little.parquet", "--out", "kept"]) == 0
+        StudyFolder.begin(own_folder(Path("looped/loop")) / "study", "loop", Settings(2, 400)).fill(
+            a_loop, Settings(2, 400), 2, Workers(0)
+        )
+        answers = Answers(Path("sealed/answers"))
+        answers.begin()
+        for name in ("little", "sweep"):
+            shutil.copy("kept/little.diagnosis.json", answers.path(name))
+            answers.note(name)
 
 
 @contextlib.contextmanager

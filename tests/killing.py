@@ -132,8 +132,9 @@ def _complaint_about_one(folder: Path, line: str, kill: Kill) -> str:
     kill.strike(process, folder)
     _, err = process.communicate(timeout=_PATIENCE_S)
     told = err.decode().splitlines()
-    # It was done, or a live session that was stopped; or the interpreter had not yet begun.
-    ended = process.returncode in (0, 1) or (process.returncode == -kill.how and not told)
+    # It was done, or a live session that was stopped; or the interpreter had not yet begun, or was at its end.
+    said = told and not line.startswith("live")
+    ended = process.returncode in (0, 1) or (process.returncode == -kill.how and not said)
     heard = kill.how != signal.SIGKILL
     if heard and not ended and (process.returncode != 128 + kill.how or not told[-1].startswith("rig: ")):
         return f"status {process.returncode}: {err[-500:]!r}"
@@ -163,22 +164,6 @@ def _names(folder: Path) -> set[Path]:
         with contextlib.suppress(OSError):  # it changes while it is looked at
             found |= set((folder / name).rglob("*"))
     return found
-
-
-def seal(folder: Path) -> None:
-    """A sealed set of two recordings, whose truth nobody knows."""
-    from rig.files import file_hash
-
-    set_ = folder / "sealed"
-    set_.mkdir()
-    cases = []
-    for name in ("little", "alone"):
-        files = {"recording": f"{name}.parquet", "locked": f"{name}.locked.parquet"}
-        for file, source in zip(files.values(), (f"{name}.parquet", "little.locked.parquet"), strict=True):
-            shutil.copy(folder / source, set_ / file)
-        hashes = {f"{key}_sha256": file_hash(set_ / file) for key, file in files.items()}
-        cases.append({"name": name, **files, **hashes, "commitment": "0" * 64})
-    (set_ / "manifest.json").write_text(json.dumps({"format": "rig-blind/1", "cases": cases}))
 
 
 def temporaries(folder: Path) -> list[str]:
@@ -227,7 +212,6 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         good = Path(name)
         make_good(good)
-        seal(good)
         for number in itertools.count():
             if count.total() >= kills:
                 break

@@ -15,6 +15,7 @@ from scenarios.cli import _app
 from scenarios.workers import Workers
 from validation.blind import answers
 from validation.blind.answers import Answers
+from validation.blind.make import Order, make_set
 from validation.blind.solve import ANSWERS, solve_set
 from validation.blind.strata import FEWEST
 
@@ -93,3 +94,11 @@ def test_a_damaged_answer_is_found_and_made_again(made: Path, tmp_path: Path, mo
     assert solve_set(folder, HERE) == 1
     assert asked[-1] == "case004"
     assert kept.read("case004")["verdict"] == "named"
+
+
+@pytest.mark.parametrize("truth", ["set", "set/truth"])
+def test_the_truth_does_not_lie_beside_the_recordings(tmp_path: Path, truth: str) -> None:
+    order = Order(str(tmp_path / "set"), str(tmp_path / truth), 7, FEWEST, samples=400)
+    with pytest.raises(RigError, match="expected another for the truth"):
+        make_set(order, HERE)
+    assert not list(tmp_path.iterdir())

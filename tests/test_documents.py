@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from rig.arm import Arm
 from rig.documents import parse_json, parse_toml, read_bytes, read_json, read_toml
 from rig.errors import RigError
+from scenarios.importing.bag_log import read_bag
+from scenarios.importing.text_log import read_text_log
 
 DEEP = 100_000
 
@@ -75,3 +79,15 @@ def test_what_is_no_file(tmp_path: Path) -> None:
 def test_lists_of_numbers_are_no_deep_keys() -> None:
     numbers = ", ".join(["0.125"] * 1000)
     assert len(parse_toml(f"a = [{numbers}]\nb = 'one. two. three.'", "a.toml")["a"]) == 1000
+
+
+@pytest.mark.parametrize(
+    "read", [read_bytes, lambda path, expected: read_text_log(path), lambda path, expected: read_bag(path)]
+)
+@pytest.mark.parametrize("name", ["pipe.csv", "pipe.mcap", "pipe.urdf"])
+def test_nobody_waits_for_a_pipe(tmp_path: Path, read: Callable[[Path, str], object], name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(RigError, match="is no ordinary file"):
+        read(tmp_path / name, "a document")
+    with pytest.raises(RigError, match="is no ordinary file"):
+        Arm.from_file(tmp_path / name)

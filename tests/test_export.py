@@ -226,3 +226,14 @@ def test_ros_has_the_specific_force_and_tesla(calibration: Calibration) -> None:
     # a sample covariance of n draws is off by about sqrt(2 / n): six of these
     np.testing.assert_allclose(np.cov(drawn.T), covariance, atol=6 * np.sqrt(2 / 20_000) * covariance.max())
     assert found["orientation_covariance"][0] == -1.0
+
+
+def test_a_unit_from_elsewhere_stays_in_its_comment(calibration: Calibration) -> None:
+    """Made in Python it may be anything; of a file, one that recordings have."""
+    sensors = {"accelerometer": replace(calibration["accelerometer"], unit="V] */ int evil; /*\x1b")}
+    found = replace(calibration, sensors=sensors)
+    code = re.sub(r"/\*.*?\*/", "", export(found, "c"), flags=re.DOTALL)
+    assert "evil" not in code
+    assert export(found, "c").isascii()
+    with pytest.raises(RigError, match=r"accelerometer.unit: unknown unit 'V\] "):
+        Calibration.from_text(found.to_text())

@@ -8,12 +8,13 @@ import stat
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from rig.errors import RigError
-from rig.files import atomic_path, check_not_input, child, own_folder, scratch_folder, write_text
+from rig.files import atomic_path, check_not_input, child, made_folder, own_folder, scratch_folder, write_text
 
 HOLD = """
 import sys, time
@@ -24,6 +25,28 @@ with atomic_path(sys.argv[1]) as temporary, scratch_folder("rig-held") as folder
     print(folder, flush=True)
     time.sleep(600)
 """
+
+
+def test_a_folder_that_stays_empty_goes_again(tmp_path: Path) -> None:
+    inside = tmp_path / "a" / "b"
+
+    def fail(folder: Path, change: Callable[[Path], None] = lambda file: None) -> None:
+        with made_folder(folder):
+            change(inside / "kept")
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        fail(inside)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(KeyError):
+        fail(inside, Path.touch)
+    assert (inside / "kept").exists()
+    with pytest.raises(KeyError):  # it was there before
+        fail(inside, Path.unlink)
+    assert inside.exists()
+    (tmp_path / "link").symlink_to(inside)
+    with pytest.raises(RigError, match="is a link"), made_folder(tmp_path / "link", linked=False):
+        pass
 
 
 def fail(path: Path, error: BaseException) -> None:

@@ -13,12 +13,15 @@ from cli_support import Rig
 from diagnosed_recordings import by_hand, cause
 
 from estimators.gap import Diagnosis
+from rig.errors import RigError
 from rig.maneuver import StaticPoses
 from rig.recording import Recording
-from validation.loop import play
+from scenarios.workers import Workers
+from validation.loop import play, run
 from validation.loop.judge import Judged
 from validation.loop.play import MOST, Settings, Step, named, trial
 from validation.loop.rigs import HiddenRig, drawn, hidden_rig
+from validation.loop.run import make_loop
 from validation.loop.summary import summaries
 
 drawn_once = cache(hidden_rig)
@@ -132,3 +135,21 @@ def test_the_study_goes_on_and_makes_its_page(
     rig.done(*command)
     assert (tmp_path / "loop.md").read_text() == page
     assert "found a study with seed 3" in rig.refused(*command[:-3], "4", *command[-2:])
+
+
+def test_a_loop_writes_through_no_link_and_leaves_nothing_where_it_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(settings: Settings, number: int) -> None:
+        raise RigError("no such rig")
+
+    monkeypatch.setattr(run, "trial", fails)
+    with pytest.raises(RigError, match="no such rig"):
+        make_loop(tmp_path / "out", SMALL, Workers(0))
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "loop").mkdir()
+    (tmp_path / "loop" / "study").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(RigError, match="study: is a link"):
+        make_loop(tmp_path, SMALL, Workers(0))
+    assert not list((tmp_path / "elsewhere").iterdir())

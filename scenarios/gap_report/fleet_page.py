@@ -169,12 +169,12 @@ def write_fleet(entries: Sequence[Entry], out: Path) -> tuple[Path, Path, Path]:
     """
     import json
 
-    from rig.files import write_text
+    from rig.files import made_folder, write_text
     from scenarios.gap_report.fleet import fleet_csv, fleet_json
 
-    out.mkdir(parents=True, exist_ok=True)
     made = (out / "fleet.csv", out / "fleet.json", out / "fleet.html")
     texts = (fleet_csv(entries), json.dumps(fleet_json(entries), indent=1, allow_nan=False) + "\n", fleet_page(entries))
-    for path, text in zip(made, texts, strict=True):
-        write_text(path, text)
+    with made_folder(out):
+        for path, text in zip(made, texts, strict=True):
+            write_text(path, text)
     return made

@@ -14,7 +14,7 @@ from estimators.gap.reading import diagnosis_of
 from rig.arm_file import model_file
 from rig.documents import read_json
 from rig.errors import RigError
-from rig.files import atomic_path, file_hash, write_text
+from rig.files import atomic_path, file_hash, made_folder, write_text
 from rig.memory import stated
 from rig.recording import Recording, locked_beside
 from scenarios.version import package_version, sources_hash
@@ -118,7 +118,6 @@ def write_outcome(outcome: Outcome, out: Path, saved: Path | None = None) -> Non
     Raises:
         RigError: a file cannot be written.
     """
-    out.mkdir(parents=True, exist_ok=True)
     found, drawn, proposal, corrected = paths(out, outcome.diagnosis.name)
     again = found.exists()
     calibration = outcome.diagnosis.calibration
@@ -130,7 +129,7 @@ def write_outcome(outcome: Outcome, out: Path, saved: Path | None = None) -> Non
     }
     if saved is not None:
         texts[saved] = outcome.scenario
-    with ExitStack() as all_or_none:
+    with made_folder(out), ExitStack() as all_or_none:
         for path, text in texts.items():
             if text is not None:
                 write_text(all_or_none.enter_context(atomic_path(path)), text)

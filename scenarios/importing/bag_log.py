@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.documents import check_ordinary
 from rig.errors import RigError
 from scenarios.importing.text_log import Log
 from scenarios.importing.transforms import Transforms
@@ -32,6 +33,8 @@ def read_bag(path: Path, base_frame: str | None = None, tool_frame: str | None =
     """
     from rosbags.highlevel import AnyReader
 
+    if not path.is_dir():
+        check_ordinary(path, "a bag")
     times: dict[str, list[int]] = {}
     rows: dict[str, list[_Row]] = {}
     met: dict[str, str] = {}

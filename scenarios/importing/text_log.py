@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.csv
 from numpy.typing import NDArray
 
+from rig.documents import check_ordinary
 from rig.errors import RigError
 
 Array = NDArray[np.float64]
@@ -47,6 +48,7 @@ def read_text_log(path: Path) -> Log:
     Raises:
         RigError: it cannot be read, is no text, or has no table of numbers.
     """
+    check_ordinary(path, "a table of numbers")
     try:
         with path.open("rb") as file:
             head = file.read(_LOOKED_AT)

@@ -26,7 +26,7 @@ import pyarrow.parquet as pq
 
 from rig.documents import read_json
 from rig.errors import RigError, nearest, shown
-from rig.files import atomic_path, file_hash, own_folder, sync_folder, write_text
+from rig.files import atomic_path, file_hash, made_folder, own_folder, sync_folder, write_text
 from scenarios.studies.tables import opened_table, read_table, write_table
 from scenarios.version import package_version
 from scenarios.workers import Settings, Trial, Workers
@@ -76,13 +76,10 @@ class StudyFolder:
             if (path / DOCUMENT).is_file():
                 study._check_same(any_version)
                 return study
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RigError(f"{path}: cannot be made: {error.strerror}") from error
         document = {"format": FORMAT, "kind": kind, "version": package_version(), "settings": plain}
         document["sha256"] = _digest(document)
-        write_text(path / DOCUMENT, json.dumps(document, indent=1) + "\n")
+        with made_folder(path):
+            write_text(path / DOCUMENT, json.dumps(document, indent=1) + "\n")
         return study
 
     @classmethod

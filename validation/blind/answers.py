@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from rig.documents import read_json
 from rig.errors import RigError
-from rig.files import child, file_hash, own_folder, write_text
+from rig.files import child, file_hash, made_folder, write_text
 from scenarios.version import sources_hash
 
 _SOLVER: Final = "solver.json"
@@ -43,19 +43,14 @@ class Answers:
         Raises:
             RigError: the folder cannot be made or is a link, or holds answers of another version.
         """
-        new = not self.folder.is_dir()
-        own_folder(self.folder)
-        if not (self.folder / _SOLVER).exists():
-            try:
+        with made_folder(self.folder, linked=False):
+            if not (self.folder / _SOLVER).exists():
                 self._write({})
-            except BaseException:
-                if new:
-                    self.folder.rmdir()
-                raise
-        elif self.solver() != sources_hash():
-            raise RigError(
-                f"{self.folder}: holds answers of another version of the diagnosis: remove that folder to start anew"
-            )
+            elif self.solver() != sources_hash():
+                raise RigError(
+                    f"{self.folder}: holds answers of another version of the diagnosis: remove that folder to start"
+                    " anew"
+                )
 
     def missing(self, names: Iterable[str]) -> list[str]:
         """The cases without an answer, or with one that is not what was noted."""

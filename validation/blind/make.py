@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.errors import RigError
-from rig.files import atomic_path, file_hash, own_folder, write_text
+from rig.files import atomic_path, file_hash, made_folder, write_text
 from rig.threads import one_blas_thread
 from scenarios.loader import load
 from scenarios.workers import Workers
@@ -64,19 +64,20 @@ def make_set(order: Order, workers: Workers | None = None, progress: Callable[[f
         The number of cases.
 
     Raises:
-        RigError: a folder holds a set already, or a case cannot be made.
+        RigError: a folder holds a set already, the truth would lie beside the recordings, or a case cannot be made.
     """
     folder, sealed = Path(order.folder), Path(order.sealed)
     if (folder / MANIFEST).exists():
         raise RigError(f"{folder}: holds a set already, expected a new folder")
-    own_folder(sealed / CHANGES)
-    own_folder(folder)
+    if sealed.resolve().is_relative_to(folder.resolve()):
+        raise RigError(f"{sealed}: lies in the folder of the recordings, expected another for the truth")
     count = len(order.plans)
     entries: dict[int, tuple[dict[str, str], dict[str, object]]] = {}
-    for number, entry in (workers or Workers(0)).completed(_make_one, order, range(count)):
-        entries[number] = entry
-        if progress is not None:
-            progress(len(entries) / count)
+    with made_folder(folder, linked=False), made_folder(sealed / CHANGES, linked=False):
+        for number, entry in (workers or Workers(0)).completed(_make_one, order, range(count)):
+            entries[number] = entry
+            if progress is not None:
+                progress(len(entries) / count)
     open_half = [entries[number][0] for number in range(count)]
     sealed_half = {entries[number][0]["name"]: entries[number][1] for number in range(count)}
     settings = {key: value for key, value in vars(order).items() if key not in ("folder", "sealed")}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from rig.files import own_folder, write_text
+from rig.files import child, made_folder, write_text
 from scenarios.studies.store import StudyFolder
 from scenarios.studies.tables import rows_of
 from scenarios.workers import Workers
@@ -40,9 +40,9 @@ def make_loop(
     from scenarios.plots.style import save
     from validation.plots.loop import loop_figure
 
-    beside = own_folder(folder / FOLDER)
-    study = StudyFolder.begin(beside / STUDY, "loop", settings)
-    steps = tuple(rows_of(Step, study.fill(trial, settings, settings.rigs, workers, progress)))
+    with made_folder(folder / FOLDER, linked=False) as beside:
+        study = StudyFolder.begin(child(beside, STUDY, str(beside)), "loop", settings)
+        steps = tuple(rows_of(Step, study.fill(trial, settings, settings.rigs, workers, progress)))
     found = summaries(steps)
     save(loop_figure(found), beside / PICTURE)
     write_text(folder / PAGE, page(settings, steps, found, FOLDER))

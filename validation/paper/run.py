@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,7 +14,7 @@ import pyarrow.compute as pc
 from matplotlib.figure import Figure
 
 from rig.channels import ACCELEROMETER
-from rig.files import own_folder, write_text
+from rig.files import child, made_folder, write_text
 from scenarios.loader import load
 from scenarios.studies.consistency import run, trial
 from scenarios.studies.settings import Settings
@@ -70,23 +69,9 @@ def make_paper(
     Raises:
         RigError: the folder cannot be made or written to, or as of ``consistency.run``.
     """
-    beside = own_folder(folder / FOLDER)
     wanted = chosen or settings()
-    kept = (SUMMARY, RATES, BLOCKS)
-    there = is_study(beside / STUDY) and StudyFolder.read(beside / STUDY).holds(*kept)
-    study = StudyFolder.begin(beside / STUDY, "consistency", wanted, any_version=there)
-    if not there:
-        try:
-            table = run(wanted, study, workers, progress)
-        except BaseException:
-            with suppress(OSError):  # where there are trials to go on with
-                beside.rmdir()
-            raise
-        cells, rates = Summary.of(wanted, table).tables()
-        study.write(BLOCKS, blocks(wanted, table))
-        study.write(RATES, rates)
-        study.write(SUMMARY, cells)
-        (study.path / TABLE).unlink()
+    with made_folder(folder / FOLDER, linked=False) as beside:
+        study = _studied(child(beside, STUDY, str(beside)), wanted, workers, progress)
     summary = read_summary(study.path)
     comparison = compare()
     files = [folder / PAGE]
@@ -99,6 +84,22 @@ def make_paper(
     write_text(files[-1], json.dumps(document(comparison), indent=1, ensure_ascii=False) + "\n")
     write_text(folder / PAGE, page(comparison, summary))
     return Paper(comparison, summary, tuple(files))
+
+
+def _studied(
+    path: Path, wanted: Settings, workers: Workers | None, progress: Callable[[float], None] | None
+) -> StudyFolder:
+    """The consistency study, made where its results are not there."""
+    there = is_study(path) and StudyFolder.read(path).holds(SUMMARY, RATES, BLOCKS)
+    study = StudyFolder.begin(path, "consistency", wanted, any_version=there)
+    if not there:
+        table = run(wanted, study, workers, progress)
+        cells, rates = Summary.of(wanted, table).tables()
+        study.write(BLOCKS, blocks(wanted, table))
+        study.write(RATES, rates)
+        study.write(SUMMARY, cells)
+        (study.path / TABLE).unlink()
+    return study
 
 
 def read_summary(study: Path) -> Summary:

@@ -55,8 +55,8 @@ def make_gap_page(folder: Path) -> tuple[Path, ...]:
     Raises:
         RigError: the folder cannot be made or written to.
     """
-    beside = own_folder(folder / FOLDER)
     document = diagnosed()
+    beside = own_folder(folder / FOLDER)
     write_text(beside / DIAGNOSIS, json.dumps(document, indent=1) + "\n")
     save(gap_figure(subsets_of_twin()), beside / PICTURE)
     write_text(folder / PAGE, page(document))
