@@ -79,7 +79,7 @@ def plan(
     The arm stays within its limits, speeds and accelerations, and touches neither itself nor what its file, --table and
     --box put around it. Of poses, readings at rest count: calibrate the recording with rig calibrate --still. Along a
     sweep an accelerometer feels its own acceleration, which a calibration takes for gravity: the plan keeps that error
-    small and states it; --acceleration limits that of the joints.
+    small and states it, and rig calibrate sees it in the residuals; --acceleration limits that of the joints.
 
     \b
     Example:
