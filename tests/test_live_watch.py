@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from scipy.stats import f
 
 import estimators
 import scenarios
@@ -16,6 +17,7 @@ from estimators.calibration import Calibration
 from estimators.live import Calibrator, Options
 from estimators.live.alarm import Alarm
 from estimators.live.blocks import Blocks
+from estimators.live.memory import Memory
 from estimators.live.sensor_watch import SensorWatch
 from estimators.live.stuck import Stuck
 from estimators.live.watch import Watch
@@ -231,3 +233,15 @@ def test_a_calibration_of_something_else_is_refused(sweep: Recording, calibratio
         Watch.of(replace(sweep, magnetometer=None, units={"accelerometer": "V"}), only, None)
     with pytest.raises(RigError, match="alarms a day"):
         Watch.of(sweep, calibration, None, alarms_a_day=0.0)
+
+
+def test_a_change_hardly_passes_for_noise_however_early_it_comes() -> None:
+    """What a window may add to the memory is Fisher's quantile of what is known: the less, the more was seen."""
+    memory = Memory((1, 4), 1e-7, 1)
+    assert memory.most(0, 1.0) == np.inf
+    most = []
+    for windows in (20, 180):
+        memory.add(0, float(windows), float(windows), 1.0)
+        memory.learn(1.0)
+        most.append(memory.most(0, 1.0))
+    np.testing.assert_allclose(most, f.isf(1e-3, 1.0, [20.0, 200.0]), rtol=1e-9)  # white so far: a ratio of one

@@ -34,6 +34,9 @@ _FOLLOWED: Final = 2048
 _SHOWN: Final = 5.0
 #: A mean square that white noise exceeds more seldom shows a memory.
 _SURE: Final = 1e-3
+#: What a window may add to what is known, whenever it comes, is what noise exceeds with this probability: a change that
+#: begins below the tests' limits would be taken up as noise, and hide itself, otherwise.
+_SELDOM: Final = 1e-3
 
 
 class Memory:
@@ -133,6 +136,10 @@ class Memory:
     def chance_of(self, place: int, squares: Array, degrees: float) -> Array:
         """The probability that noise makes as much of squares over degrees of freedom; any shape."""
         return exceeded(squares / self.ratio[place], degrees, float(self.freedom[place]))
+
+    def most(self, place: int, degrees: float) -> float:
+        """The mean square that noise hardly ever exceeds, as far as it is known; of so many degrees of freedom."""
+        return float(self.ratio[place]) * _limit(_SELDOM, degrees, float(self.freedom[place]))
 
     def known(self) -> None:
         """Take noise to be white: nothing is to be learnt."""

@@ -268,8 +268,8 @@ class SensorWatch:
             self.memory.follow(test.apart)
             windows = len(test.ratio) / min(_PER_LENGTH, WINDOWS[test.place])
             for memory, values, degrees in ((self.memory, test.ratio, k), (self.swing, test.deviation, 1.0)):
-                cap = _CAPPED * memory.ratio[test.place] if self._learnt else np.inf
-                memory.add(test.place, float(np.minimum(values, cap).mean()) * windows, windows, degrees)
+                most = memory.most(test.place, degrees)
+                memory.add(test.place, float(np.minimum(values, most).mean()) * windows, windows, degrees)
         if self._fixed and self._learnt:
             return
         cap = _CAPPED * self.level * self._freedom if self._learnt else np.inf
@@ -369,8 +369,8 @@ class SensorWatch:
             square, degrees = self.by_direction.mean_square(ratio)
             p = float(self.memory.chance_of(-1, np.array(square), degrees))
             if self.by_direction.whole:
-                cap = _CAPPED * ratio if self._learnt else np.inf
-                self.memory.add(len(WINDOWS), min(square, cap) / PARTS, 1.0 / PARTS, degrees)
+                most = self.memory.most(-1, degrees)
+                self.memory.add(len(WINDOWS), min(square, most) / PARTS, 1.0 / PARTS, degrees)
             if p < self._chance * PART * self._block_s:
                 words = f"the residuals toward {self.by_direction.worst} (p = {p:.0e})"
                 found += self._raise(now, now - PART * self._block_s, words, p)
