@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import matplotlib.image
@@ -13,6 +14,7 @@ from cli_support import SMALL, Rig
 from rerun.chunk import RrdReader
 
 import scenarios
+from rig.files import file_hash
 from scenarios.plots.study_consistency import consistency_figure
 from scenarios.plots.study_subsets import subsets_figure
 from scenarios.studies.settings import Settings
@@ -196,3 +198,14 @@ def test_one_draw_is_drawn_where_it_is(studied: Path) -> None:
     ]
     assert np.allclose(lines["one draw"].get_ydata(), expected)
     assert np.array_equal(lines["one draw"].get_xdata(), [cell.count for cell in cells])
+
+
+def test_a_forged_table_is_refused_where_the_study_goes_on(studied: Path, rig: Rig, tmp_path: Path) -> None:
+    forged = tmp_path / "forged"
+    shutil.copytree(studied, forged)
+    table = pq.read_table(forged / "table.parquet")
+    pq.write_table(table.append_column("order", table["order"]), forged / "table.parquet")
+    hashes = {**json.loads((forged / "tables.json").read_text()), "table.parquet": file_hash(forged / "table.parquet")}
+    (forged / "tables.json").write_text(json.dumps(hashes))
+    command = [str(forged) if word == "st" else word for word in (*CONSISTENCY, *CHOSEN)]
+    assert "its tables do not make one study" in rig.refused(*command)

@@ -96,6 +96,7 @@ def consistency(
     from scenarios.studies.settings import Settings
     from scenarios.studies.store import SUMMARY, StudyFolder
     from scenarios.studies.summary import RATES, Summary
+    from scenarios.studies.tables import fitting_together
     from scenarios.workers import Workers
 
     where = Workers(workers, cluster)
@@ -114,7 +115,8 @@ def consistency(
     with progress_bar(f"{settings.trials} trials of {settings.name}") as progress:
         errors = consistency_study.run(settings, folder, where, progress)
     with progress_bar("summing up"):
-        summary = Summary.of(settings, errors)
+        with fitting_together(output):  # the table may be as somebody else has made it
+            summary = Summary.of(settings, errors)
         cells, rates = summary.tables()
         folder.write(SUMMARY, cells)
         folder.write(RATES, rates)
