@@ -268,3 +268,10 @@ def test_procedures_are_listed(rig: Rig) -> None:
     assert {row["name"] for row in rows} >= {"three-turns", "four-turns", "faces"}
     assert "angle1-2" in next(row["lacking"] for row in rows if row["name"] == "three-turns")
     assert "three-turns" in rig.done("live", "--guide", "list")
+
+
+def test_a_field_that_nobody_stated_stays_marked_as_assumed(here: Path, rig: Rig) -> None:
+    rig("live", "run.csv", "-o", "live.parquet", "--keep-going", "--idle", "0.2", "--gravity", "9.81")
+    metadata = read_recording("live.parquet").metadata
+    assert metadata.gravity_m_s2 == 9.81
+    assert metadata.assumed == ("magnetic_field",)

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -257,12 +258,12 @@ def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tupl
 
     names = None if given["columns"] is None else [name.strip() for name in given["columns"].split(",")]
     joints = None if plan.arm is None else plan.arm.dof
-    columns, metadata = None, _metadata(given)
+    columns, stated = None, None
     if given["mapping"] is not None:
         from scenarios.live.mapped import renamed
 
         columns, stated = renamed(given["mapping"])
-        metadata = stated if metadata is None else metadata
+    metadata = _metadata(given, stated)
     feed = Feed(open_source(source), names, metadata, given["rate"], joints, renamed=columns)
     displays: list[Display] = []
     if given["view"] or given["view_file"] is not None:
@@ -273,15 +274,18 @@ def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tupl
     return Session(feed, path, plan, displays), displays
 
 
-def _metadata(given: dict[str, Any]) -> Metadata | None:
-    """What the command line says about the stream; None where that is for the stream to say."""
+def _metadata(given: dict[str, Any], mapped: Metadata | None) -> Metadata | None:
+    """What the command line says of the stream, over what a mapping says; None where the stream itself is to say."""
     from rig.recording import Metadata
+    from rig.recording.metadata import FIELD_SIZES
 
-    if given["gravity"] is None and given["field"] is None and given["columns"] is None:
+    said = dict(zip(FIELD_SIZES, (given["gravity"], given["field"]), strict=True))
+    known = {name: size for name, size in said.items() if size is not None}
+    if mapped is not None:
+        return replace(mapped, **known, assumed=tuple(name for name in mapped.assumed if name not in known))
+    if not known and given["columns"] is None:
         return None
-    gravity = 9.8 if given["gravity"] is None else given["gravity"]
-    field = 1.0 if given["field"] is None else given["field"]
-    return Metadata(gravity_m_s2=gravity, magnetic_field=field)
+    return Metadata(**known, assumed=tuple(name for name in FIELD_SIZES if name not in known))
 
 
 @contextmanager
