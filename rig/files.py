@@ -197,6 +197,11 @@ def scratch_folder(prefix: str) -> Iterator[Path]:
             os.close(handle)
 
 
+def in_utf8(name: str) -> str:
+    """A file's name as text that every library can take, bytes that are no UTF-8 as ``\\xff``."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")
+
+
 def sync_folder(folder: Path) -> None:
     """Have a folder's names on the disk, where the system can."""
     if os.name != "posix":

@@ -16,6 +16,7 @@ from rig.documents import parse_toml, read_toml
 from rig.effects import EFFECTS, Effect, make_effect
 from rig.environment import Environment
 from rig.errors import RigError, nearest, unknown_name
+from rig.files import in_utf8
 from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
 from rig.maneuver.fitting import fitted, unlimited
 from rig.simulate import Rig
@@ -94,7 +95,7 @@ def from_toml(text: str, file: str) -> Scenario:
         effects=_effects(top.sub("effects"), arm),
     )
     return Scenario(
-        name=Path(file).stem,
+        name=in_utf8(Path(file).stem),
         rig=rig,
         maneuver=_maneuver(top.sub("maneuver"), arm),
         title=run.title,

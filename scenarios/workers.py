@@ -38,6 +38,8 @@ _FOR_PARENT: Final = tuple(
 )
 #: So often a process looks whether its work is still wanted.
 _WATCH_S: Final = 0.2
+#: Of pools given up: a process that is still starting opens it, and would say that it is gone.
+_GIVEN_UP: Final[list[Event]] = []
 _KEPT: Final = "what is finished is kept: run the same command again"
 
 
@@ -245,6 +247,7 @@ class WorkerPool(ProcessPoolExecutor):
     def give_up(self) -> None:
         """Nobody wants the work any more: the processes end at once, in the middle of it."""
         self._given_up.set()
+        _GIVEN_UP.append(self._given_up)
 
 
 @contextmanager

@@ -14,8 +14,8 @@ from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import all_candidates
 from estimators.gap.diagnosis import percent
 from estimators.gap.refine import Fitted, explained_by, refit, started
-from estimators.gap.scan import Scanner
-from estimators.gap.score import ABSORBED, Explained
+from estimators.gap.scan import Offer, Scanner
+from estimators.gap.score import ABSORBED, Explained, Score
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
 
@@ -85,3 +85,12 @@ def test_what_the_calibration_absorbs_is_not_fitted(arm: Arm) -> None:
 )
 def test_shares_are_said_to_a_tenth_close_to_everything(shares: tuple[float | None, ...], text: str) -> None:
     assert percent(*shares) == text
+
+
+def test_a_search_of_any_length_has_its_price(arm: Arm) -> None:
+    """Where what is left is a billion times the noise, an instant was one of more than a machine's integers count."""
+    (candidate, *_) = all_candidates(benched(1, arm))
+    score = Score(100.0, 1, np.ones(1), 1.0)
+    offer = Offer(candidate, {}, score, searched=10**25)
+    assert offer.log_p - score.log_p == pytest.approx(25.0 * np.log(10.0))
+    assert offer.evidence < score.evidence

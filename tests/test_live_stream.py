@@ -153,6 +153,34 @@ def test_a_torn_last_line_is_cut(tmp_path: Path) -> None:
     assert mended(path) == 0
 
 
+def _in_parts(journal: Journal, run: Recording) -> None:
+    for first in range(0, len(run), 10):
+        journal.write(run.select(slice(first, first + 10)))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits the size of a file")
+@pytest.mark.parametrize("room", [100, 1000, 3000])
+def test_a_full_disk_leaves_whole_lines(tmp_path: Path, room: int) -> None:
+    """A part of a batch, or of the first lines, is taken back; a session that recorded nothing leaves no file."""
+    import resource
+
+    run = run_of()
+    journal = Journal(tmp_path / "run.csv", run.metadata)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+    try:
+        with pytest.raises(RigError, match=r"run.csv: cannot be written: File too large after \d+ bytes"):
+            _in_parts(journal, run)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    made = journal.close()
+    assert (made is None) == (journal.total == 0) == (room < 3000)
+    if made is None:
+        assert list(tmp_path.iterdir()) == []
+    else:
+        assert np.array_equal(read_recording(made).t, run.t[: journal.total])
+
+
 def test_a_journal_never_overwrites(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text("mine")
     with pytest.raises(RigError, match="--resume"):

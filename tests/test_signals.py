@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -112,6 +113,35 @@ def test_names_that_are_not_utf_8(tmp_path: Path) -> None:
     refused = rig(tmp_path, "calibrate", os.fsdecode(b"n\xe9.parquet"))
     assert refused.returncode == 2
     assert refused.stderr.startswith(rb"rig: n\xe9.parquet: no such file")
+
+
+def test_libraries_get_names_that_they_can_take(tmp_path: Path) -> None:
+    """Titles of plots and views, and files that are opened by a library itself; with any locale."""
+    odd = os.fsdecode(b"caf\xe9")
+    (tmp_path / f"{odd}.toml").write_text(SMALL)
+    (tmp_path / f"{odd}.csv").write_text("t,ax,ay,az\n" + "".join(f"{n / 10},{n % 3},1.0,9.0\n" for n in range(30)))
+    (tmp_path / odd).mkdir()
+    lines = (
+        ("sweep", f"{odd}.toml", "-o", f"{odd}.parquet", "--locked"),
+        ("noise", f"{odd}.locked.parquet", "-o", "noise.png"),
+        ("view", f"{odd}.parquet", "-o", f"{odd}.rrd"),
+        ("import", f"{odd}.csv", "-o", "imported.parquet"),
+        ("view", f"{odd}.parquet", "-o", f"{odd}/view.rrd"),
+    )
+    program = (
+        "import json, sys; from scenarios.cli import _app; _app._open_standard_streams();"
+        "sys.exit(sum(_app.run(line) for line in json.loads(sys.argv[1])))"
+    )
+    command = [sys.executable, "-W", "ignore", "-c", program, json.dumps(lines)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode == 2, done.stderr
+    assert (
+        done.stderr == b"rig: caf\\xe9/view.rrd: the viewer's files need a folder whose name is UTF-8, found another\n"
+    )
+    (tmp_path / "caf\u00e9").mkdir()
+    ascii_only = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    viewed = rig(tmp_path, "view", f"{odd}.parquet", "-o", "caf\u00e9/view.rrd", **ascii_only)
+    assert (viewed.returncode, viewed.stderr) == (0, b"")
 
 
 def test_terminals_without_a_letter(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from cli_support import Rig
 from diagnosed_recordings import by_hand, cause
@@ -153,3 +154,12 @@ def test_a_loop_writes_through_no_link_and_leaves_nothing_where_it_fails(
     with pytest.raises(RigError, match="study: is a link"):
         make_loop(tmp_path, SMALL, Workers(0))
     assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_forged_table_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def forged(settings: Settings, number: int) -> pa.Table:
+        return pa.table([pa.array(["joint5"])] * 2, names=["where", "where"])
+
+    monkeypatch.setattr(run, "trial", forged)
+    with pytest.raises(RigError, match=r"study: (its tables do not make one study|no study that can be read)"):
+        make_loop(tmp_path, SMALL, Workers(0))

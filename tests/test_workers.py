@@ -214,6 +214,26 @@ def alive(pid: int) -> bool:
     return state != "Z"  # dead, and not yet collected
 
 
+def test_a_pool_given_up_while_it_starts_says_nothing(tmp_path: Path) -> None:
+    """A process that is slow to start comes when all that it needs is gone: no traceback of its own."""
+    program = tmp_path / "slow.py"
+    program.write_text(
+        "import gc, time\n"
+        "if __name__ == '__mp_main__':\n"
+        "    time.sleep(1.0)\n"
+        "from scenarios.workers import WorkerPool\n"
+        "if __name__ == '__main__':\n"
+        "    pool = WorkerPool(1)\n"
+        "    pool.submit(print)\n"
+        "    pool.give_up()\n"
+        "    pool.shutdown(wait=False)\n"
+        "    del pool\n"
+        "    gc.collect()\n"
+    )
+    done = subprocess.run([sys.executable, program], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_dask_cluster_with_a_worker_killed_gives_the_same_table(reference: bytes, tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="Dask is not installed (the extra torusrig[cluster])")
     path = tmp_path / "study"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import log
 from typing import Final
 
 import numpy as np
@@ -56,12 +57,12 @@ class Offer:
     @property
     def evidence(self) -> float:
         """Twice the log Bayes factor, each searched shape equally likely beforehand."""
-        return self.score.evidence - 2.0 * float(np.log(self.searched))
+        return self.score.evidence - 2.0 * log(self.searched)
 
     @property
     def log_p(self) -> float:
         """Logarithm of the p-value, corrected for the search (Bonferroni)."""
-        return self.score.log_p + float(np.log(self.searched))
+        return self.score.log_p + log(self.searched)
 
 
 @dataclass(frozen=True)

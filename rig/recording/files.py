@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.errors import RigError
+from rig.files import in_utf8
 from rig.memory import check_fits
 from rig.recording.checks import check_continues, check_finite
 from rig.recording.columns import (
@@ -68,7 +69,7 @@ class RecordingScan:
     @property
     def name(self) -> str:
         """The file's name without its ending."""
-        return self.table.path.stem
+        return in_utf8(self.table.path.stem)
 
     @property
     def unused(self) -> tuple[str, ...]:

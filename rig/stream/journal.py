@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -61,13 +62,7 @@ class Journal:
         rows = pa.record_batch([from_float64(table[name]) for name in self._names], schema=schema)
         sink = pa.BufferOutputStream()
         pa.csv.write_csv(rows, sink, pa.csv.WriteOptions(include_header=False))
-        try:
-            self._file.write(memoryview(sink.getvalue()))
-            if (now := time.monotonic()) - self._synced > _SYNCED_S:
-                os.fsync(self._file.fileno())
-                self._synced = now
-        except OSError as error:
-            raise RigError(f"{self.csv}: cannot be written: {error.strerror or error}") from error
+        self._append(memoryview(sink.getvalue()))
         self.total += len(batch)
 
     def _open(self, batch: Recording) -> None:
@@ -77,18 +72,47 @@ class Journal:
                 self._file = self.csv.open("ab", buffering=0)
                 return
             self._file = self.csv.open("xb", buffering=0)
-            self._file.write(f"# rig: {self._metadata.to_text()}\n{','.join(self._names)}\n".encode())
         except FileExistsError:
             raise RigError(f"{self.csv}: is there already: expected --resume to go on with it, or another -o") from None
         except OSError as error:
             raise RigError(f"{self.csv}: cannot be written: {error.strerror}") from error
+        self._append(memoryview(f"# rig: {self._metadata.to_text()}\n{','.join(self._names)}\n".encode()))
+
+    def _append(self, lines: memoryview) -> None:
+        """All of them or none: a full disk takes a part before it refuses the rest."""
+        whole = os.fstat(self._file.fileno()).st_size
+        try:
+            while lines:
+                lines = lines[self._file.write(lines) :]
+            self._sync(_SYNCED_S)
+        except BaseException as error:
+            with suppress(OSError):
+                self._file.truncate(whole)
+            if isinstance(error, OSError):
+                raise self._refused(error) from error
+            raise
+
+    def _refused(self, error: OSError) -> RigError:
+        size = os.fstat(self._file.fileno()).st_size
+        return RigError(f"{self.csv}: cannot be written: {error.strerror} after {size} bytes, which are kept")
+
+    def _sync(self, after_s: float) -> None:
+        if (now := time.monotonic()) - self._synced > after_s:
+            os.fsync(self._file.fileno())
+            self._synced = now
 
     def close(self) -> Path | None:
         """Close the recording: a Parquet file takes the CSV's place, if that was asked for; None without a sample."""
         if self._file is not None:
-            os.fsync(self._file.fileno())
-            self._file.close()
-            self._file = None
+            try:
+                self._sync(0.0)
+            except OSError as error:
+                raise self._refused(error) from error
+            finally:
+                self._file.close()
+                self._file = None
+            if not self.total and not self._resumed:
+                self.csv.unlink()
         if not self.csv.is_file():
             return None
         if self.path.suffix == ".parquet":

@@ -64,12 +64,13 @@ def _reminded(number: int, frame: FrameType | None) -> None:
 
 
 def _raise(frame: FrameType | None) -> None:
-    """End, unless that is under way; not in the middle of an import, which would leave half a module."""
+    """End, unless that is under way; not in the middle of an import or of the start of a process, which would leave
+    half a module or half a process."""
     assert _wanted is not None
     can_wait = hasattr(signal, "setitimer")
     if _cleaning_up():
         return
-    if can_wait and _importing(frame):
+    if can_wait and _indivisible(frame):
         signal.setitimer(signal.ITIMER_REAL, _IMPORTED_S)
         return
     if can_wait:  # some libraries swallow what is raised inside of them
@@ -85,9 +86,12 @@ def _cleaning_up() -> bool:
     return error is not None
 
 
-def _importing(frame: FrameType | None) -> bool:
+def _indivisible(frame: FrameType | None) -> bool:
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
+        code = frame.f_code
+        if code.co_filename.startswith("<frozen importlib"):
+            return True
+        if code.co_name == "start" and frame.f_globals.get("__name__") == "multiprocessing.process":
             return True
         frame = frame.f_back
     return False

@@ -190,14 +190,15 @@ def _serve(target: Path) -> None:
 def _draw_diagnosis(run: Path, diagnosis: Path, arm: Arm | None, target: Path) -> None:
     from estimators.gap.basefit import posed
     from estimators.gap.reading import read_diagnosis
+    from rig.files import in_utf8
     from rig.recording import locked_beside, whole_or_means
     from scenarios.gap_report import gap_residuals
     from scenarios.gap_report.task import BYTES_A_SAMPLE
     from scenarios.view import write_diagnosis_view
 
     found = read_diagnosis(diagnosis)
-    if run.stem not in found.recordings:
-        raise RigError(f"{diagnosis}: is of {' and '.join(found.recordings)}, expected a diagnosis of {run.stem}")
+    if (name := in_utf8(run.stem)) not in found.recordings:
+        raise RigError(f"{diagnosis}: is of {' and '.join(found.recordings)}, expected a diagnosis of {name}")
     joints = None if arm is None else arm.dof
     with progress_bar(f"drawing {run}"):
         recording, block = whole_or_means(run, joints, BYTES_A_SAMPLE)

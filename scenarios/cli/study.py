@@ -114,20 +114,20 @@ def consistency(
     folder = StudyFolder.begin(output, "consistency", settings)
     with progress_bar(f"{settings.trials} trials of {settings.name}") as progress:
         errors = consistency_study.run(settings, folder, where, progress)
-    with progress_bar("summing up"):
-        with fitting_together(output):  # the table may be as somebody else has made it
+    with fitting_together(output):  # the table may be as somebody else has made it
+        with progress_bar("summing up"):
             summary = Summary.of(settings, errors)
-        cells, rates = summary.tables()
-        folder.write(SUMMARY, cells)
-        folder.write(RATES, rates)
-        files = _consistency_plots(summary, folder.path, errors, shown)
-    if as_json:
-        _print_consistency(summary, output, files)
-        return
-    from scenarios.report import show
-    from scenarios.studies.report import consistency_report
+            cells, rates = summary.tables()
+            folder.write(SUMMARY, cells)
+            folder.write(RATES, rates)
+            files = _consistency_plots(summary, folder.path, errors, shown)
+        if as_json:
+            _print_consistency(summary, output, files)
+            return
+        from scenarios.report import show
+        from scenarios.studies.report import consistency_report
 
-    show(consistency_report(summary, shown))
+        show(consistency_report(summary, shown))
     click.echo(f"\n{output}: {errors.num_rows:,} fits; look at them: rig view {output}")
 
 

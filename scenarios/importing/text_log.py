@@ -128,14 +128,15 @@ def _numbers(path: Path, delimiter: str | None, skipped: int, names: list[str], 
             raise RigError(f"{path}: not a table of numbers: {' '.join(str(error).split())[:120]}") from error
         return dict(zip(names, np.ascontiguousarray(values.T), strict=False))
     try:
-        table = pa.csv.read_csv(
-            path,
-            read_options=pa.csv.ReadOptions(skip_rows=skipped, column_names=names, use_threads=False),
-            parse_options=pa.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=lambda row: "error"),
-            convert_options=pa.csv.ConvertOptions(
-                decimal_point="," if comma else ".", null_values=["", "nan", "NaN", "NA", "null", "-"]
-            ),
-        )
+        with path.open("rb") as file:  # Arrow itself opens no name that is not UTF-8
+            table = pa.csv.read_csv(
+                file,
+                read_options=pa.csv.ReadOptions(skip_rows=skipped, column_names=names, use_threads=False),
+                parse_options=pa.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=lambda row: "error"),
+                convert_options=pa.csv.ConvertOptions(
+                    decimal_point="," if comma else ".", null_values=["", "nan", "NaN", "NA", "null", "-"]
+                ),
+            )
     except (pa.ArrowInvalid, OSError) as error:
         raise RigError(f"{path}: not a whole table: {' '.join(str(error).split())[:120]}") from error
     found = {}

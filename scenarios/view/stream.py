@@ -31,11 +31,12 @@ def written_stream(path: str | os.PathLike[str]) -> Iterator[rr.RecordingStream]
         RigError: the file cannot be written whole or not in time, or logging is switched off in the environment.
     """
     with atomic_path(path) as temporary:
+        name = _in_utf8(path, temporary)
         stream = rr.RecordingStream(APPLICATION)
         if not rr.is_enabled(stream):
             raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
         try:
-            _in_time(lambda: stream.save(temporary), path, temporary)
+            _in_time(lambda: stream.save(name), path, temporary)
             yield stream
             _in_time(lambda: stream.flush(timeout_sec=_PATIENCE_S), path, temporary)
         except BaseException:
@@ -43,7 +44,15 @@ def written_stream(path: str | os.PathLike[str]) -> Iterator[rr.RecordingStream]
                 _in_time(stream.disconnect, path, temporary, _CLOSING_S)
             raise
         _in_time(stream.disconnect, path, temporary)  # writes the file's footer
-        _in_time(lambda: _read_back(temporary), path, temporary)
+        _in_time(lambda: _read_back(name), path, temporary)
+
+
+def _in_utf8(path: str | os.PathLike[str], temporary: Path) -> str:
+    """The temporary file by the name that the library takes, whatever the locale's letters are."""
+    try:
+        return os.fsencode(temporary).decode("utf-8")
+    except UnicodeDecodeError:
+        raise RigError(f"{path}: the viewer's files need a folder whose name is UTF-8, found another") from None
 
 
 def _in_time(
@@ -57,9 +66,9 @@ def _in_time(
         raise RigError(f"{path}: cannot be written whole (is the disk full?): {size} bytes were; {why}") from error
 
 
-def _read_back(file: Path) -> None:
+def _read_back(file: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # without its end a file is read with a warning
-        reader = RrdReader(str(file))
+        reader = RrdReader(file)
         for _ in reader.stream():
             pass

@@ -14,6 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from rig.files import in_utf8
 from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
 from scenarios.studies.subset_files import read_subsets
@@ -49,7 +50,7 @@ def write_study_view(path: Path, target: str | os.PathLike[str]) -> None:
     """
     folder = StudyFolder.read(path)
     with fitting_together(path), written_stream(target) as stream:
-        stream.send_recording_name(path.name)
+        stream.send_recording_name(in_utf8(path.name))
         if folder.kind == "subsets":
             stream.send_blueprint(_subsets(stream, read_subsets(folder)))
         else:

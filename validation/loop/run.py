@@ -9,7 +9,7 @@ from typing import Final
 
 from rig.files import child, made_folder, write_text
 from scenarios.studies.store import StudyFolder
-from scenarios.studies.tables import rows_of
+from scenarios.studies.tables import fitting_together, rows_of
 from scenarios.workers import Workers
 from validation.loop.page import PICTURE, page
 from validation.loop.play import Settings, Step, trial
@@ -42,8 +42,10 @@ def make_loop(
 
     with made_folder(folder / FOLDER, linked=False) as beside:
         study = StudyFolder.begin(child(beside, STUDY, str(beside)), "loop", settings)
-        steps = tuple(rows_of(Step, study.fill(trial, settings, settings.rigs, workers, progress)))
-    found = summaries(steps)
+        table = study.fill(trial, settings, settings.rigs, workers, progress)
+        with fitting_together(study.path):  # the table may be as somebody else has made it
+            steps = tuple(rows_of(Step, table))
+            found = summaries(steps)
     save(loop_figure(found), beside / PICTURE)
     write_text(folder / PAGE, page(settings, steps, found, FOLDER))
     return Loop(steps, found, (folder / PAGE, beside / PICTURE, study.path))
