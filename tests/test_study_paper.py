@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,9 @@ from validation.paper.renk_text import field_chi_square, misfits
 from validation.paper.rows import Row
 from validation.paper.run import BLOCKS, CHECKED, PAGE, STUDY, blocks, figures, read_summary, settings
 from validation.paper.simulated import drawn, noiseless
+
+#: As the page prints them.
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -272,7 +276,12 @@ def test_from_level_gravity_leaves_a_parameter_open_and_off_level_it_does_not() 
 def test_the_page_is_up_to_date(comparison: Comparison, kept: Summary) -> None:
     """Everything on it but the consistency study is made again; that one is checked in the next two tests."""
     expected = page(comparison, kept)
-    assert (DOCS / PAGE).read_text(encoding="utf-8") == expected, "stale: run `rig study paper -o docs`"
+    kept_page = (DOCS / PAGE).read_text(encoding="utf-8")
+    assert NUMBER.split(kept_page) == NUMBER.split(expected), "stale: run `rig study paper -o docs`"
+    for one, other in zip(NUMBER.findall(kept_page), NUMBER.findall(expected), strict=True):
+        # A figure on the edge between two roundings falls either way with the processor's sums.
+        last = 10.0 ** -len(other.partition(".")[2])
+        assert float(one) == pytest.approx(float(other), rel=0.0, abs=1.01 * last), f"{one} for {other}"
     for name in PICTURES:
         assert f"({FOLDER}/{name}.png)" in expected
 
