@@ -25,6 +25,8 @@ _HELD = 1e-2
 _DAMPED, _LEAST, _LARGEST = 1e-3, 1e-8, 1e4
 #: Chi-square that a step must promise, and the share of the promise that must come for the derivatives to stay.
 _FLAT, _STRAIGHT = 0.02, 0.8
+#: Chi-square gained since the derivatives were taken, up to which they are still those of the point.
+_NEAR = 0.25
 #: Values of a phase that are tried before it is fitted.
 _PHASES = np.arange(8) * np.pi / 4.0
 
@@ -63,6 +65,11 @@ class Fitted:
             taken = [float(np.clip(number, item.lower, item.upper)) for number in itertools.islice(numbers, item.size)]
             given[item.name] = taken[0] if item.size == 1 else tuple(taken)
         return self.candidate.effect.from_mapping(given)
+
+    def touched(self, bench: Bench) -> NDArray[np.bool_]:
+        """(6,) the channels whose readings it changes, near the fitted values."""
+        moved = replace(self, values=self.values + STEP * self.scale).effect
+        return np.asarray((bench.change([moved]) != 0.0).any(axis=0))
 
     def tangent(self, bench: Bench, others: Sequence[Effect] = ()) -> Array:
         """(c count, p) whitened derivatives at the fitted values, each scaled to a typical size."""
@@ -179,20 +186,20 @@ def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> Refit:
     held = _HELD * np.concatenate([np.full(item.size, float(item.strength)) for each in fits for item in each.free])
     problem = _Problem(fits, bench, held**2)
     here = problem.at(np.concatenate([each.values for each in fits]) / scale)
-    slopes, damping = problem.slopes(here), _DAMPED
+    slopes, damping, gone = problem.slopes(here), _DAMPED, 0.0
     for _ in range(most):
         step = slopes.step(here, damping)
         ahead = problem.at(here.point + step)
         promised, kept = slopes.promise(here, step), here.misfit - ahead.misfit
         if kept > 0.0:
-            here, damping = ahead, max(damping / 10.0, _LEAST)
+            here, damping, gone = ahead, max(damping / 10.0, _LEAST), gone + kept
         else:
             damping *= 10.0
         if promised < _FLAT or damping > _LARGEST:
             break
         if slopes.at is not here.point and kept < _STRAIGHT * promised:
-            slopes = problem.slopes(here)
-    if slopes.at is not here.point:
+            slopes, gone = problem.slopes(here), 0.0
+    if gone > _NEAR:
         slopes = problem.slopes(here)
     return Refit(here.fits, bench, here.left, slopes.columns)
 
@@ -264,10 +271,16 @@ class _Problem:
 
 
 def tangents(fits: Sequence[Fitted], bench: Bench) -> list[Array]:
-    """The tangent of each fitted effect with the others in place."""
-    effects = [each.effect for each in fits]
-    others = [[other for other in effects if other is not own] for own in effects]
-    return [each.tangent(bench, rest) for each, rest in zip(fits, others, strict=True)]
+    """The tangent of each fitted effect with the others in place: those that touch a channel that it touches."""
+    touched = [each.touched(bench) for each in fits]
+    if any(each.candidate.names for each in fits):  # what a channel's reading does to another's
+        touched = [np.ones_like(own) for own in touched]
+    found = []
+    for each, here in zip(fits, touched, strict=True):
+        near = [bool((here & own).any()) for own in touched]
+        others = [other.effect for other, felt in zip(fits, near, strict=True) if felt and other is not each]
+        found.append(each.tangent(bench, others))
+    return found
 
 
 def at(fits: Sequence[Fitted], bench: Bench) -> Refit:

@@ -75,16 +75,23 @@ class Kept:
 
 @dataclass(frozen=True)
 class Look:
-    """Candidates on one bench; their columns are kept for the next scan, by label and shape."""
+    """Candidates on one bench; their columns are kept for the next scan, by label and shape.
+
+    Attributes:
+        nearby: the look on a bench with fewer effects, whose derivatives tell well enough which shape a fit begins at.
+    """
 
     bench: Bench
     kept: dict[tuple[str, str], Kept] = field(default_factory=dict)
+    nearby: Look | None = None
 
     def best(self, candidate: Candidate, explained: Explained, shapes: Sequence[Shape] | None = None) -> list[Offer]:
         """The offers of all shapes of a candidate, or of some, the best first; not for a tone."""
         every: Sequence[Shape] = candidate.effect.searched(self.bench.base)
         if set(every[0]) == {"at_s"}:
             return [_onset(candidate, self.bench, explained)]
+        if self.nearby is not None and shapes is None and len(every) > 1 and not set(every[0]) & set(KEPT):
+            shapes = [self.nearby.best(candidate, explained)[0].shape]
         found = []
         for shape in every if shapes is None else shapes:
             key = candidate.label, str(shape)
@@ -170,6 +177,9 @@ class Scanner:
             fine = Look(self.fine.bench.around(pipeline).having(effects))
             rough = fine if self.rough is self.fine else Look(bench.around(pipeline).having(effects))
             found = Scanner(rough, fine, self._envelopes)  # a tone's first look is not made anew
+        fine = replace(found.fine, nearby=self.fine)
+        rough = fine if found.rough is found.fine else replace(found.rough, nearby=self.rough)
+        found = replace(found, rough=rough, fine=fine)
         self._others.append((change, found))
         return found
 

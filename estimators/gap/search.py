@@ -34,7 +34,7 @@ _HOPELESS: Final = 1.0
 #: Log odds against the leading set beyond which a set is followed no further.
 _FAR: Final = 14.0
 #: And beyond which it is not extended.
-_PROMISING: Final = 8.0
+_PROMISING: Final = 5.0
 #: The share of what a dropped effect gained that another must promise to be fitted in its place.
 _SWAPPED: Final = 0.5
 #: Sets of more than this are not extended where something without effects is far likelier.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.diagnosis import ESTABLISHED, chance
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
-from rig.files import own_folder, write_text
+from rig.files import made_folder, write_text
 from scenarios.loader import load
 from scenarios.plots.style import save
 from scenarios.scenario import Scenario
@@ -55,11 +55,11 @@ def make_gap_page(folder: Path) -> tuple[Path, ...]:
     Raises:
         RigError: the folder cannot be made or written to.
     """
-    document = diagnosed()
-    beside = own_folder(folder / FOLDER)
-    write_text(beside / DIAGNOSIS, json.dumps(document, indent=1) + "\n")
-    save(gap_figure(subsets_of_twin()), beside / PICTURE)
-    write_text(folder / PAGE, page(document))
+    with made_folder(folder / FOLDER, linked=False) as beside:
+        document = diagnosed()
+        write_text(beside / DIAGNOSIS, json.dumps(document, indent=1) + "\n")
+        save(gap_figure(subsets_of_twin()), beside / PICTURE)
+        write_text(folder / PAGE, page(document))
     return folder / PAGE, beside / PICTURE, beside / DIAGNOSIS
 
 
