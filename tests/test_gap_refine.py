@@ -13,7 +13,7 @@ from estimators.gap.basefit import estimated_floor, set_up
 from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import all_candidates
 from estimators.gap.diagnosis import percent
-from estimators.gap.refine import Fitted, explained_by, refit, started
+from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
 from estimators.gap.scan import Offer, Scanner
 from estimators.gap.score import ABSORBED, Explained, Score
 from rig.arm import Arm
@@ -55,6 +55,23 @@ def test_a_refit_reaches_the_minimum_of_least_squares(arm: Arm) -> None:
 
     best = least_squares(left, fit.values / fit.scale, x_scale="jac", ftol=1e-10, xtol=1e-10)
     assert float(explained.residual @ explained.residual) < 2.0 * best.cost + 0.1
+
+
+def test_derivatives_are_taken_beside_what_touches_the_same_channels(arm: Arm) -> None:
+    """To the last bits those beside all others: of a lag of each sensor, a magnet, and a channel that reads another."""
+    bench = benched(1, arm, DIPOLE)
+    labels = ["base_dipole@base", "sensor_lag@accelerometer", "sensor_lag@magnetometer", "scale_cubic@accel2"]
+    fits = [first_fit(bench, label) for label in labels]
+    moved = [replace(fit, values=np.abs(fit.values) + 0.1 * fit.scale) for fit in fits]
+    touched = [each.touched(bench).tolist() for each in moved]
+    mag = [False] * 3 + [True] * 3
+    assert touched == [mag, [not each for each in mag], mag, [False, True, False, False, False, False]]
+    crossed = next(each for each in all_candidates(bench) if each.effect.name == "channel_crosstalk")
+    size = Fitted(crossed, np.full(1, 0.01), {})
+    for fitted in (moved, [*moved, size]):
+        for each, found in zip(fitted, tangents(fitted, bench), strict=True):
+            whole = each.tangent(bench, [other.effect for other in fitted if other is not each])
+            np.testing.assert_allclose(found, whole, rtol=0.0, atol=1e-6 * np.abs(whole).max())
 
 
 def test_what_the_calibration_absorbs_is_not_fitted(arm: Arm) -> None:
