@@ -125,6 +125,31 @@ def test_a_magnet_by_hand_is_noticed_without_a_calibration() -> None:
     assert 90.0 <= found[-1].t_s <= 92.0
 
 
+def test_what_changes_on_an_accelerometer_turned_by_hand_is_named_from_its_rests() -> None:
+    """Fifty sigma on one axis: the motion between the poses, hundreds of sigma, is not taken for noise."""
+    scenario = scenarios.load("camps2009-accelerometer")
+    run = scenario.simulate(seed=2)
+    readings = run.readings("accelerometer") + 0.05 * (run.t >= 120.0)[:, None] * np.array([0.0, 1.0, 0.0])
+    found = watched(replace(run, accelerometer=readings), estimators.calibrate(scenario.simulate(seed=1)), alarms=0.01)
+    assert found[0].begins
+    assert 120.0 <= found[0].t_s <= 132.0  # three poses: an axis that shows ten sigma is within 78 deg of level in 0.8
+    named = next(alarm for alarm in found if alarm.kind == "named")
+    assert {each.name for each in named.names} == {"bias_step"}, named.names
+
+
+@pytest.mark.parametrize("attitude", [True, False])
+def test_a_calibration_that_never_held_is_noticed_at_once(
+    sweep: Recording, calibration: Calibration, attitude: bool
+) -> None:
+    """Thirty sigma from the first sample on: no memory of the noise makes as much, though none of it is known yet."""
+    run = replace(sweep, magnetometer=sweep.readings("magnetometer") + 0.3 * np.array([0.6, -0.6, 0.5]))
+    if not attitude:
+        run = replace(run, q=None, metadata=replace(run.metadata, arm="none"))
+    found = [alarm for alarm in watched(run.select(slice(0, 400)), calibration, alarms=0.01) if alarm.begins]
+    assert found[0].t_s < 20.0  # the tool rolls once in eight seconds: every axis is seen along the field
+    assert attitude or found[-1].t_s > 60.0  # what is over while the field is across is noticed again
+
+
 def test_false_alarms_are_no_more_than_stated(calibration: Calibration) -> None:
     """White noise on a sensor at rest, 8 hours of it at 5 Hz, at a stated 60 a day: 20 expected at most, and no more
     than 40 but in one of 30,000 runs. At least one, so that the test can fail; Poisson of 20 / 4 gives none in 1 of

@@ -84,6 +84,12 @@ class Blocks:
         )
 
 
+def within(t: Array, ends: Array, length_s: float) -> NDArray[np.bool_]:
+    """Which times (n,) [s] lie in one of the spans of a length [s] that end at ``ends`` (m,), increasing."""
+    later = np.append(ends, np.inf)[np.searchsorted(ends, t)]
+    return np.asarray(later - t < length_s)
+
+
 class Rested:
     """Lets blocks through in whose middle a sensor rested, half a second later."""
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.live.alarm import Alarm
-from estimators.live.blocks import LEAST, Blocks, Rested
+from estimators.live.blocks import LEAST, Blocks, Rested, within
 from estimators.live.by_direction import PART, PARTS, ByDirection
 from estimators.live.memory import CERTAIN, Memory, exceeded
 from estimators.live.naming import Likeness, Span, likenesses
@@ -48,12 +48,17 @@ _STILL_THERE: Final = 1e-3
 _CALM_S: Final = 1.0
 #: A tenth more variance is no change.
 _MORE_NOISE: Final = 1.1
+#: Noise that is remembered for ever moves the means of windows as readings: by no more than so many times the variance
+#: that the reference states, whatever is still to be learnt.
+_SLOW: Final = 4.0
 #: What a window may add to the noise's own history, over what is known of it: noise itself hardly ever has more.
 _CAPPED: Final = 10.0
 #: While the memory is still learnt after the first minute, so many blocks are judged at a time.
 _AT_A_TIME: Final = 64
-#: The change is named once so many seconds after it are known, and again when more are; so much before it is kept.
+#: The change is named once so many seconds after it are known, and so many samples, and again when more are; so much
+#: before it is kept.
 _NAMED_S: Final = (1.0, 8.0)
+_NAMED: Final = 16
 _KEPT_S: Final = 20.0
 _KEPT: Final = 4096
 #: An estimate that predicts readings worse than this (in variances of a reading) judges nothing.
@@ -122,6 +127,7 @@ class SensorWatch:
             self.swing.known()
         self._blocks = Blocks.empty(3)
         self._rested = Rested(self._block_s)
+        self._rests_s: deque[float] = deque()
         self._number = 0
         self._squares = np.zeros(2)  # of residuals, and their degrees of freedom
         self.by_direction = ByDirection(self._block)
@@ -161,6 +167,9 @@ class SensorWatch:
             return found
         if self._rests:
             blocks = self._rested.through(blocks, readings, self._block)
+            self._rests_s.extend(blocks.t.tolist())
+            while self._rests_s and self._rests_s[0] < self._kept[0][0][0]:
+                self._rests_s.popleft()
         if not self._fixed:
             blocks = blocks.pick(blocks.predicted.max(axis=1) <= _VAGUE)
         return [*found, *self.judge(blocks)]
@@ -191,7 +200,7 @@ class SensorWatch:
         if worst is not None and worst.first is not None and self.alarmed is None:
             count = worst.first + 1
             tests = self._tests(blocks.pick(slice(0, count)))
-        if self.alarmed is None:  # the noise's own; and of what may be a change no more than a share
+        if self.alarmed is None and (self._learnt or worst is None):  # of what may be a change no more than a share
             self._take_up(tests, blocks.squares[:count])
         taken = blocks.pick(slice(0, count))
         self._blocks = self._blocks.then(taken).pick(slice(-WINDOWS[-1], None))
@@ -242,7 +251,12 @@ class SensorWatch:
         """Mean squares (d,) of the mean, and squares, against their limits; ``apart`` as of ``_Tests``."""
         length, k = WINDOWS[place], apart.shape[1]
         freedom = length * self._freedom - (k if self._block < LEAST else 0.0)
-        p_shift, p_noise = self.memory.chance_of(place, shift, float(k)), np.ones(len(noise))
+        level = self.level if self._block >= LEAST else 1.0  # of few samples it holds the mean's own square
+        remembered = _SLOW * level * length * self._block  # all of the noise, through all of the window
+        p_shift = np.minimum(
+            self.memory.chance_of(place, shift, float(k)), exceeded(shift / remembered, float(k), CERTAIN)
+        )
+        p_noise = np.ones(len(noise))
         deviation = np.zeros(len(noise))
         if freedom > 0.0:
             deviation = np.square(noise / self.level - freedom) / (2.0 * freedom)
@@ -319,9 +333,10 @@ class SensorWatch:
         change = self.alarmed
         if change is None:
             return found
-        if self._named < len(_NAMED_S) and self._kept and now - change.since_s >= _NAMED_S[self._named]:
+        due = self._named < len(_NAMED_S) and now - change.since_s >= max(_NAMED_S[self._named], _NAMED / self._rate_Hz)
+        if due and self._kept:
             known = self._kept[0][0][0] < change.since_s
-            names = tuple(self._names(change.since_s)) if known else change.names
+            names = tuple(self._names(change.since_s, now)) if known else change.names
             if not self._named or [each.name for each in names] != [each.name for each in change.names]:
                 change = self.alarmed = replace(change, names=names)
                 found.append(replace(change, kind="named", t_s=now))
@@ -336,7 +351,7 @@ class SensorWatch:
             self._number = 0
         return found
 
-    def _names(self, since_s: float) -> list[Likeness]:
+    def _names(self, since_s: float, now: float) -> list[Likeness]:
         assert self.reference is not None
         t = np.concatenate([part[0] for part in self._kept])
         readings = np.concatenate([part[1] for part in self._kept])
@@ -347,7 +362,10 @@ class SensorWatch:
         values = np.concatenate([part.values for part in parts]) / np.sqrt(self.memory.ratio[0] * self.level)
         directions = np.concatenate([part.directions for part in parts])
         terms = np.concatenate([part.terms for part in parts])
-        span = Span(t, readings, values, directions, terms, since_s)
+        rows = t <= now
+        if self._rests:  # a motion is no effect
+            rows &= within(t, np.array(self._rests_s), self._block_s - 0.5 / self._rate_Hz)
+        span = Span(t[rows], readings[rows], values[rows], directions[rows], terms[rows], since_s)
         return likenesses(span, self.sensor, self.reference, self._unit)
 
     def _keep(self, t: Array, readings: Array, residuals: Residuals) -> None:

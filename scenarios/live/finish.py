@@ -87,8 +87,8 @@ def joined(parts: Sequence[Recording]) -> Recording:
     """Successive batches of a recording as one."""
     from rig.recording.files import recording_of
 
-    first = parts[0]
-    table = {name: np.concatenate([part.table()[name] for part in parts]) for name in first.columns.names}
+    first, tables = parts[0], [part.table() for part in parts]
+    table = {name: np.concatenate([each[name] for each in tables]) for name in first.columns.names}
     return recording_of(table, first.columns, first.metadata, first.name, first.origin)
 
 
