@@ -71,7 +71,9 @@ def run(settings: Settings) -> Report:
     rate = (many - few) / (flood["cpu"] - half["cpu"])
     grown = (flood["peak_MiB"] - half["peak_MiB"]) / (many - few) * 1e6
     seconds = settings.of(20, 5)
+    begun = _session(2_000, 0.0, view=True)
     bare, shown = (_session(1000 * seconds, 1000.0, view=view) for view in (False, True))
+    display = (shown["cpu"] - begun["cpu"]) / seconds
     delays = _delays(settings.of(200, 20))
     hours = settings.of(1000, 20)
     alarms, expected = _false_alarms(hours)
@@ -85,7 +87,8 @@ def run(settings: Settings) -> Report:
             (f"peak memory of {many:,} samples [MiB]", flood["peak_MiB"]),
             ("more of it for a million samples more [MiB]", grown),
             ("share of a core at 1 kHz, no display", (bare["cpu"] - start["cpu"]) / seconds),
-            ("share of a core at 1 kHz, with the viewer's stream", (shown["cpu"] - start["cpu"]) / seconds),
+            ("share of a core at 1 kHz, with the viewer's stream", display),
+            ("processor time before the first sample is seen, with the viewer's stream [s]", begun["cpu"]),
             ("from a line to an estimate with it, median [ms]", 1e3 * float(np.median(delays))),
             ("from a line to an estimate with it, 95 % [ms]", 1e3 * float(np.quantile(delays, 0.95))),
             (f"false alarms in {hours:,} hours of white noise, stated {expected:.1f}", float(alarms)),
@@ -94,7 +97,7 @@ def run(settings: Settings) -> Report:
                 for kind, number in by_norm.items()
             ),
         ),
-        note="At 1 kHz: processor time beyond that of a session of 2,000 samples, which loads and calibrates as much."
+        note="At 1 kHz: processor time beyond that of a session of 2,000 samples with the same display, alike to load."
         " Two floods' difference is free of both; what else runs on the machine moves processor time by some tenths."
         " The noise is drawn as block sums, which hold all that the monitor makes of white noise: exact in law.",
     )
@@ -103,7 +106,7 @@ def run(settings: Settings) -> Report:
         goals=(
             Goal("samples a second of one core, no display", rate, "at least", 200_000.0),
             Goal("peak memory [MiB]", flood["peak_MiB"], "at most", 300.0),
-            Goal("share of a core at 1 kHz with the display", (shown["cpu"] - start["cpu"]) / seconds, "at most", 0.33),
+            Goal("share of a core at 1 kHz with the display", display, "at most", 0.33),
             Goal("from a line to an estimate, 95 % [ms]", 1e3 * float(np.quantile(delays, 0.95)), "at most", 100.0),
             Goal("false alarms over those stated", alarms / expected, "at most", 1.0),
         ),

@@ -47,8 +47,19 @@ def links(arm: Arm, q: np.ndarray) -> list[RigidTransform]:
     return [own[0], *(one.inv() * two for one, two in pairwise(own))]
 
 
-def write_bag(path: Path, arm: Arm, run: Recording, late_s: float = 0.0, joints: bool = False) -> Path:
-    """A bag as a robot_state_publisher and a second one make it: the last three links sent later by ``late_s``."""
+def write_bag(
+    path: Path,
+    arm: Arm,
+    run: Recording,
+    late_s: float = 0.0,
+    joints: bool = False,
+    clock_s: float = 0.0,
+    storage: StoragePlugin = StoragePlugin.SQLITE3,
+) -> Path:
+    """A bag as a robot_state_publisher and a second one make it: the last three links sent later by ``late_s``.
+
+    The clock of the transforms' stamps is ahead of the sensors' by ``clock_s``.
+    """
     kinds = TYPES.types
     Header, Time = kinds["std_msgs/msg/Header"], kinds["builtin_interfaces/msg/Time"]
     Vector, Quaternion = kinds["geometry_msgs/msg/Vector3"], kinds["geometry_msgs/msg/Quaternion"]
@@ -74,7 +85,7 @@ def write_bag(path: Path, arm: Arm, run: Recording, late_s: float = 0.0, joints:
     last, tip = arm.link_poses(run.q[:1]), arm.poses(run.q[:1])
     wrist = RigidTransform.from_components(last.position[0, 5], Rotation.from_matrix(last.rotation[0, 5]))
     end = wrist.inv() * RigidTransform.from_components(tip.position[0], Rotation.from_matrix(tip.R_base_tool[0]))
-    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+    with Writer(path, version=9, storage_plugin=storage) as writer:
         kinds_of = {"/imu": Imu, "/mag": Field, "/tf": Tf, "/tf_static": Tf, "/joint_states": Joints}
         topics = {
             name: writer.add_connection(name, kind.__msgtype__, typestore=TYPES) for name, kind in kinds_of.items()
@@ -96,7 +107,8 @@ def write_bag(path: Path, arm: Arm, run: Recording, late_s: float = 0.0, joints:
             if row % 2 == 0:
                 for moved, shift in halves:
                     poses = [(parents[j], names[j], sent[shift][j][row // 2]) for j in moved]
-                    put("/tf", t + shift, Tf([transform(t + shift, *each) for each in poses]))
+                    stamped = t + shift + clock_s
+                    put("/tf", stamped, Tf([transform(stamped, *each) for each in poses]))
                 if joints:
                     own = [f"{name}_joint" for name in UR5E_NAMES]
                     put("/joint_states", t, Joints(header(t, ""), own, run.q[row].copy(), np.zeros(6), np.zeros(6)))
@@ -150,6 +162,21 @@ def test_a_chain_of_transforms_is_the_pose(tmp_path: Path, run: Recording, arm: 
     angle, distance = turned_off(found, run, arm, RigidTransform.from_components(np.zeros(3), BASE_TURN))
     assert angle < bent(run) + 1e-7  # stamps are rounded to nanoseconds
     assert distance < bent(run) * 1.3 + 1e-7  # the arm's reach [m]
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP], ids=["bag", "mcap"])
+def test_transforms_on_another_clock_are_put_on_the_sensors(
+    tmp_path: Path, run: Recording, arm: Arm, storage: StoragePlugin
+) -> None:
+    """The logs overlap for two thirds: that the clocks are two is seen from what the readings follow alone."""
+    path = write_bag(tmp_path / "bag", arm, run, clock_s=40.0, storage=storage)
+    found = imported(next(path.glob("*.mcap")) if storage is StoragePlugin.MCAP else path)
+    words = next(line for line in found.findings if line.startswith("two clocks: "))
+    offset, std = float(words.split()[2]), float(words.split()[4])
+    assert abs(offset + 40.0) < 5.0 * std < 0.1, words
+    angle, _ = turned_off(found, run, arm, RigidTransform.from_components(np.zeros(3), BASE_TURN))
+    fastest = np.abs(np.diff(run.q, axis=0)).max(axis=0).sum() * 4.0
+    assert angle < bent(run) + abs(offset + 40.0) * fastest
 
 
 def test_frames_that_are_asked_for_are_taken_also_across_a_branch(tmp_path: Path, run: Recording, arm: Arm) -> None:

@@ -15,9 +15,10 @@ Array = NDArray[np.float64]
 
 _ROWS: Final = 800
 _SEARCH_S: Final = 2.0  # on one clock
+_INNER: Final = 0.95
 _STEPS: Final = 200
 _MOST: Final = 1600
-_MUCH: Final = 0.3  # of what the readings vary by, left over: the clocks may be far apart
+_MUCH: Final = 0.1  # of what the readings vary by, left over: the clocks may be far apart
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,10 @@ class Offset:
 def clock_offset(reading: Track, pose: Track, rotations: Array, apart: bool, anywhere: bool = False) -> Offset:
     """The offset on one clock, near zero, or ``anywhere``; of clocks ``apart`` any; see ``_searched``.
 
-    A large misfit near zero is looked into anywhere.
+    Where the misfit near zero is large, or least at the end of what is searched, it is looked for anywhere.
     """
     narrow = None if apart or anywhere else _searched(reading, pose, rotations, False, _SEARCH_S)
-    if narrow is not None and narrow.misfit < _MUCH:
+    if narrow is not None and narrow.misfit < _MUCH and abs(narrow.seconds) < _INNER * _SEARCH_S:
         return narrow
     half = float(max(np.ptp(reading.t), np.ptp(pose.t))) / 2 if reading.t is not None and pose.t is not None else 0.0
     wide = _searched(reading, pose, rotations, apart, half)
