@@ -97,6 +97,16 @@ def test_a_text_table_with_foreign_names_is_read_by_itself(
     assert np.isfinite(calibration["accelerometer"].covariance[0, 0])
 
 
+def test_a_time_of_another_language_is_known_by_its_unit(tmp_path: Path, run: Recording, arm: Arm) -> None:
+    """What rises in milliseconds is the time; what stays, or comes and goes in seconds, is not."""
+    columns = tool_table(run, arm)
+    t = columns.pop("t")
+    columns = {"frist_s": np.cos(t), "dauer_ms": np.ones_like(t), "zeit_ms": 1e3 * t, **columns}
+    found = imported([write_text(tmp_path / "log.csv", columns)], arm)
+    assert found.mapping.columns["zeit_ms"] == "t"
+    np.testing.assert_allclose(found.recording.t - found.recording.t[0], run.t - run.t[0], atol=1e-6)
+
+
 def test_the_mapping_file_is_written_once_and_read_again(rig: Rig, tmp_path: Path, run: Recording, arm: Arm) -> None:
     log = write_text(tmp_path / "log.csv", table(run))
     call = ("import", log, "-o", tmp_path / "run.parquet", "--map", tmp_path / "map.toml", "--arm", arm.file)

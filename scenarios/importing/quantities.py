@@ -168,12 +168,15 @@ def guess(columns: dict[str, Array], joint_names: Sequence[str] = (), theta: boo
 
 
 def _guess_time(columns: dict[str, Array], found: dict[str, str]) -> None:
+    """A column by that name; in other languages, one in a unit of time that rises from row to row."""
     named = [name for name in columns if _TIME.fullmatch(name.strip())]
-    for name in named:
-        values = columns[name][np.isfinite(columns[name])]
-        if len(values) > 1 and (np.diff(values) >= 0).mean() > 0.99:
-            found[name] = "t"
-            return
+    timed = [name for name in columns if unit_word(name, tuple(TIME_UNITS)) and "/" not in name]
+    for names, least in ((named, 0.0), (timed, np.nextafter(0.0, 1.0))):
+        for name in names:
+            values = columns[name][np.isfinite(columns[name])]
+            if len(values) > 1 and (np.diff(values) >= least).mean() > 0.99:
+                found[name] = "t"
+                return
 
 
 def _axis(match: re.Match[str]) -> int:
