@@ -145,9 +145,10 @@ def test_libraries_get_names_that_they_can_take(tmp_path: Path) -> None:
 
 
 def test_terminals_without_a_letter(tmp_path: Path) -> None:
+    """Nor a window for plots."""
     (tmp_path / "small.toml").write_text(SMALL)
-    for arguments in (("bound", "small.toml"), ("effects",), ("effects", "--json")):
-        done = rig(tmp_path, *arguments, PYTHONIOENCODING="ascii")
+    for arguments in (("bound", "small.toml", "-o", "bound.png"), ("effects",), ("effects", "--json")):
+        done = rig(tmp_path, *arguments, PYTHONIOENCODING="ascii", MPLBACKEND="none")
         assert (done.returncode, done.stderr) == (0, b""), arguments
         assert done.stdout.isascii()
 

@@ -187,6 +187,7 @@ def run(arguments: Sequence[str], group: click.Group = cli, program: str = "rig"
 def main(group: click.Group = cli, program: str = "rig") -> NoReturn:
     """The console command: arguments from the command line, exit status to the shell."""
     _open_standard_streams()
+    os.environ["MPLBACKEND"] = "agg"  # pictures are files: no window of the user's choice is opened, or fails to be
     if not _debugging():  # what a library has to say to its programmer is not for the user
         warnings.simplefilter("ignore")
         logging.getLogger().addHandler(logging.NullHandler())

@@ -317,7 +317,7 @@ def _unsaved(outcome: Outcome, saved: Path | None) -> int:
 def _words(task: Task, error: Exception) -> str:
     words = " ".join(str(error).split()).replace(str(task.run.absolute()), str(task.run))  # as a cluster names it
     if isinstance(error, RigError):
-        return words if task.run.name in words else f"{task.run}: {words}"
+        return words if one_line(task.run.name) in words else f"{task.run}: {words}"
     return f"{task.run}: this is a bug in rig, not in your call: {type(error).__name__}: {words}"
 
 

@@ -93,7 +93,9 @@ def fitting_together(path: Path) -> Iterator[None]:
     try:
         yield
     except RigError as error:
-        raise error if str(path) in str(error) else RigError(f"{path}: no study that can be read: {error}") from error
+        if one_line(str(path)) in str(error):
+            raise
+        raise RigError(f"{path}: no study that can be read: {error}") from error
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, ArithmeticError, pa.ArrowException) as error:
         raise RigError(f"{path}: its tables do not make one study: {one_line(str(error), 120)}") from error
 
