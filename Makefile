@@ -38,7 +38,7 @@ demo: .venv/.installed
 	CI=1 .venv/bin/rig demo $(ARGS)  # rerun reports no usage to its makers where CI is set
 
 test: .venv/.installed
-	.venv/bin/pytest -n $(WORKERS) $(ARGS)
+	.venv/bin/pytest -n $(WORKERS) --dist worksteal $(ARGS)
 
 lint: .venv/.installed
 	.venv/bin/ruff check

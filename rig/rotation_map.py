@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import lru_cache, reduce
 from itertools import product
 
 import numpy as np
@@ -150,51 +150,74 @@ def _product(left: Array, right: Array) -> Array:
     return total.reshape(9, -1)
 
 
-class _Group:
-    """Up to three moving joints: E_1(q_1) E_2(q_2) E_3(q_3) R as one matrix product a block.
+@dataclass(frozen=True)
+class _Terms:
+    """How up to three moving joints turn: E_1(q_1) E_2(q_2) E_3(q_3) R as monomials with coefficients.
 
-    A monomial is a tuple with 0, 1 or 2 for each joint: its factor 1, cosine or sine. Rows of the workspace hold the
+    A monomial is a tuple with 0, 1 or 2 for each joint: its factor 1, cosine or sine. Rows of a workspace hold the
     monomials with a coefficient first, so that they are one matrix, then those that only serve to build others.
+
+    Attributes:
+        coefficients: (9, k) of the monomials with one.
+        rows: of the workspace. cosine, sine: the joints' own rows.
+        products: target row and the two that make it, shorter monomials first.
     """
 
-    def __init__(self, axes: Array, R_last: Array, size: int) -> None:
-        self._joints = len(axes)
-        terms = [_rodrigues(axis) for axis in axes]
-        coefficients = {
-            monomial: reduce(np.matmul, [term[factor] for term, factor in zip(terms, monomial, strict=True)]) @ R_last
-            for monomial in product(range(3), repeat=len(axes))
-        }
-        kept = [monomial for monomial, matrix in coefficients.items() if np.abs(matrix).max() > _ROUNDING]
-        self._coefficients = np.stack([coefficients[monomial].ravel() for monomial in kept], axis=1)
-        row = {monomial: index for index, monomial in enumerate(kept)}
-        self._cosine = [self._row_of(row, joint, 1) for joint in range(self._joints)]
-        self._sine = [self._row_of(row, joint, 2) for joint in range(self._joints)]
-        self._products: list[tuple[int, int, int]] = []
-        for monomial in kept:
-            self._plan(monomial, row)
-        self._work = np.ones((len(row), size))  # the monomial 1 is never written to
-        self._kept = len(kept)
-        self._half = np.empty((self._joints, size))
-        self._scale = np.empty((self._joints, size))
-        self._out = np.empty((9, size))
+    coefficients: Array
+    rows: int
+    cosine: tuple[int, ...]
+    sine: tuple[int, ...]
+    products: tuple[tuple[int, int, int], ...]
 
-    def _row_of(self, row: dict[tuple[int, ...], int], joint: int, factor: int) -> int:
-        single = tuple(factor if index == joint else 0 for index in range(self._joints))
+
+@lru_cache(maxsize=256)
+def _terms(axes: tuple[float, ...], R_last: tuple[float, ...]) -> _Terms:
+    """Of unit vectors (m, 3) and a rotation (3, 3), both row by row."""
+    terms = [_rodrigues(axis) for axis in np.reshape(axes, (-1, 3))]
+    joints = range(len(terms))
+    last = np.reshape(R_last, (3, 3))
+    coefficients = {
+        monomial: reduce(np.matmul, [term[factor] for term, factor in zip(terms, monomial, strict=True)]) @ last
+        for monomial in product(range(3), repeat=len(terms))
+    }
+    kept = [monomial for monomial, matrix in coefficients.items() if np.abs(matrix).max() > _ROUNDING]
+    row = {monomial: index for index, monomial in enumerate(kept)}
+
+    def row_of(joint: int, factor: int) -> int:
+        single = tuple(factor if index == joint else 0 for index in joints)
         return row.setdefault(single, len(row))
 
-    def _plan(self, monomial: tuple[int, ...], row: dict[tuple[int, ...], int]) -> int:
-        """The row of a monomial; notes the products that build it, shorter ones first."""
+    cosine, sine = (tuple(row_of(joint, factor) for joint in joints) for factor in (1, 2))
+    products: list[tuple[int, int, int]] = []
+
+    def plan(monomial: tuple[int, ...]) -> int:
         factors = np.flatnonzero(monomial)
         target = row.setdefault(monomial, len(row))
-        if len(factors) > 1 and all(target != done[0] for done in self._products):
-            last = int(factors[-1])
-            rest = tuple(0 if index == last else factor for index, factor in enumerate(monomial))
-            self._products.append((target, self._plan(rest, row), self._row_of(row, last, monomial[last])))
+        if len(factors) > 1 and all(target != done[0] for done in products):
+            final = int(factors[-1])
+            rest = tuple(0 if index == final else factor for index, factor in enumerate(monomial))
+            products.append((target, plan(rest), row_of(final, monomial[final])))
         return target
+
+    for monomial in kept:
+        plan(monomial)
+    matrix = np.stack([coefficients[monomial].ravel() for monomial in kept], axis=1)
+    return _Terms(matrix, len(row), cosine, sine, tuple(products))
+
+
+class _Group:
+    """Up to three moving joints as one matrix product a block, with the workspace for it."""
+
+    def __init__(self, axes: Array, R_last: Array, size: int) -> None:
+        self._terms = _terms(tuple(axes.ravel().tolist()), tuple(R_last.ravel().tolist()))
+        self._work = np.ones((self._terms.rows, size))  # the monomial 1 is never written to
+        self._half = np.empty((len(axes), size))
+        self._scale = np.empty((len(axes), size))
+        self._out = np.empty((9, size))
 
     def evaluate(self, q: Array, columns: Sequence[int]) -> Array:
         """(9, m) from the columns of joint angles (m, N) [rad]."""
-        count = len(q)
+        count, terms = len(q), self._terms
         tangent, scale, work = self._half[:, :count], self._scale[:, :count], self._work[:, :count]
         for index, column in enumerate(columns):
             np.multiply(q[:, column], 0.5, out=tangent[index])
@@ -205,8 +228,8 @@ class _Group:
         scale += 1.0
         np.divide(2.0, scale, out=scale)
         for index in range(len(columns)):
-            np.subtract(scale[index], 1.0, out=work[self._cosine[index]])
-            np.multiply(tangent[index], scale[index], out=work[self._sine[index]])
-        for target, left, right in self._products:
+            np.subtract(scale[index], 1.0, out=work[terms.cosine[index]])
+            np.multiply(tangent[index], scale[index], out=work[terms.sine[index]])
+        for target, left, right in terms.products:
             np.multiply(work[left], work[right], out=work[target])
-        return np.matmul(self._coefficients, work[: self._kept], out=self._out[:, :count])
+        return np.matmul(terms.coefficients, work[: terms.coefficients.shape[1]], out=self._out[:, :count])

@@ -167,8 +167,8 @@ def test_a_joint_that_moves_once_is_moving() -> None:
 
 def test_the_sweeps_map_has_only_the_products_that_do_not_vanish(rotation_map: RotationMap) -> None:
     """Joint 5 is at right angles to joints 1 and 6: of 27 products 13 have a coefficient."""
-    from rig.rotation_map import _Group
+    from rig.rotation_map import _terms
 
     q = TorusSweep().trajectory(np.array([0.0, 1.0])).q
     axes, R_zero = rotation_map.folded(q[0], [0, 4, 5])
-    assert len(_Group(axes, R_zero, 8)._coefficients.T) == 13
+    assert _terms(tuple(axes.ravel().tolist()), tuple(R_zero.ravel().tolist())).coefficients.shape == (9, 13)
