@@ -145,8 +145,8 @@ def _recalibrated(recording: Recording, scenario: Scenario, effects: tuple, sigm
     """(6,) RMS over sigma once the calibration is fitted; None where that is refused."""
     floor = tuple(ChannelNoise(max(float(each), 1e-12) ** 2) for each in sigma)
     try:
-        bench = set_up(recording, floor, scenario.rig.arm, effects)
+        data = set_up(recording, floor, scenario.rig.arm, effects)
     except RigError:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.sqrt(np.mean(bench.residual**2, axis=0)) / sigma)
+        return np.asarray(np.sqrt(np.mean(data.residual**2, axis=0)) / sigma)

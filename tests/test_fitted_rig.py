@@ -51,29 +51,29 @@ def fitted_to(effect: Effect) -> None:
 def test_with_the_true_effect_in_the_model_only_noise_is_left(effect: Effect) -> None:
     run, locked = recorded(effect)
     floor = learn_floor(locked, float(np.median(np.diff(run.t))))
-    bench = set_up(run, floor, scenario().rig.arm, [effect])
-    freedom = bench.size - bench.absorbed.shape[1]
+    data = set_up(run, floor, scenario().rig.arm, [effect])
+    freedom = data.size - data.absorbed.shape[1]
     # the floor is learned from some 1,400 samples a channel, 3 % of its variance: a chi-square widened by that
     scale = 1.0 + freedom / 1400.0
-    assert float(bench.whitened @ bench.whitened) - freedom < scale**0.5 * (chdtri(freedom, FALSE_FAILURE) - freedom)
-    beside = bench.change([WRONG])
-    pipeline = replace(bench.pipeline, effects=(effect, WRONG))
-    both = pipeline.carried(bench.base, np.random.default_rng(0)).volts
-    np.testing.assert_allclose(bench.modelled + beside, both, atol=1e-12)
-    coarse = bench.coarse()
-    np.testing.assert_allclose(coarse.residual.mean(axis=0), bench.residual.mean(axis=0), atol=1e-3)
+    assert float(data.whitened @ data.whitened) - freedom < scale**0.5 * (chdtri(freedom, FALSE_FAILURE) - freedom)
+    beside = data.change([WRONG])
+    pipeline = replace(data.pipeline, effects=(effect, WRONG))
+    both = pipeline.carried(data.base, np.random.default_rng(0)).volts
+    np.testing.assert_allclose(data.modelled + beside, both, atol=1e-12)
+    coarse = data.coarse()
+    np.testing.assert_allclose(coarse.residual.mean(axis=0), data.residual.mean(axis=0), atol=1e-3)
 
 
 def test_known_noise_is_whitened() -> None:
     noise = make_effect("noise_excess", {"where": "mag1", "extra_sigma": 0.03})
     run, locked = recorded(noise)
-    bench = set_up(run, learn_floor(locked, float(np.median(np.diff(run.t)))), scenario().rig.arm)
-    white = bench.stepped(known_steps(noise, bench))
-    for column, each in ((3, white), (4, bench)):
+    data = set_up(run, learn_floor(locked, float(np.median(np.diff(run.t)))), scenario().rig.arm)
+    white = data.stepped(known_steps(noise, data))
+    for column, each in ((3, white), (4, data)):
         square = float(np.sum(each.channel(each.whitened, column) ** 2))
         # 600 samples against a floor of 1,400: within five standard deviations of sqrt(2/600 + 2/1400)
         assert abs(square / each.count - 1.0) < 5.0 * np.sqrt(2.0 / 600.0 + 2.0 / 1400.0)
-    assert chdtrc(bench.count, float(np.sum(bench.channel(bench.whitened, 3) ** 2))) < FALSE_FAILURE
+    assert chdtrc(data.count, float(np.sum(data.channel(data.whitened, 3) ** 2))) < FALSE_FAILURE
 
 
 def test_a_rig_is_better_on_a_recording_that_did_not_choose_it(rig: Rig, here: Path) -> None:
@@ -133,7 +133,7 @@ def test_an_effect_moves_to_another_clock_and_back() -> None:
 
 def test_a_better_rig_is_likelier_than_chance_allows() -> None:
     """Of the ideal rig's own recordings one in twenty at most is likelier under another rig by the gate's ratio."""
-    # Both benches are of one recording: only the judgement itself is asked, no diagnosis
+    # Both whitened are of one recording: only the judgement itself is asked, no diagnosis
     from diagnosed_recordings import by_hand
 
     wins = 0
@@ -143,7 +143,7 @@ def test_a_better_rig_is_likelier_than_chance_allows() -> None:
     for seed in range(20):
         run, locked = recorded(seed=seed)
         floor = learn_floor(locked, float(np.median(np.diff(run.t))))
-        benches = [set_up(run, floor, scenario().rig.arm, given) for given in ((), (effect,))]
-        wins += judged(rig, run, quiet, *benches, ())["better"]
+        whitened = [set_up(run, floor, scenario().rig.arm, given) for given in ((), (effect,))]
+        wins += judged(rig, run, quiet, *whitened, ())["better"]
     # binomial(20, 1/20): more than 6 of 20 come once in 25,000 runs
     assert wins <= 6

@@ -15,10 +15,10 @@ from diagnosed_recordings import scenario as small
 
 import estimators
 import scenarios
-from estimators.gap.bench import Columns, project
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.colour import fit_floor, held
 from estimators.gap.score import Explained, evidence
+from estimators.gap.whitened import Columns, project
 from rig.effects import make_effect
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import LockedPoses

@@ -10,12 +10,12 @@ from scipy.optimize import least_squares
 
 import scenarios
 from estimators.gap.basefit import estimated_floor, set_up
-from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import all_candidates
 from estimators.gap.diagnosis import percent
 from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
-from estimators.gap.scan import Offer, Scanner
+from estimators.gap.scan import Scanner, ScoreTest
 from estimators.gap.score import ABSORBED, Explained, Score
+from estimators.gap.whitened import WhitenedData, project
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
 
@@ -25,19 +25,19 @@ def arm() -> Arm:
     return Arm.a465()
 
 
-def benched(seed: int, arm: Arm, *effects: Effect) -> Bench:
+def whitened_data(seed: int, arm: Arm, *effects: Effect) -> WhitenedData:
     base = scenarios.load("ann-arbor")
     rig = replace(base.rig, acquisition=replace(base.rig.acquisition, decimation=100))
     run = replace(base, rig=rig).with_effects(effects).simulate(seed=seed)
     return set_up(run, estimated_floor(run, arm), arm)
 
 
-def first_fit(bench: Bench, label: str) -> Fitted:
-    scanner = Scanner.of(bench)
-    explained = Explained(bench.absorbed, bench.whitened)
-    (candidate,) = [each for each in all_candidates(bench) if each.label == label]
-    (offer,) = scanner.scan([candidate], explained, explained_by([], scanner.rough.bench))
-    return started(offer, bench, explained)
+def first_fit(data: WhitenedData, label: str) -> Fitted:
+    scanner = Scanner.of(data)
+    explained = Explained(data.absorbed, data.whitened)
+    (candidate,) = [each for each in all_candidates(data) if each.label == label]
+    (tested,) = scanner.scan([candidate], explained, explained_by([], scanner.rough.data))
+    return started(tested, data, explained)
 
 
 DIPOLE = make_effect("base_dipole", {"where": "base", "position_m": (0.5, 0.1, 0.2), "moment": (4e-4, 2e-4, -2e-4)})
@@ -45,13 +45,13 @@ DIPOLE = make_effect("base_dipole", {"where": "base", "position_m": (0.5, 0.1, 0
 
 def test_a_refit_reaches_the_minimum_of_least_squares(arm: Arm) -> None:
     """Within the chi-square at which it stops, of what scipy finds with derivatives at every step."""
-    bench = benched(1, arm, DIPOLE)
-    fit = first_fit(bench, "base_dipole@base")
-    explained = refit([fit], bench).explained
+    data = whitened_data(1, arm, DIPOLE)
+    fit = first_fit(data, "base_dipole@base")
+    explained = refit([fit], data).explained
 
     def left(point: np.ndarray) -> np.ndarray:
-        change = bench.change([replace(fit, values=point * fit.scale).effect])
-        return bench.whitened - project(bench.absorbed, bench.whiten(change))
+        change = data.change([replace(fit, values=point * fit.scale).effect])
+        return data.whitened - project(data.absorbed, data.whiten(change))
 
     best = least_squares(left, fit.values / fit.scale, x_scale="jac", ftol=1e-10, xtol=1e-10)
     assert float(explained.residual @ explained.residual) < 2.0 * best.cost + 0.1
@@ -59,29 +59,29 @@ def test_a_refit_reaches_the_minimum_of_least_squares(arm: Arm) -> None:
 
 def test_derivatives_are_taken_beside_what_touches_the_same_channels(arm: Arm) -> None:
     """To the last bits those beside all others: of a lag of each sensor, a magnet, and a channel that reads another."""
-    bench = benched(1, arm, DIPOLE)
+    data = whitened_data(1, arm, DIPOLE)
     labels = ["base_dipole@base", "sensor_lag@accelerometer", "sensor_lag@magnetometer", "scale_cubic@accel2"]
-    fits = [first_fit(bench, label) for label in labels]
+    fits = [first_fit(data, label) for label in labels]
     moved = [replace(fit, values=np.abs(fit.values) + 0.1 * fit.scale) for fit in fits]
-    touched = [each.touched(bench).tolist() for each in moved]
+    touched = [each.touched(data).tolist() for each in moved]
     mag = [False] * 3 + [True] * 3
     assert touched == [mag, [not each for each in mag], mag, [False, True, False, False, False, False]]
-    crossed = next(each for each in all_candidates(bench) if each.effect.name == "channel_crosstalk")
+    crossed = next(each for each in all_candidates(data) if each.effect.name == "channel_crosstalk")
     size = Fitted(crossed, np.full(1, 0.01), {})
     for fitted in (moved, [*moved, size]):
-        for each, found in zip(fitted, tangents(fitted, bench), strict=True):
-            whole = each.tangent(bench, [other.effect for other in fitted if other is not each])
+        for each, found in zip(fitted, tangents(fitted, data), strict=True):
+            whole = each.tangent(data, [other.effect for other in fitted if other is not each])
             np.testing.assert_allclose(found, whole, rtol=0.0, atol=1e-6 * np.abs(whole).max())
 
 
 def test_what_the_calibration_absorbs_is_not_fitted(arm: Arm) -> None:
     """Iron in link 1, which turns about the vertical: the trace across it is a change of sensitivity."""
     iron = make_effect("link_soft_iron", {"where": "link1", "chi": (0.05, 0.0, -0.05, 0.03, 0.0, 0.02)})
-    bench = benched(2, arm, iron)
-    (fit,) = refit([first_fit(bench, "link_soft_iron@link1")], bench).fits
-    tangent = fit.tangent(bench)
+    data = whitened_data(2, arm, iron)
+    (fit,) = refit([first_fit(data, "link_soft_iron@link1")], data).fits
+    tangent = fit.tangent(data)
     length = np.linalg.norm(tangent, axis=0)
-    seen = project(bench.absorbed, tangent / length)
+    seen = project(data.absorbed, tangent / length)
     values, vectors = np.linalg.eigh(seen.T @ seen)
     hidden = vectors[:, values < ABSORBED**2]
     assert hidden.shape[1] >= 1
@@ -106,8 +106,8 @@ def test_shares_are_said_to_a_tenth_close_to_everything(shares: tuple[float | No
 
 def test_a_search_of_any_length_has_its_price(arm: Arm) -> None:
     """Where what is left is a billion times the noise, an instant was one of more than a machine's integers count."""
-    (candidate, *_) = all_candidates(benched(1, arm))
+    (candidate, *_) = all_candidates(whitened_data(1, arm))
     score = Score(100.0, 1, np.ones(1), 1.0)
-    offer = Offer(candidate, {}, score, searched=10**25)
-    assert offer.log_p - score.log_p == pytest.approx(25.0 * np.log(10.0))
-    assert offer.evidence < score.evidence
+    tested = ScoreTest(candidate, {}, score, searched=10**25)
+    assert tested.log_p - score.log_p == pytest.approx(25.0 * np.log(10.0))
+    assert tested.evidence < score.evidence

@@ -1,4 +1,4 @@
-"""Several recordings on one bench, and diagnosed together."""
+"""Several recordings as one, and diagnosed together."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 import estimators
 from estimators.gap.basefit import floor_of, learn_floor, set_up
-from estimators.gap.bench import project
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.laid_out import laid_out
 from estimators.gap.rebase import rebased
 from estimators.gap.stack import Stack, only_in, part_of, running_on
+from estimators.gap.whitened import project
 from rig.arm import Arm
 from rig.effects import EFFECTS, Effect, make_effect
 from rig.errors import RefusedFit, RigError
@@ -43,7 +43,7 @@ def stacked(*parts: Recording) -> Stack:
     """Around the calibration of all of them, whose floor is known."""
     whole = estimators.calibrate(list(parts), noise=floor_of(parts[0], FLOOR))
     laid = laid_out(list(parts), None, None, whole)
-    found = laid.together([replace(bench, noises=FLOOR, floor=FLOOR) for bench in laid.benches])
+    found = laid.together([replace(each, noises=FLOOR, floor=FLOOR) for each in laid.data])
     assert isinstance(found, Stack)
     return Stack.of(found.each[:-1], found.names, found.pipeline, found.began)
 
@@ -56,9 +56,9 @@ def test_two_halves_are_the_same_problem_as_the_whole() -> None:
     both = stacked(*halves)
     effect = make_effect("joint_eccentricity", {"where": "joint5", "amplitude_rad": 1e-3})
     sizes = []
-    for bench in (whole, both):
-        change = project(bench.absorbed, bench.whiten(bench.change([effect])))
-        sizes.append([bench.whitened @ bench.whitened, change @ change, change @ bench.whitened])
+    for data in (whole, both):
+        change = project(data.absorbed, data.whiten(data.change([effect])))
+        sizes.append([data.whitened @ data.whitened, change @ change, change @ data.whitened])
     assert np.allclose(sizes[0], sizes[1], rtol=1e-4)
     assert both.size == whole.size
     assert np.array_equal(np.sort(np.concatenate([both.rows(0), both.rows(1)])), np.arange(both.size))
@@ -76,7 +76,7 @@ def test_what_belongs_to_a_recording_acts_in_it_alone() -> None:
 
 def test_clocks_run_on() -> None:
     laid = laid_out([recorded(seed=1), recorded(seed=2, name="b")], None, None, None)
-    first, second = (bench.base for bench in laid.benches)
+    first, second = (each.base for each in laid.data)
     assert second.t[0] > first.t[-1]
     assert laid.began[1] == pytest.approx(second.t[0])
     again = running_on([first, second])
@@ -89,10 +89,10 @@ def test_a_calibration_from_before_counts_as_its_recording_would() -> None:
     noise = floor_of(runs[0], FLOOR)
     first, joint = estimators.calibrate(runs[0], noise=noise), estimators.calibrate(runs, noise=noise)
     laid = laid_out([runs[1]], at_rest(2), None, first)
-    bench = laid.together([replace(bench, noises=FLOOR, floor=FLOOR) for bench in laid.benches])
+    data = laid.together([replace(each, noises=FLOOR, floor=FLOOR) for each in laid.data])
     for _ in range(3):
-        bench = rebased(bench, [])
-    for name, sensor in bench.pipeline.sensors.items():
+        data = rebased(data, [])
+    for name, sensor in data.pipeline.sensors.items():
         own = joint[name]
         std = np.array([[own.std(f"sensitivity{k}"), own.std(f"offset{k}")] for k in (1, 2, 3)])
         found = np.stack([sensor.sensitivity, sensor.offset], axis=1)
@@ -176,7 +176,7 @@ def test_tool_poses_beside_joint_angles_are_tool_poses() -> None:
     runs = [recorded(seed=1), recorded(seed=2, name="b")]
     turns = Rotation.from_matrix(runs[1].rotations(Arm.a465()).reshape(-1, 3, 3)).as_quat(scalar_first=True)
     laid = laid_out([runs[0], replace(runs[1], q=None, tool_quaternion=turns)], at_rest(1), None, None)
-    both = laid.together(laid.benches)
+    both = laid.together(laid.data)
     assert both.base.q_encoder is None
     assert both.base.R_base_tool.shape == (1200, 3, 3)
     assert both.whitened @ both.whitened < both.size + 6.0 * np.sqrt(2.0 * both.size)  # 6 standard deviations: 1e-9

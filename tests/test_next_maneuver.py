@@ -72,10 +72,10 @@ def test_the_next_maneuver_splits_twins_as_it_promises() -> None:
     made = from_toml(found.to_toml(calibrated), "next.toml")
     again = replace(scenario, maneuver=made.maneuver).simulate(1)
     assert again.duration_s <= run.duration_s + 0.1
-    bench = set_up(again, residuals.floor, Arm.a465())
-    right, wrong = contest(residuals.bench, by_hand(causes=(named,)))
+    data = set_up(again, residuals.floor, Arm.a465())
+    right, wrong = contest(residuals.data, by_hand(causes=(named,)))
     assert [(effect.name, effect.where) for effect in wrong.effects] == [(TWIST["effect"], TWIST["where"])]
-    worse = measured(bench, right, wrong)
+    worse = measured(data, right, wrong)
     promise = next(pair for pair in found.separations if pair.truth[0].name == "joint_offset")
     middle, half = 0.5 * (promise.high + promise.low), 0.5 * (promise.high - promise.low)
     assert abs(worse - middle) < STRETCH * half
@@ -169,7 +169,7 @@ def test_what_may_be_proposed_can_be_made_and_calibrated(name: str, tmp_path: Pa
     diagnosis = by_hand(causes=(cause("joint_offset", "joint4", (TWIST,), offset_rad=(0.02, 1e-3, "rad")),))
     residuals = gap_residuals(run, diagnosis, locked, arm)
     room = Family.of(arm, run.t, run.q)
-    search = Search(residuals, None, contest(residuals.bench, diagnosis), room)
+    search = Search(residuals, None, contest(residuals.data, diagnosis), room)
     sweep = closest_maneuver(run.t, run.q, run.rate_Hz, arm).maneuver
     assert isinstance(sweep, TorusSweep)
     family_of = list(family(room, sweep))

@@ -7,19 +7,19 @@ from diagnosed_recordings import backlash, recorded, scenario
 from scipy.stats import binom
 
 from estimators.gap.basefit import learn_floor, set_up
-from estimators.gap.bench import Bench, project
 from estimators.gap.considered import set_prior, unseen_places, visible
 from estimators.gap.discrepancy import Discrepancies
 from estimators.gap.fitted_rig import REFUSED
 from estimators.gap.remainder_test import p_value
 from estimators.gap.scan import Scanner
 from estimators.gap.search import Search
+from estimators.gap.whitened import WhitenedData, project
 from rig.effects import Effect, make_effect
 
 RECORDINGS = 3
 
 
-def benches(effect: Effect, rig: Effect, seed: int) -> tuple[Bench, Bench]:
+def data_of(effect: Effect, rig: Effect, seed: int) -> tuple[WhitenedData, WhitenedData]:
     """A recording beside the ideal rig, and beside a fitted one."""
     run, locked = recorded(effect, seed=seed)
     floor = learn_floor(locked, float(np.median(np.diff(run.t))))
@@ -27,24 +27,24 @@ def benches(effect: Effect, rig: Effect, seed: int) -> tuple[Bench, Bench]:
     return ideal, fitted
 
 
-def p_value_of(bench: Bench) -> float:
-    scanner = Scanner.of(bench)
-    candidates, _ = visible(bench, scanner, ())
-    prior = set_prior(candidates, unseen_places(bench, ()), bench, {})
+def p_value_of(data: WhitenedData) -> float:
+    scanner = Scanner.of(data)
+    candidates, _ = visible(data, scanner, ())
+    prior = set_prior(candidates, unseen_places(data, ()), data, {})
     search = Search(scanner, [each for each in candidates if not each.effect.tone], prior)
-    search.offers(search.fitted(()))  # tones are not part of the test, and slow
-    return p_value(scanner, Discrepancies.of(search.bench, search.rough), candidates, prior)
+    search.score_tests(search.fitted(()))  # tones are not part of the test, and slow
+    return p_value(scanner, Discrepancies.of(search.data, search.rough), candidates, prior)
 
 
 def test_the_true_rig_is_refused_as_often_as_stated() -> None:
-    found = np.array([p_value_of(benches(backlash(), backlash(), seed)[1]) for seed in range(RECORDINGS)])
+    found = np.array([p_value_of(data_of(backlash(), backlash(), seed)[1]) for seed in range(RECORDINGS)])
     # the chance that a true rate of 5 % gives more than this many: below 1e-3
     assert np.sum(found <= REFUSED) <= binom.isf(1e-3, RECORDINGS, REFUSED)
 
 
 def test_a_wrong_cause_that_leaves_ten_sigma_is_refused() -> None:
     truth, wrong = backlash(), make_effect("joint_offset", {"where": "joint5", "offset_rad": 0.012})
-    ideal, fitted = benches(truth, wrong, 0)
+    ideal, fitted = data_of(truth, wrong, 0)
     left = ideal.whiten(ideal.change([truth]) - ideal.change([wrong]))
     assert np.linalg.norm(project(ideal.absorbed, left)) > 10.0
     assert p_value_of(fitted) <= REFUSED

@@ -1,4 +1,4 @@
-"""From a recording and its floor to the bench: the base fit that every test stands on."""
+"""From a recording and its floor to whitened data: the base fit that every test stands on."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.dispatch import calibrate
-from estimators.gap.bench import Bench, known
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.colour import fit_floor, held
 from estimators.gap.rounded import COARSE, rounded_floor
+from estimators.gap.whitened import WhitenedData, known
 from estimators.goodness.residuals import residuals_of
 from estimators.noise import held_poses
 from estimators.pipeline import arm_of
@@ -187,8 +187,8 @@ _ROUNDS, _SETTLED = 6, 1e-3
 
 def set_up(
     recording: Recording, floor: tuple[ChannelNoise, ...], arm: Arm | None, given: Sequence[Effect] = ()
-) -> Bench:
-    """Fit the base model and put the recording on the bench.
+) -> WhitenedData:
+    """Fit the base model and whiten what it leaves of the recording.
 
     Args:
         given: mean effects that the model has: the calibration is fitted with these in place.
@@ -196,15 +196,15 @@ def set_up(
     Raises:
         RigError, RefusedFit: as ``calibrate``; a given effect has no place on this recording.
     """
-    bench = _set_up(recording, floor, arm, np.zeros((1, 1)), given)
+    data = _set_up(recording, floor, arm, np.zeros((1, 1)), given)
     sigma = np.sqrt([channel.variance for channel in floor])
     for _ in range(_ROUNDS if given else 0):
-        fresh = _set_up(recording, floor, arm, bench.given_change, given)
-        moved = float(np.nanmax(np.abs(fresh.given_change - bench.given_change) / sigma))
-        bench = fresh
+        fresh = _set_up(recording, floor, arm, data.given_change, given)
+        moved = float(np.nanmax(np.abs(fresh.given_change - data.given_change) / sigma))
+        data = fresh
         if moved < _SETTLED:
             break
-    return bench
+    return data
 
 
 def _set_up(
@@ -213,20 +213,20 @@ def _set_up(
     arm: Arm | None,
     change: Array,
     given: Sequence[Effect],
-) -> Bench:
-    """The bench around the calibration of the readings less a change (n, 6)."""
+) -> WhitenedData:
+    """The data around the calibration of the readings less a change (n, 6)."""
     noise = floor_of(recording, floor)
     left = cleared(recording, change)
     calibration = calibrate(left, noise=noise, arm=arm if recording.q is not None else None)
-    bench = placed(recording, signals_of(recording, arm), fitted_pipeline(calibration, recording), floor)
-    return replace(bench, given=tuple(given))
+    data = placed(recording, signals_of(recording, arm), fitted_pipeline(calibration, recording), floor)
+    return replace(data, given=tuple(given))
 
 
-def placed(recording: Recording, signals: Signals, pipeline: Pipeline, floor: tuple[ChannelNoise, ...]) -> Bench:
-    """A recording, its angles or poses, on the bench beside a fitted pipeline with its sensors."""
+def placed(recording: Recording, signals: Signals, pipeline: Pipeline, floor: tuple[ChannelNoise, ...]) -> WhitenedData:
+    """A recording, its angles or poses, whitened beside a fitted pipeline with its sensors."""
     readings = all_readings(recording)
     base = pipeline.expected(signals, np.random.default_rng(0))
-    return Bench(known(base), pipeline, readings, floor, np.ones_like(readings), floor)
+    return WhitenedData(known(base), pipeline, readings, floor, np.ones_like(readings), floor)
 
 
 def floor_of(recording: Recording, floor: Sequence[ChannelNoise]) -> dict[str, Array]:

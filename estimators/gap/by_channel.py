@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import Defect
 from estimators.gap.diagnosis import Channel
 from estimators.gap.posterior import Posterior
-from estimators.gap.stochastic import EVERY, NoiseOffer
+from estimators.gap.stochastic import EVERY, FittedNoise
+from estimators.gap.whitened import WhitenedData
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect
 
@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 
 
 def channels(
-    bench: Bench,
-    settled: Bench,
+    data: WhitenedData,
+    settled: WhitenedData,
     effects: Sequence[Effect],
-    offers: Sequence[NoiseOffer],
+    noises: Sequence[FittedNoise],
     defects: Sequence[Sequence[Defect]],
     floors: Sequence[tuple[ChannelNoise, ...]],
     quiet: bool,
@@ -36,25 +36,25 @@ def channels(
     Args:
         defects, floors: of each recording.
     """
-    change = settled.change(effects) if effects else np.zeros_like(bench.residual)
+    change = settled.change(effects) if effects else np.zeros_like(data.residual)
     gap = settled.left_over(change) if effects else change
-    left = settled.left_over(settled.residual - change) if effects else bench.residual
+    left = settled.left_over(settled.residual - change) if effects else data.residual
     whole = 0.0
-    for part, rows in zip(bench.parts, bench.single, strict=False):
+    for part, rows in zip(data.parts, data.single, strict=False):
         sigma = [part.whiteners[column].sigma for column in part.columns]
         squares = np.mean(np.square(gap[rows][:, part.columns] / sigma), axis=0)
         whole += float(squares.sum()) * part.count / max(part.samples, 1)
     ratio = float(np.median(after)) / max(whole, 1e-12) if effects else 0.0
     found = []
-    for number, (part, rows) in enumerate(zip(bench.parts, bench.single, strict=False)):
+    for number, (part, rows) in enumerate(zip(data.parts, data.single, strict=False)):
         own_gaps = [defect.gap for defect in defects[number]]
-        own_gaps += [each.gap for offer in offers for each in offer.every if each.part in (number, EVERY)]
+        own_gaps += [each.gap for fitted in noises for each in fitted.every if each.part in (number, EVERY)]
         own = {}
         for column in part.columns:
             tails = floors[number][column].tails  # of which the readings were relieved
             sigma_V = math.sqrt(floors[number][column].variance + tails)
             named = float(sum(each[column] ** 2 for each in own_gaps))
-            before, fitted, rest = (float(np.mean(values[rows, column] ** 2)) for values in (bench.residual, gap, left))
+            before, fitted, rest = (float(np.mean(values[rows, column] ** 2)) for values in (data.residual, gap, left))
             own[CHANNELS[column]] = _channel(
                 sigma_V, before + tails, fitted, rest + tails, named, ratio, quiet, other, bool(effects)
             )
@@ -85,7 +85,7 @@ def _channel(
     return Channel(sigma, rms_before, gap_before, rms_after, gap_after, closed)
 
 
-def cannot_tell(posterior: Posterior, bench: Bench, without: Sequence[str]) -> tuple[dict[str, str], ...]:
+def cannot_tell(posterior: Posterior, data: WhitenedData, without: Sequence[str]) -> tuple[dict[str, str], ...]:
     """The effects that the recording cannot show: those the calibration absorbs, and those it has no data for."""
     shown = {(each.effect.name, each.where) for each in posterior.candidates}
     why = "the calibration absorbs it on this maneuver"
@@ -95,10 +95,10 @@ def cannot_tell(posterior: Posterior, bench: Bench, without: Sequence[str]) -> t
         if (name, where) not in shown
     ]
     for effect in EFFECTS.values():
-        lacking = bench.lacking(effect)
+        lacking = data.lacking(effect)
         if lacking and effect.name not in without:
             found += [
                 {"effect": effect.name, "where": where, "why": f"the recording lacks {lacking}"}
-                for where in effect.places_on(bench.base)
+                for where in effect.places_on(data.base)
             ]
     return tuple(found)

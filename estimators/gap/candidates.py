@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench, Columns
 from estimators.gap.stack import only_in, part_of
+from estimators.gap.whitened import Columns, WhitenedData
 from rig.effects import EFFECTS, Effect, Kind
 from rig.effects.parameters import Parameter, Value
 
@@ -77,33 +77,33 @@ class Candidate:
             values[item.name] = taken[0] if item.size == 1 else taken
         return self.effect.from_mapping({"where": self.where, **self.names, **shape, **values})
 
-    def columns(self, bench: Bench, shape: Shape) -> Columns:
+    def columns(self, data: WhitenedData, shape: Shape) -> Columns:
         """Derivatives with respect to the strengths, at zero, for every spanning shape, span after span.
 
         Before them comes the change of an effect that acts by being there: it has no strength.
         """
-        still = bench.change([self.make(np.zeros(self.size), {})]) if self.effect.acts_at_zero else None
+        still = data.change([self.make(np.zeros(self.size), {})]) if self.effect.acts_at_zero else None
         parts = [] if still is None else [still]
         for span in self.effect.spanning():
-            parts += self.derivatives(bench, {**span, **shape}, still)
-        return bench.whiten_changes(parts)
+            parts += self.derivatives(data, {**span, **shape}, still)
+        return data.whiten_changes(parts)
 
-    def derivatives(self, bench: Bench, shape: Shape, still: Array | None = None) -> list[Array]:
+    def derivatives(self, data: WhitenedData, shape: Shape, still: Array | None = None) -> list[Array]:
         """(n, 6) [recorded unit] for each strength: the derivative at zero, for one full shape.
 
         Args:
             still: the change with all strengths at zero, where the effect acts by being there.
         """
         if still is None and self.effect.acts_at_zero:
-            still = bench.change([self.make(np.zeros(self.size), {})])
+            still = data.change([self.make(np.zeros(self.size), {})])
         changes = [
-            (bench.change([self.make(row, shape)]), step)
+            (data.change([self.make(row, shape)]), step)
             for row, step in zip(np.diag(self.steps), self.steps, strict=True)
         ]
         return [(change if still is None else change - still) / step for change, step in changes]
 
 
-def all_candidates(bench: Bench, without: Sequence[str] = ()) -> list[Candidate]:
+def all_candidates(data: WhitenedData, without: Sequence[str] = ()) -> list[Candidate]:
     """Every mean effect at every place that this recording can show.
 
     Args:
@@ -111,32 +111,32 @@ def all_candidates(bench: Bench, without: Sequence[str] = ()) -> list[Candidate]
     """
     found = []
     for effect in EFFECTS.values():
-        if effect.kind is not Kind.MEAN or effect.name in without or bench.lacking(effect):
+        if effect.kind is not Kind.MEAN or effect.name in without or data.lacking(effect):
             continue
         choices = effect.choices()
         kinds = [effect]
-        if effect.of_recording and len(bench.parts) > 1:
-            kinds = [only_in(effect, number) for number, part in enumerate(bench.parts) if part.count >= _COURSE]
-        for where, *names in itertools.product(effect.places_on(bench.base), *choices.values()):
+        if effect.of_recording and len(data.parts) > 1:
+            kinds = [only_in(effect, number) for number, part in enumerate(data.parts) if part.count >= _COURSE]
+        for where, *names in itertools.product(effect.places_on(data.base), *choices.values()):
             for kind in kinds:
                 candidate = Candidate(kind, where, dict(zip(choices, names, strict=True)))
-                if where not in names and present(candidate, bench):
+                if where not in names and present(candidate, data):
                     found.append(candidate)
     return found
 
 
-def present(candidate: Candidate, bench: Bench) -> bool:
+def present(candidate: Candidate, data: WhitenedData) -> bool:
     """Whether the sensor that the candidate acts on was recorded, and the frame that it names is known."""
     here = range(6)[candidate.make(np.zeros(candidate.size), {}).columns]
-    joints = 0 if bench.base.q_encoder is None else bench.base.q_encoder.shape[1]
-    if not set(here) & set(bench.columns):
+    joints = 0 if data.base.q_encoder is None else data.base.q_encoder.shape[1]
+    if not set(here) & set(data.columns):
         return False
     # what a name asks for is not in the effect's requirements: a frame fixed in a link, a source that is not recorded
     return joints > 0 or not any(name.startswith("link") for name in candidate.names.values())
 
 
-def still(candidate: Candidate, bench: Bench) -> bool:
+def still(candidate: Candidate, data: WhitenedData) -> bool:
     """Whether a candidate is an error of a joint that does not move."""
-    if not candidate.where.startswith("joint") or bench.base.q_encoder is None:
+    if not candidate.where.startswith("joint") or data.base.q_encoder is None:
         return False
-    return bool(np.ptp(bench.base.q_encoder[:, int(candidate.where.removeprefix("joint")) - 1]) < 1e-3)
+    return bool(np.ptp(data.base.q_encoder[:, int(candidate.where.removeprefix("joint")) - 1]) < 1e-3)

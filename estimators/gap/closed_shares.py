@@ -9,29 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap import closure
-from estimators.gap.bench import Bench, project
 from estimators.gap.defects import Defect
 from estimators.gap.diagnosis import Closed
 from estimators.gap.evidence import Linear, linearised
 from estimators.gap.p_values import WAYS
-from estimators.gap.posterior import Hypothesis, Posterior, on_bench
+from estimators.gap.posterior import Hypothesis, Posterior, on_data
 from estimators.gap.refine import at
 from estimators.gap.search import Explanation
-from estimators.gap.stochastic import NoiseOffer
+from estimators.gap.stochastic import FittedNoise
+from estimators.gap.whitened import WhitenedData, project
 
 Array = NDArray[np.float64]
 
 
 def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Array]:
     """Draws (d,) of the squared gap that is left and that was there, in whitened units: of what moves the mean."""
-    floor, means = posterior.scanner.fine.bench, posterior.discrepancies.means
+    floor, means = posterior.scanner.fine.data, posterior.discrepancies.means
     known: dict[tuple[object, ...], Linear] = {}
 
     def under_floor(explanation: Explanation) -> Linear:
-        key = explanation.key, explanation.fine, len(explanation.bench.steps)
+        key = explanation.key, explanation.fine, len(explanation.data.steps)
         if key not in known:
-            same = explanation.bench.steps == floor.steps
-            known[key] = explanation.linear if same else on_bench(floor, explanation)[1]
+            same = explanation.data.steps == floor.steps
+            known[key] = explanation.linear if same else on_data(floor, explanation)[1]
         return known[key]
 
     own = under_floor(posterior.leading.explanation)
@@ -56,20 +56,20 @@ def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Ar
 
 
 def of_noise(
-    offers: Sequence[NoiseOffer], defects: Sequence[tuple[Defect, int]], bench: Bench, rng: np.random.Generator
+    noises: Sequence[FittedNoise], defects: Sequence[tuple[Defect, int]], data: WhitenedData, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """The same of named noise and defects: squares that stay wrong of those that they add."""
     after, before = np.zeros(1), np.zeros(1)
-    for offer in [each for one in offers for each in one.every]:
-        for index, spread in enumerate(offer.spread):
-            column = bench.columns[index] if len(offer.spread) > 1 else None
-            size = float(np.nansum(offer.added if column is None else offer.added[:, column]))
-            root = np.atleast_1d(np.asarray(_strength(offer), dtype=float))[index] ** 2
+    for fitted in [each for one in noises for each in one.every]:
+        for index, spread in enumerate(fitted.spread):
+            column = data.columns[index] if len(fitted.spread) > 1 else None
+            size = float(np.nansum(fitted.added if column is None else fitted.added[:, column]))
+            root = np.atleast_1d(np.asarray(_strength(fitted), dtype=float))[index] ** 2
             wrong = closure.of_noise(max(root, 1e-300), float(spread), rng)
             after = after + size * np.minimum(wrong, 1.0) ** 2
             before = before + size
     for defect, number in defects:
-        part = bench.parts[number]
+        part = data.parts[number]
         sigma = np.array([whitener.sigma for whitener in part.whiteners])
         size = float(np.nansum((defect.gap / sigma) ** 2)) * part.count
         wrong = closure.of_noise(
@@ -92,25 +92,25 @@ def by_cause(
     explanation = holder.explanation
     if len(explanation.fits) == 1:
         return closure.share(after, before)
-    bench, linear = on_bench(posterior.scanner.fine.bench, explanation)
+    data, linear = on_data(posterior.scanner.fine.data, explanation)
     rest = [fit.effect for fit in explanation.fits if fit.candidate.label != label]
-    change = bench.change([fit.effect for fit in explanation.fits]) - bench.change(rest)
+    change = data.change([fit.effect for fit in explanation.fits]) - data.change(rest)
     index = next(number for number, fit in enumerate(explanation.fits) if fit.candidate.label == label)
     mine = linear.owner == index
     deltas = closure.of_parameters(holder.moments, rng, len(before))[:, mine]
     own = replace(linear, tangent=linear.tangent[:, mine])
-    grown = closure.moved(own, project(bench.absorbed, bench.whiten(change)), deltas)
+    grown = closure.moved(own, project(data.absorbed, data.whiten(change)), deltas)
     return closure.share(np.maximum(before - grown, 0.0), before)
 
 
-def by_noise(offer: NoiseOffer, rng: np.random.Generator) -> Closed:
+def by_noise(fitted: FittedNoise, rng: np.random.Generator) -> Closed:
     """The share of what a noise effect adds that its strength, as it is known, accounts for."""
-    squares = np.atleast_1d(np.asarray(_strength(offer), dtype=float))[: offer.rank] ** 2
+    squares = np.atleast_1d(np.asarray(_strength(fitted), dtype=float))[: fitted.rank] ** 2
     total = max(float(squares.sum()), 1e-300)
-    wrong = sum(closure.of_noise(total, float(spread), rng) ** 2 for spread in offer.spread)
+    wrong = sum(closure.of_noise(total, float(spread), rng) ** 2 for spread in fitted.spread)
     return closure.share(np.minimum(np.asarray(wrong), 1.0), np.ones(len(np.asarray(wrong))))
 
 
-def _strength(offer: NoiseOffer) -> object:
-    (item,) = [each for each in offer.effect.parameters() if each.strength]
-    return getattr(offer.effect, item.name)
+def _strength(fitted: FittedNoise) -> object:
+    (item,) = [each for each in fitted.effect.parameters() if each.strength]
+    return getattr(fitted.effect, item.name)

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from estimators.gap.bench import Bench, project
 from estimators.gap.diagnosis import Closed
 from estimators.gap.discrepancy import Discrepancies, Weighed
 from estimators.gap.evidence import Linear
 from estimators.gap.prior import OTHER, OTHER_NOISE
+from estimators.gap.whitened import WhitenedData, project
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Way:
         linear: it, linearised. moments: of its parameters, as of ``estimators.gap.posterior.Hypothesis``.
         nameless: squares that noise without a name adds.
         terms: of its discrepancy; empty without one.
-        on_means: the bench of these: the hypothesis there, its change, and that less the reported one.
+        on_means: the means of these: the hypothesis there, its change, and that less the reported one.
     """
 
     probability: float
@@ -110,13 +110,13 @@ def _of_terms(
         yield rows, energy, 2.0 * size @ along[:, -2], 2.0 * size @ along[:, -1]
 
 
-def held_out(linear: Linear, change: Array, bench: Bench) -> float:
+def held_out(linear: Linear, change: Array, data: WhitenedData) -> float:
     """Squared gap that causes take on blocks that did not fit their strengths: sum of 2 r m - m m.
 
     Args:
         linear: the causes where they were fitted. change: (m,) theirs, whitened, the calibration projected out.
     """
-    count, channels = bench.count, len(bench.columns)
+    count, channels = data.count, len(data.columns)
     block = np.arange(count) * _BLOCKS // count
     within = np.arange(count) * _BLOCKS / count - block
     guard = (within < _GUARD) | (within > 1.0 - _GUARD)
@@ -130,7 +130,7 @@ def held_out(linear: Linear, change: Array, bench: Bench) -> float:
         fitted = change[test] + linear.tangent[test] @ move
         total += float(2.0 * residual[test] @ fitted - fitted @ fitted)
         used += int(test.sum())
-    return max(total * bench.size / max(used, 1), 0.0)
+    return max(total * data.size / max(used, 1), 0.0)
 
 
 def share(after: Array, before: Array) -> Closed:
@@ -171,12 +171,12 @@ def of_noise(value: float, spread: float, rng: np.random.Generator) -> Array:
     return np.abs(rng.standard_normal(_DRAWS)) * spread / max(value, 1e-300)
 
 
-def elsewhere(bench: Bench, change: Array) -> float | None:
+def elsewhere(data: WhitenedData, change: Array) -> float | None:
     """The share of the gap of another maneuver that the causes' change (n, 6) closes there; None without a gap."""
-    fitted = project(bench.absorbed, bench.whiten(change))
-    gain = float(2.0 * bench.whitened @ fitted - fitted @ fitted)
-    floor = bench.size - bench.absorbed.shape[1]
+    fitted = project(data.absorbed, data.whiten(change))
+    gain = float(2.0 * data.whitened @ fitted - fitted @ fitted)
+    floor = data.size - data.absorbed.shape[1]
     noise = float(np.sqrt(2.0 * floor)) * float(ndtri(0.975))
-    gap = float(bench.whitened @ bench.whitened) - floor
+    gap = float(data.whitened @ data.whitened) - floor
     gap = max(gap, gain) if gap > noise else gain
     return float(np.clip(gain / gap, -1.0, 1.0)) if gap > 1.0 else None

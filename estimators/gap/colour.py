@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 #: Twice the gain in log likelihood that two more parameters must bring before a part counts. The null distribution lies
 #: below chi-square with two degrees of freedom, whose tail here is 0.7 %: a part that is not there costs little, since
-#: tests weigh how well it is known; one that was overlooked looks like noise that the sweep has and the bench had not.
+#: tests weigh how well it is known; one that was overlooked looks like noise that the sweep has and rest had not.
 COLOUR_THRESHOLD = 10.0
 #: The same for a further part, on a floor that is known to be coloured: what two parameters are expected to gain,
 #: twice. Parts at most: a spectrum of 1/f over the decades that a recording covers takes three.

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
 from estimators.gap.discrepancy import Term, Weighed, blocks_term, weighed_terms
 from estimators.gap.evidence import Linear
 from estimators.gap.sources import Source
-from estimators.gap.stochastic import EVERY, NoiseOffer
+from estimators.gap.stochastic import EVERY, FittedNoise
+from estimators.gap.whitened import WhitenedData
 from rig.effects import EFFECTS, Effect, Kind
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ class CommonNoise:
     floor: Array
     term: Term
 
-    def offer(self, found: Weighed) -> NoiseOffer:
+    def tested(self, found: Weighed) -> FittedNoise:
         """With the strength that the data give it."""
         (item,) = [each for each in self.effect.parameters() if each.strength]
         weight = np.exp(found.gains - np.logaddexp.reduce(found.gains))
@@ -50,7 +50,7 @@ class CommonNoise:
         root = float(np.clip(np.sqrt(value), item.lower, item.upper))
         made = type(self.effect).from_mapping({**vars(self.effect), item.name: root})
         raw = value * np.sum(self.response**2, axis=2)
-        return NoiseOffer(
+        return FittedNoise(
             effect=made,
             gain=2.0 * float(found.gains.max()),
             rank=1,
@@ -64,37 +64,35 @@ class CommonNoise:
         )
 
 
-def common_noises(bench: Bench, without: Sequence[str]) -> list[CommonNoise]:
+def common_noises(data: WhitenedData, without: Sequence[str]) -> list[CommonNoise]:
     """Those that a recording can show."""
     found = []
-    floor = _of_parts(bench, [_floor(part) for part in bench.parts], np.inf)
+    floor = _of_parts(data, [_floor(part) for part in data.parts], np.inf)
     for effect in EFFECTS.values():
-        if effect.name in without or not is_common(effect) or bench.lacking(effect):
+        if effect.name in without or not is_common(effect) or data.lacking(effect):
             continue
-        for shape in effect.searched(bench.base):
+        for shape in effect.searched(data.base):
             probe = effect.from_mapping({"where": effect.places[0], **shape})
-            response = _of_parts(bench, [probe.response(part.base, part.pipeline) for part in bench.parts])
-            series = (response / floor[:, :, None] * bench.weights[:, :, None]).transpose(2, 1, 0)[:, bench.columns]
+            response = _of_parts(data, [probe.response(part.base, part.pipeline) for part in data.parts])
+            series = (response / floor[:, :, None] * data.weights[:, :, None]).transpose(2, 1, 0)[:, data.columns]
             if not series.any():
                 continue
             tau_s = float(np.max(shape.get("tau_s", 0.0)))
-            pieces = bench.count if tau_s < bench.interval_s else max(8, int(np.ptp(bench.t) / (2.0 * tau_s)))
+            pieces = data.count if tau_s < data.interval_s else max(8, int(np.ptp(data.t) / (2.0 * tau_s)))
             source = Source(effect.name, series, "noise")
-            term = blocks_term(
-                bench, source, min(pieces, bench.count), -float(np.log(len(effect.searched(bench.base))))
-            )
+            term = blocks_term(data, source, min(pieces, data.count), -float(np.log(len(effect.searched(data.base)))))
             found.append(CommonNoise(probe, response, floor, replace(term, steps=_STEPS, ratio=_RATIO)))
     return found
 
 
-def _of_parts(bench: Bench, values: Sequence[Array], beyond: float = 0.0) -> Array:
+def _of_parts(data: WhitenedData, values: Sequence[Array], beyond: float = 0.0) -> Array:
     """(count, ...) of each recording's values, and of rows that are none's."""
     found = np.concatenate(values)
-    rest = np.full((bench.count - len(found), *found.shape[1:]), beyond)
+    rest = np.full((data.count - len(found), *found.shape[1:]), beyond)
     return np.concatenate([np.nan_to_num(found, posinf=np.inf), rest])
 
 
-def _floor(member: Bench) -> Array:
+def _floor(member: WhitenedData) -> Array:
     """(n, 6) [recorded unit]; infinite where a channel is not there."""
     sigma = np.array([whitener.sigma for whitener in member.whiteners])
     sigma = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, np.inf)
@@ -106,10 +104,10 @@ def is_common(effect: type[Effect]) -> bool:
     return effect.kind is Kind.NOISE and effect.response is not Effect.response
 
 
-def beside(linear: Linear, noises: Sequence[CommonNoise]) -> list[tuple[float, NoiseOffer]]:
+def beside(linear: Linear, noises: Sequence[CommonNoise]) -> list[tuple[float, FittedNoise]]:
     """Each beside a set of effects, sample by sample: its log mass before its prior, and its strength."""
     found = []
     for noise in noises:
         for each in weighed_terms(linear, [noise.term]):
-            found.append((each.log_mass, noise.offer(each)))
+            found.append((each.log_mass, noise.tested(each)))
     return found

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from estimators.assemble import assemble
 from estimators.calibration import Calibration
 from estimators.gap.basefit import cleared
-from estimators.gap.bench import Bench, orthonormal
 from estimators.gap.common import is_common
 from estimators.gap.converge import converged
 from estimators.gap.discrepancy import Means, Weighed
 from estimators.gap.posterior import Hypothesis, Posterior
 from estimators.gap.rebase import around, stepped
 from estimators.gap.refine import Fitted, tangents
+from estimators.gap.whitened import WhitenedData, orthonormal
 from estimators.identifiability import Told
 from estimators.kinematic import fit_sensor
 from estimators.model import SensorParameters
@@ -52,7 +52,7 @@ class Component:
     Attributes:
         weight: its probability.
         pipeline: about which its parameters are. mean: (p,) by which it is moved from there.
-        covariance: (p, p), in the coordinates of ``Bench.raw_tangent``.
+        covariance: (p, p), in the coordinates of ``WhitenedData.raw_tangent``.
     """
 
     weight: float
@@ -61,20 +61,20 @@ class Component:
     covariance: Array
 
 
-def corrected_calibration(recording: Recording, bench: Bench, posterior: Posterior, source: str) -> Calibration:
+def corrected_calibration(recording: Recording, data: WhitenedData, posterior: Posterior, source: str) -> Calibration:
     """The calibration with its covariance, over all explanations.
 
     Args:
-        recording: what was diagnosed. bench: it, defects left out.
+        recording: what was diagnosed. data: it, defects left out.
         posterior: over the explanations. source: where the noise floor comes from.
     """
-    components = list(_components(bench, posterior))
+    components = list(_components(data, posterior))
     centre = max(components, key=lambda each: each.weight).pipeline
     mean, covariance = mixed(components, centre)
     leading = posterior.leading.explanation
-    settled = around(bench, leading.bench.pipeline)
+    settled = around(data, leading.data.pipeline)
     change = settled.given_change + settled.change([fit.effect for fit in leading.fits])
-    return _assembled(cleared(recording, change), bench, stepped(centre, mean), covariance, source)
+    return _assembled(cleared(recording, change), data, stepped(centre, mean), covariance, source)
 
 
 def mixed(components: Sequence[Component], centre: Pipeline) -> tuple[Array, Array]:
@@ -89,7 +89,7 @@ def mixed(components: Sequence[Component], centre: Pipeline) -> tuple[Array, Arr
 
 
 def _apart(pipeline: Pipeline, centre: Pipeline) -> Array:
-    """(p,) how far a pipeline's parameters are from another's, in the coordinates of ``Bench.raw_tangent``."""
+    """(p,) how far a pipeline's parameters are from another's, in the coordinates of ``WhitenedData.raw_tangent``."""
     parts = []
     for name, sensor in pipeline.sensors.items():
         there = centre.sensors[name]
@@ -104,7 +104,7 @@ def _apart(pipeline: Pipeline, centre: Pipeline) -> Array:
     return np.concatenate(parts)
 
 
-def _components(bench: Bench, posterior: Posterior) -> Iterator[Component]:
+def _components(data: WhitenedData, posterior: Posterior) -> Iterator[Component]:
     """Every likely explanation with every likely discrepancy, and its causes at each place where they do the same."""
     likely = [
         (each, float(p))
@@ -113,31 +113,31 @@ def _components(bench: Bench, posterior: Posterior) -> Iterator[Component]:
     ][:_MOST]
     for hypothesis, probability in likely or [(posterior.leading, 1.0)]:
         for fits, at, share in _alternatives(hypothesis, posterior, probability):
-            own = around(bench.stepped(_steps(hypothesis, bench)), at.pipeline)
+            own = around(data.stepped(_steps(hypothesis, data)), at.pipeline)
             for weight, mean, covariance in _posteriors(hypothesis, fits, own, posterior):
                 yield Component(probability * share * weight, own.pipeline, mean, covariance)
 
 
-def _steps(hypothesis: Hypothesis, bench: Bench) -> tuple:  # type: ignore[type-arg]
+def _steps(hypothesis: Hypothesis, data: WhitenedData) -> tuple:  # type: ignore[type-arg]
     """What the explanation's noise adds to the whitening."""
-    shared = [step for each in hypothesis.state.offers if is_common(type(each.effect)) for step in each.steps(bench)]
+    shared = [step for each in hypothesis.state.fitted if is_common(type(each.effect)) for step in each.steps(data)]
     return (*hypothesis.state.steps, *shared)
 
 
 def _alternatives(
     hypothesis: Hypothesis, posterior: Posterior, probability: float
-) -> Iterator[tuple[list[Fitted], Bench, float]]:
+) -> Iterator[tuple[list[Fitted], WhitenedData, float]]:
     """The explanation's fits, and those with a cause moved to a place where it does the same; with their shares.
 
     What the readings cannot tell apart the calibration takes up differently.
     """
-    members, bench = hypothesis.explanation.members, hypothesis.explanation.bench
+    members, data = hypothesis.explanation.members, hypothesis.explanation.data
     fits = [member.fit for member in members]
     shares = [
         {label: posterior.weight(member.fit.candidate.effect.name, label) for label in member.labels}
         for member in members
     ]
-    moved: list[tuple[list[Fitted], Bench, float]] = []
+    moved: list[tuple[list[Fitted], WhitenedData, float]] = []
     known = {candidate.label: candidate for candidate in posterior.candidates}
     left = 1.0
     for index, (member, weights) in enumerate(zip(members, shares, strict=True)):
@@ -146,28 +146,28 @@ def _alternatives(
         for label in others if probability > 0.05 else []:
             changed = [*fits]
             changed[index] = replace(member.fit, candidate=known[label])
-            again = converged(changed, bench)
+            again = converged(changed, data)
             share = weights[label] / total / len(members)
             left -= share
-            moved.append((again.fits, again.bench, share))
-    yield fits, bench, left
+            moved.append((again.fits, again.data, share))
+    yield fits, data, left
     yield from moved
 
 
 def _posteriors(
-    hypothesis: Hypothesis, fits: Sequence[Fitted], bench: Bench, posterior: Posterior
+    hypothesis: Hypothesis, fits: Sequence[Fitted], data: WhitenedData, posterior: Posterior
 ) -> Iterator[tuple[float, Array, Array]]:
     """Weight, mean (p,) and covariance (p, p) of the calibration's move, for each likely term of the discrepancy."""
     linear = hypothesis.explanation.linear
-    left = bench.whiten(bench.residual - bench.change([fit.effect for fit in fits]))
-    columns = np.hstack([bench.tangent, *tangents(fits, bench)]) if fits else bench.tangent
-    size = bench.tangent.shape[1]
+    left = data.whiten(data.residual - data.change([fit.effect for fit in fits]))
+    columns = np.hstack([data.tangent, *tangents(fits, data)]) if fits else data.tangent
+    size = data.tangent.shape[1]
     precision = np.concatenate([np.zeros(size), linear.precision(linear.averaged[1])])
     pull = np.concatenate([np.zeros(size), linear.pull])
     if not hypothesis.terms:
         yield 1.0, *solved(columns.T @ columns, columns.T @ left, precision, pull, size)
         return
-    means = Means(bench, posterior.scanner.rough.bench)
+    means = Means(data, posterior.scanner.rough.data)
     left, columns = means(left[:, None])[:, 0], means(columns)
     terms = hypothesis.terms[:_TERMS]
     masses = np.array([each.log_mass for each in terms])
@@ -202,20 +202,22 @@ def solved(gram: Array, moment: Array, precision: Array, pull: Array, size: int)
     return mean[:size], covariance[:size, :size]
 
 
-def _assembled(recording: Recording, bench: Bench, pipeline: Pipeline, covariance: Array, source: str) -> Calibration:
+def _assembled(
+    recording: Recording, data: WhitenedData, pipeline: Pipeline, covariance: Array, source: str
+) -> Calibration:
     """The contract's calibration of a pipeline with this covariance (p, p).
 
     Args:
         recording: with the causes' change taken out.
     """
-    arm = bench.base.arm
+    arm = data.base.arm
     summed = summarise(recording, recording.sensors, arm)
     found = {}
     for place, (name, sensor) in enumerate(pipeline.sensors.items()):
         columns = range(len(CHANNELS))[COLUMNS_OF[name]]
         magnitude = magnitude_of(recording.metadata, name)
-        noise = np.sqrt([bench.floor[column].variance for column in columns])
-        of_floor = noise / np.sqrt(2.0 * np.maximum(bench.floor_samples[list(columns)], 1.0))
+        noise = np.sqrt([data.floor[column].variance for column in columns])
+        of_floor = noise / np.sqrt(2.0 * np.maximum(data.floor_samples[list(columns)], 1.0))
         field = pipeline.environment.gravity if name == ACCELEROMETER else pipeline.environment.magnetic
         parameters = SensorParameters.of(sensor, field)
         towards = (0.0, 0.0, -1.0 if field[2] <= 0.0 else 1.0)

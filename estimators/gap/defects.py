@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.special import ndtri
 
-from estimators.gap.bench import Bench
+from estimators.gap.whitened import WhitenedData
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Finding, Kind, Readings
 from rig.effects.converter import lattice_step
@@ -52,37 +52,37 @@ class Defect:
     gap: Array
 
 
-def find_defects(bench: Bench, locked_step: Array) -> list[Defect]:
+def find_defects(data: WhitenedData, locked_step: Array) -> list[Defect]:
     """All defects of a recording.
 
     Args:
-        bench: base fit.
+        data: base fit.
         locked_step: (6,) the converter's step that the locked recording shows; it belongs to the floor.
     """
     names = [name for name, effect in EFFECTS.items() if effect.kind is Kind.DISTRIBUTION and name != _LAST]
-    defects = [defect for name in names for defect in _examined(name, bench, locked_step)]
-    left = bench
+    defects = [defect for name in names for defect in _examined(name, data, locked_step)]
+    left = data
     for defect in defects:
         left = left.without(defect.affected)
     return [*defects, *_examined(_LAST, left, locked_step)]
 
 
-def _examined(name: str, bench: Bench, step: Array) -> list[Defect]:
+def _examined(name: str, data: WhitenedData, step: Array) -> list[Defect]:
     effect = EFFECTS[name]
-    readings = readings_of(bench, step)
-    places = [where for where in effect.places if where not in CHANNELS or CHANNELS.index(where) in bench.columns]
+    readings = readings_of(data, step)
+    places = [where for where in effect.places if where not in CHANNELS or CHANNELS.index(where) in data.columns]
     found = [effect.examined(readings, where) for where in places]
     return [_defect(each) for each in found if each is not None]
 
 
-def readings_of(bench: Bench, step: Array) -> Readings:
+def readings_of(data: WhitenedData, step: Array) -> Readings:
     """The readings beside the base fit."""
-    white = np.zeros_like(bench.readings)
-    for column in bench.columns:
-        white[:, column] = bench.whiteners[column](bench.residual[:, column]) * bench.weights[:, column]
-    sigma = np.array([whitener.sigma for whitener in bench.whiteners])
-    degrees = tuple(channel.degrees for channel in bench.floor)
-    return Readings(bench.readings, bench.modelled, sigma, white, bench.weights == 0.0, step, degrees)
+    white = np.zeros_like(data.readings)
+    for column in data.columns:
+        white[:, column] = data.whiteners[column](data.residual[:, column]) * data.weights[:, column]
+    sigma = np.array([whitener.sigma for whitener in data.whiteners])
+    degrees = tuple(channel.degrees for channel in data.floor)
+    return Readings(data.readings, data.modelled, sigma, white, data.weights == 0.0, step, degrees)
 
 
 def _defect(finding: Finding) -> Defect:
@@ -101,7 +101,7 @@ def lattice(readings: Array) -> Array:
 
 
 def explained_away(
-    bench: Bench,
+    data: WhitenedData,
     defects: Sequence[Defect],
     pipeline: Pipeline,
     effects: Sequence[Effect],
@@ -111,7 +111,7 @@ def explained_away(
     """The defects that are left once causes are known: a motion's peaks look like spikes until it is, as does jitter.
 
     Args:
-        bench: of single samples, nothing left out. defects: those found before.
+        data: of single samples, nothing left out. defects: those found before.
         pipeline, effects: the calibration with the causes in place, and these.
         raised: (n, 6) factor by which named noise exceeds the floor in time; None: there is none.
         other: whether something without a name is left: then the floor is no measure, but what is around a reading.
@@ -120,29 +120,29 @@ def explained_away(
     if not known or not any(defect.effect == _LAST for defect in defects):
         return list(defects)
     others = [defect for defect in defects if defect.effect != _LAST]
-    base = pipeline.expected(bench.base, np.random.default_rng(0))
-    volts = replace(pipeline, effects=(*bench.given, *effects)).carried(base, np.random.default_rng(0)).volts
-    left = replace(masked(bench, others), readings=bench.readings - volts + bench.modelled)
+    base = pipeline.expected(data.base, np.random.default_rng(0))
+    volts = replace(pipeline, effects=(*data.given, *effects)).carried(base, np.random.default_rng(0)).volts
+    left = replace(masked(data, others), readings=data.readings - volts + data.modelled)
     judged = left if raised is None else replace(left, weights=left.weights / raised)
     if other:
         judged = replace(judged, weights=judged.weights / _around(readings_of(judged, np.zeros(6)).white))
     return [*others, *_examined(_LAST, judged, np.zeros(left.readings.shape[1]))]
 
 
-def relieved(bench: Bench) -> Bench:
-    """The bench with the ends of long tails drawn in, where the floor has such: what squares make of them is no gap.
+def relieved(data: WhitenedData) -> WhitenedData:
+    """The data with the ends of long tails drawn in, where the floor has such: what squares make of them is no gap.
 
     Judged beside their neighbours, so that whatever is slow stays; as the floor was (``drawn_in``).
     """
-    readings = bench.readings.copy()
-    white = readings_of(bench, np.zeros(len(CHANNELS))).white
-    for column in bench.columns:
-        known = bench.floor[column].degrees
+    readings = data.readings.copy()
+    white = readings_of(data, np.zeros(len(CHANNELS))).white
+    for column in data.columns:
+        known = data.floor[column].degrees
         if known is None or np.isfinite(known):
             local = beside_neighbours(white[:, column])
             less = drawn_in(local, *tails_of(local, known)) - local
-            readings[:, column] += less * bench.whiteners[column].sigma * (bench.weights[:, column] > 0.0)
-    return replace(bench, readings=readings)
+            readings[:, column] += less * data.whiteners[column].sigma * (data.weights[:, column] > 0.0)
+    return replace(data, readings=readings)
 
 
 def _around(white: Array) -> Array:
@@ -152,11 +152,11 @@ def _around(white: Array) -> Array:
     return np.asarray(np.maximum(spread, 1.0))
 
 
-def masked(bench: Bench, defects: Sequence[Defect]) -> Bench:
-    """The bench with the affected readings left out."""
+def masked(data: WhitenedData, defects: Sequence[Defect]) -> WhitenedData:
+    """The data with the affected readings left out."""
     for defect in defects:
-        bench = bench.without(defect.affected)
+        data = data.without(defect.affected)
         if defect.effect == "adc_quantisation":  # its rounding error is white noise of variance step^2 / 12
-            sigma = np.array([whitener.sigma for whitener in bench.whiteners])
-            bench = replace(bench, weights=bench.weights * sigma / np.hypot(sigma, defect.gap))
-    return relieved(bench)
+            sigma = np.array([whitener.sigma for whitener in data.whiteners])
+            data = replace(data, weights=data.weights * sigma / np.hypot(sigma, defect.gap))
+    return relieved(data)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.gap.basefit import posed, set_up
-from estimators.gap.bench import Bench
 from estimators.gap.blocks import block_size
 from estimators.gap.closure import elsewhere
 from estimators.gap.corrected import corrected_calibration
@@ -28,6 +27,7 @@ from estimators.gap.report import conclude
 from estimators.gap.stack import acting, restricted
 from estimators.gap.states import NoiseState
 from estimators.gap.stochastic import EVERY
+from estimators.gap.whitened import WhitenedData
 from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError, unknown_name
 from rig.pipeline import Pipeline
@@ -86,12 +86,12 @@ class Examined:
     """A diagnosis with what it stands on.
 
     Attributes:
-        diagnosis: the answer. bench: the recordings beside their base fit, nothing left out. laid: each on its own.
+        diagnosis: the answer. data: the recordings beside their base fit, nothing left out. laid: each on its own.
         effects: the mean effects of the likeliest explanation. settled: the calibration with these in place.
     """
 
     diagnosis: Diagnosis
-    bench: Bench
+    data: WhitenedData
     laid: Laid
     effects: Sequence[Effect]
     settled: Pipeline
@@ -121,28 +121,28 @@ def examined(
     timeless = all(recording.untimed for recording in laid.recordings)
     untimed = [name for name in EFFECTS if needs_times(EFFECTS[name])] if timeless else []
     without = tuple(dict.fromkeys((*without, *untimed)))
-    ideal = laid.benches[0]
+    ideal = laid.data[0]
     if rig is not None:
         rig = rig.on(laid.recordings[0])
         arm = ideal.base.arm
-        own_bench = rig.whitened(set_up(laid.recordings[0], laid.floors[0], arm, rig.of_kind(Kind.MEAN)))
-        laid = replace(laid, benches=(own_bench,))
-    defects = [find_defects(bench, step) for bench, step in zip(laid.benches, laid.steps, strict=True)]
-    blocks = [block_size(len(bench.base), bench.interval_s) for bench in laid.benches]
+        own_data = rig.whitened(set_up(laid.recordings[0], laid.floors[0], arm, rig.of_kind(Kind.MEAN)))
+        laid = replace(laid, data=(own_data,))
+    defects = [find_defects(data, step) for data, step in zip(laid.data, laid.steps, strict=True)]
+    blocks = [block_size(len(data.base), data.interval_s) for data in laid.data]
     while True:
         found = [
-            fast_tones(masked(bench, own), block, without)
-            for bench, own, block in zip(laid.benches, defects, blocks, strict=True)
+            fast_tones(masked(data, own), block, without)
+            for data, own, block in zip(laid.data, defects, blocks, strict=True)
         ]
-        clean = laid.together([bench.averaged(block) for (_, bench), block in zip(found, blocks, strict=True)])
+        clean = laid.together([data.averaged(block) for (_, data), block in zip(found, blocks, strict=True)])
         posterior = explain(clean.pointwise(), without, laid.at_rest, prior, progress)
         leading = posterior.leading
         effects = [fit.effect for fit in leading.explanation.fits]
         left = []
-        for number, (bench, own, block) in enumerate(zip(laid.benches, defects, blocks, strict=True)):
-            pipeline = restricted(leading.explanation.bench.pipeline, tuple(bench.pipeline.sensors))
-            raised = _raised(leading.state, block, len(bench.base), number, posterior.scanner.fine.bench)
-            left.append(explained_away(bench, own, pipeline, acting(effects, number), raised, leading.other))
+        for number, (data, own, block) in enumerate(zip(laid.data, defects, blocks, strict=True)):
+            pipeline = restricted(leading.explanation.data.pipeline, tuple(data.pipeline.sensors))
+            raised = _raised(leading.state, block, len(data.base), number, posterior.scanner.fine.data)
+            left.append(explained_away(data, own, pipeline, acting(effects, number), raised, leading.other))
         if _affected(left) >= _FEWER * _affected(defects):
             break
         defects = left
@@ -155,7 +155,7 @@ def examined(
     result, effects = conclude(laid.recordings, clean, posterior, readings, without, laid.floors, laid.sources)
     if rig is not None:
         p_value = remainder_p_value(posterior) if laid.at_rest else None
-        verdict = judged(rig, laid.recordings[0], result, ideal, laid.benches[0], defects[0], p_value)
+        verdict = judged(rig, laid.recordings[0], result, ideal, laid.data[0], defects[0], p_value)
         result = replace(result, rig=verdict)
     if one and calibration is None:
         try:
@@ -176,7 +176,7 @@ def examined(
         share = elsewhere(other, other.change(effects))
         result = replace(result, closed_on="both", closed_elsewhere=share)
     result = replace(result, seconds=time.perf_counter() - begun)
-    return Examined(result, laid.together(laid.benches), laid, effects, leading.explanation.bench.pipeline)
+    return Examined(result, laid.together(laid.data), laid, effects, leading.explanation.data.pipeline)
 
 
 def _alone(run: Recording | PathLike, locked: Locked, arm: Arm | None) -> Laid:
@@ -187,8 +187,8 @@ def _alone(run: Recording | PathLike, locked: Locked, arm: Arm | None) -> Laid:
     assert locked is None or isinstance(locked, Recording | str | os.PathLike)
     rest = rest_of(run, locked)
     floor, step, source = floor_and_step(recording, rest, arm)
-    bench = set_up(recording, floor, arm)
-    return Laid((recording,), (bench,), (floor,), (step,), (source,), (rest,))
+    data = set_up(recording, floor, arm)
+    return Laid((recording,), (data,), (floor,), (step,), (source,), (rest,))
 
 
 def needs_times(effect: type[Effect]) -> bool:
@@ -212,16 +212,16 @@ def _affected(defects: Sequence[Sequence[Defect]]) -> int:
     return sum(int(each.affected.sum()) for own in defects for each in own)
 
 
-def _raised(state: NoiseState, block: int, count: int, number: int, bench: Bench) -> Array | None:
+def _raised(state: NoiseState, block: int, count: int, number: int, data: WhitenedData) -> Array | None:
     """(count, 6) how far named noise exceeds a recording's floor at each sample; None where none varies in time."""
-    added = [each.added for offer in state.offers for each in offer.every if each.in_time and each.part == number]
-    rows = bench.stretches[number]
-    added += [offer.added[rows] for offer in state.offers if offer.in_time and offer.part == EVERY]
+    added = [each.added for fitted in state.fitted for each in fitted.every if each.in_time and each.part == number]
+    rows = data.stretches[number]
+    added += [fitted.added[rows] for fitted in state.fitted if fitted.in_time and fitted.part == EVERY]
     if not added:
         return None
     raised = np.repeat(np.sqrt(1.0 + sum(added)), block, axis=0)
     return np.concatenate([raised, raised[-1:].repeat(max(count - len(raised), 0), axis=0)])[:count]
 
 
-def _averaged(bench: Bench) -> Bench:
-    return bench.averaged(block_size(len(bench.base), bench.interval_s))
+def _averaged(data: WhitenedData) -> WhitenedData:
+    return data.averaged(block_size(len(data.base), data.interval_s))

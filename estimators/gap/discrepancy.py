@@ -16,10 +16,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench, orthonormal, project
 from estimators.gap.evidence import Linear
 from estimators.gap.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS
 from estimators.gap.sources import COSINES, Source, cosines, courses, level_courses, matern, sources
+from estimators.gap.whitened import WhitenedData, orthonormal, project
 
 Array = NDArray[np.float64]
 
@@ -71,11 +71,11 @@ class Means:
     """Whitened samples as sums over neighbours, scaled so that white noise keeps its variance of one.
 
     Attributes:
-        fine: sample by sample. rough: the bench of means over so many neighbours, for what courses follow.
+        fine: sample by sample. rough: the data of means over so many neighbours, for what courses follow.
     """
 
-    fine: Bench
-    rough: Bench
+    fine: WhitenedData
+    rough: WhitenedData
 
     @property
     def count(self) -> int:
@@ -116,16 +116,16 @@ class Discrepancies:
     means: Means
 
     @classmethod
-    def of(cls, fine: Bench, rough: Bench) -> Discrepancies:
+    def of(cls, fine: WhitenedData, rough: WhitenedData) -> Discrepancies:
         """Of every source along every course."""
-        bench = Means(fine, rough)
-        waves = cosines(bench.count)
+        data = Means(fine, rough)
+        waves = cosines(data.count)
         along = list(courses(rough))
         every = [
             replace(
                 each,
-                series=bench(each.series.transpose(1, 2, 0).reshape(-1, len(each.series))).T.reshape(
-                    len(each.series), len(fine.columns), bench.count
+                series=data(each.series.transpose(1, 2, 0).reshape(-1, len(each.series))).T.reshape(
+                    len(each.series), len(fine.columns), data.count
                 ),
             )
             for each in sources(fine)
@@ -139,18 +139,18 @@ class Discrepancies:
             named = [(course.name, course.values, course.weight) for course, kinds in along if source.kind in kinds]
             if source.column >= 0 and source.kind == "offset":
                 named += [(course.name, course.values, course.weight) for course in level_courses(rough, source.column)]
-            blocks = [count for count in BLOCKS if count < 0.7 * bench.count] + [bench.count]
+            blocks = [count for count in BLOCKS if count < 0.7 * data.count] + [data.count]
             share = -float(np.log(len(every))) - float(np.log(len(named) + 2))
             for name, values, weight in own:
-                found.append(_term(bench, source, name, values, weight, share - float(np.log(len(own)))))
+                found.append(_term(data, source, name, values, weight, share - float(np.log(len(own)))))
             for name, values, weight in named:
-                found.append(_term(bench, source, name, values, weight, share))
+                found.append(_term(data, source, name, values, weight, share))
             for count in blocks:
-                found.append(blocks_term(bench, source, count, share - float(np.log(len(blocks)))))
-        return cls([term for term in found if len(term.values)], bench)
+                found.append(blocks_term(data, source, count, share - float(np.log(len(blocks)))))
+        return cls([term for term in found if len(term.values)], data)
 
 
-def _term(bench: Means, source: Source, name: str, values: Array, weight: Array, log_prior: float) -> Term:
+def _term(data: Means, source: Source, name: str, values: Array, weight: Array, log_prior: float) -> Term:
     """A source along functions of time, the calibration projected out."""
     freedoms, channels, _ = source.series.shape
     touched = [channel for channel in range(channels) if source.series[:, channel].any()]
@@ -164,11 +164,11 @@ def _term(bench: Means, source: Source, name: str, values: Array, weight: Array,
             gram[j * count : (j + 1) * count, i * count : (i + 1) * count] = part.T
 
     def products(columns: Array) -> Array:
-        by_channel = columns.reshape(channels, bench.count, -1)[touched]
+        by_channel = columns.reshape(channels, data.count, -1)[touched]
         parts = [values.T @ np.einsum("cn,cnk->nk", source.series[i, touched], by_channel) for i in range(freedoms)]
         return np.concatenate(parts)
 
-    shared = products(bench.absorbed)
+    shared = products(data.absorbed)
     gram -= shared @ shared.T
     # each freedom as visible as any other
     scale = np.sqrt(np.array([np.sum(source.series[i] ** 2) for i in range(freedoms)]))
@@ -184,9 +184,9 @@ def _term(bench: Means, source: Source, name: str, values: Array, weight: Array,
     )
 
 
-def blocks_term(bench: Means | Bench, source: Source, count: int, log_prior: float) -> Term:
+def blocks_term(data: Means | WhitenedData, source: Source, count: int, log_prior: float) -> Term:
     """A source that is off by something else in each of so many blocks; what the calibration takes of it is little."""
-    edges = np.linspace(0, bench.count, count, endpoint=False).astype(int)
+    edges = np.linspace(0, data.count, count, endpoint=False).astype(int)
     size = np.sqrt(np.maximum(np.sum(source.series**2, axis=(1, 2)), 1e-300))
     if source.kind == "noise":  # one strength for all errors
         size[:] = np.sqrt(np.mean(size**2))
@@ -198,12 +198,12 @@ def blocks_term(bench: Means | Bench, source: Source, count: int, log_prior: flo
     kept = flat > _NEGLIGIBLE * max(float(flat.max()), 1e-300)
 
     def products(columns: Array) -> Array:
-        by_channel = columns.reshape(channels, bench.count, -1)
+        by_channel = columns.reshape(channels, data.count, -1)
         parts = np.add.reduceat(np.einsum("icn,cnk->nik", series, by_channel), edges, axis=0)  # (b, f, k)
         turned = np.einsum("bij,bik->bjk", vectors, parts)
         return np.asarray(turned.reshape(-1, columns.shape[1])[kept])
 
-    name = f"time, in {count} pieces" if count < bench.count else "time, from sample to sample"
+    name = f"time, in {count} pieces" if count < data.count else "time, from sample to sample"
     return Term(source.name, name, log_prior, flat[kept], products, unit=1.0 / float(size[0]) ** 2, projected=False)
 
 

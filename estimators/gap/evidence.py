@@ -16,10 +16,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench, project
 from estimators.gap.prior import scales
 from estimators.gap.refine import Fitted, Refit
 from estimators.gap.stack import part_of
+from estimators.gap.whitened import WhitenedData, project
 
 Array = NDArray[np.float64]
 
@@ -146,25 +146,25 @@ def linearised(refitted: Refit, searched: float = 0.0) -> Linear:
     Args:
         searched: see ``Linear``.
     """
-    fits, bench = refitted.fits, refitted.bench
+    fits, data = refitted.fits, refitted.data
     if not fits:
         none = np.zeros(0)
-        return Linear(bench.whitened, np.zeros((bench.size, 0)), none, none > 0, none, np.zeros(0, dtype=np.intp))
-    left, tangent = (project(bench.absorbed, each) for each in (refitted.left, refitted.columns))
+        return Linear(data.whitened, np.zeros((data.size, 0)), none, none > 0, none, np.zeros(0, dtype=np.intp))
+    left, tangent = (project(data.absorbed, each) for each in (refitted.left, refitted.columns))
     point = np.concatenate([fit.values / fit.scale for fit in fits])
     strength = np.concatenate([np.full(item.size, item.strength) for fit in fits for item in fit.free])
     width = np.concatenate(
-        [np.full(item.size, _width(fit, item.name, item.typical, bench)) for fit in fits for item in fit.free]
+        [np.full(item.size, _width(fit, item.name, item.typical, data)) for fit in fits for item in fit.free]
     )
     owner = np.concatenate([np.full(len(fit.values), index, dtype=np.intp) for index, fit in enumerate(fits)])
     return Linear(left, tangent, point, strength.astype(bool), width, owner, searched)
 
 
-def _width(fit: Fitted, name: str, typical: float, bench: Bench) -> float:
+def _width(fit: Fitted, name: str, typical: float, data: WhitenedData) -> float:
     """Prior width of a shape, in typical sizes; of a tone's frequency such that its density is one over its band."""
     if name != "freq_Hz" or not fit.candidate.effect.tone:
         return 1.0
     bands = fit.candidate.effect.bands
-    own = bench.parts[part_of(fit.candidate.effect) or 0]
+    own = data.parts[part_of(fit.candidate.effect) or 0]
     band = sum(high - low for low, high in bands) if bands else 0.5 * own.samples / own.interval_s
     return float(band / np.sqrt(2.0 * np.pi) / typical)

@@ -12,13 +12,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
 from estimators.gap.candidates import Candidate, all_candidates
 from estimators.gap.defects import Defect
 from estimators.gap.refine import Fitted, started
-from estimators.gap.scan import Offer
+from estimators.gap.scan import ScoreTest
 from estimators.gap.score import Explained
 from estimators.gap.tones import best_tone, envelopes
+from estimators.gap.whitened import WhitenedData
 from rig.channels import CHANNELS
 
 Array = NDArray[np.float64]
@@ -32,40 +32,40 @@ _MOST: Final = 2
 _FAST: Final = 0.4
 
 
-def fast_tones(bench: Bench, block: int, without: Sequence[str]) -> tuple[list[Defect], Bench]:
-    """The tones of a recording that is to become means over blocks, and the bench with them taken out of the readings.
+def fast_tones(data: WhitenedData, block: int, without: Sequence[str]) -> tuple[list[Defect], WhitenedData]:
+    """The tones of a recording that is to become means over blocks, and the data with them taken out of the readings.
 
     Args:
-        bench: of single samples.
+        data: of single samples.
         block: samples a mean. Nothing is hidden where it is one.
         without: effects to leave out of the catalogue.
     """
     found: list[Defect] = []
     if block == 1:
-        return found, bench
-    tones = [each for each in all_candidates(bench, without) if each.effect.tone]
-    raw = {each.label: envelopes(each, bench) for each in tones}
-    lowest_Hz = _FAST / (block * bench.interval_s)
+        return found, data
+    tones = [each for each in all_candidates(data, without) if each.effect.tone]
+    raw = {each.label: envelopes(each, data) for each in tones}
+    lowest_Hz = _FAST / (block * data.interval_s)
     while len(found) < _MOST and tones:
-        explained = Explained(np.empty((bench.size, 0)), bench.whiten(bench.residual))
-        offers = [_offer(each, bench, explained, raw[each.label], lowest_Hz) for each in tones]
-        best = max(offers, key=lambda offer: offer.evidence)
+        explained = Explained(np.empty((data.size, 0)), data.whiten(data.residual))
+        tests = [_tested(each, data, explained, raw[each.label], lowest_Hz) for each in tones]
+        best = max(tests, key=lambda tested: tested.evidence)
         if best.evidence < STRONG or best.log_p + np.log(len(tones)) > SIGNIFICANT:
             break
-        fit = started(best, bench, explained)
-        change = bench.change([fit.effect])
-        found.append(_described(fit, best, bench, change))
-        bench = replace(bench, readings=bench.readings - change)
-    return found, bench
+        fit = started(best, data, explained)
+        change = data.change([fit.effect])
+        found.append(_described(fit, best, data, change))
+        data = replace(data, readings=data.readings - change)
+    return found, data
 
 
-def _offer(candidate: Candidate, bench: Bench, explained: Explained, raw: Array, lowest_Hz: float) -> Offer:
-    score, frequency, tried = best_tone(candidate, bench, explained, raw, STRONG, lowest_Hz)
-    return Offer(candidate, {"freq_Hz": frequency}, score, tried)
+def _tested(candidate: Candidate, data: WhitenedData, explained: Explained, raw: Array, lowest_Hz: float) -> ScoreTest:
+    score, frequency, tried = best_tone(candidate, data, explained, raw, STRONG, lowest_Hz)
+    return ScoreTest(candidate, {"freq_Hz": frequency}, score, tried)
 
 
-def _described(fit: Fitted, offer: Offer, bench: Bench, change: Array) -> Defect:
-    tangent = fit.tangent(bench)
+def _described(fit: Fitted, tested: ScoreTest, data: WhitenedData, change: Array) -> Defect:
+    tangent = fit.tangent(data)
     std = np.sqrt(np.diag(np.linalg.pinv(tangent.T @ tangent, hermitian=True))) * fit.scale
     effect = fit.effect
     parameters: dict[str, tuple[Any, Any, str]] = {
@@ -77,6 +77,6 @@ def _described(fit: Fitted, offer: Offer, bench: Bench, change: Array) -> Defect
         first += item.size
         parameters[item.name] = getattr(effect, item.name), part[0] if item.size == 1 else part, item.unit
     gap = np.zeros(len(CHANNELS))
-    gap[bench.columns] = np.sqrt(np.mean(change[:, bench.columns] ** 2, axis=0))
-    nothing = np.zeros_like(bench.readings, dtype=bool)
-    return Defect(effect.name, effect.where, parameters, nothing, offer.log_p, gap)
+    gap[data.columns] = np.sqrt(np.mean(change[:, data.columns] ** 2, axis=0))
+    nothing = np.zeros_like(data.readings, dtype=bool)
+    return Defect(effect.name, effect.where, parameters, nothing, tested.log_p, gap)

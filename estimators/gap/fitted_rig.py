@@ -14,12 +14,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
 from estimators.gap.defects import Defect, masked
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.p_values import log_bayes_factor
 from estimators.gap.states import log_det
 from estimators.gap.stochastic import known_steps
+from estimators.gap.whitened import WhitenedData
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
 from rig.recording import Recording
@@ -56,11 +56,11 @@ class FittedRig:
         """Its effects of a kind."""
         return tuple(effect for effect in self.effects if effect.kind is kind)
 
-    def whitened(self, bench: Bench) -> Bench:
-        """The bench with the rig's noise in the floor."""
+    def whitened(self, data: WhitenedData) -> WhitenedData:
+        """The data with the rig's noise in the floor."""
         for effect in self.of_kind(Kind.NOISE):
-            bench = bench.stepped(known_steps(effect, bench))
-        return bench
+            data = data.stepped(known_steps(effect, data))
+        return data
 
     def has(self, defect: Defect) -> bool:
         """Whether a defect of single readings is part of the rig."""
@@ -84,8 +84,8 @@ def judged(
     rig: FittedRig,
     recording: Recording,
     diagnosis: Diagnosis,
-    ideal: Bench,
-    fitted: Bench,
+    ideal: WhitenedData,
+    fitted: WhitenedData,
     defects: Sequence[Defect],
     p_value: float | None = None,
 ) -> Mapping[str, Any]:
@@ -93,12 +93,12 @@ def judged(
 
     Args:
         diagnosis: of what the fitted rig leaves.
-        ideal, fitted: benches of single samples; the fitted one with the rig's effects.
+        ideal, fitted: whitened of single samples; the fitted one with the rig's effects.
         defects: of single readings, left out of both.
         p_value: of what the fitted rig leaves, against the floor (``remainder_test``); None where the floor is not
             known well enough to tell.
     """
-    before, after = (masked(bench, defects) for bench in (ideal, fitted))
+    before, after = (masked(data, defects) for data in (ideal, fitted))
     steps = after.steps[len(before.steps) :]
     ratio = 0.5 * float(before.whitened @ before.whitened - after.whitened @ after.whitened) + log_det(before, steps)
     ratio += sum(log_bayes_factor(defect.log_p) for defect in defects if rig.has(defect))  # found again
@@ -109,7 +109,7 @@ def judged(
     total = [0.0, 0.0]
     for column in before.columns:
         kept = before.weights[:, column] > 0
-        squares = [float(np.mean(bench.residual[kept, column] ** 2)) for bench in (before, after)]
+        squares = [float(np.mean(data.residual[kept, column] ** 2)) for data in (before, after)]
         row = diagnosis.channels[CHANNELS[column]]
         left = row.gap_before**2
         there = max(squares[0] - squares[1] + left, 0.0)

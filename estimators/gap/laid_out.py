@@ -1,4 +1,4 @@
-"""Recordings made ready for their diagnosis: checked, their floors learned, each on a bench beside one calibration."""
+"""Recordings made ready for their diagnosis: checked, their floors learned, each whitened beside one calibration."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from estimators.gap.basefit import (
     posed,
     signals_of,
 )
-from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import lattice
 from estimators.gap.stack import Anchor, Stack, restricted, running_on
+from estimators.gap.whitened import WhitenedData
 from estimators.goodness.readings import copies
 from estimators.goodness.words import copied
 from estimators.together import calibrate_together, check_alike
@@ -51,10 +51,10 @@ _ESTIMATED = "estimated from the recording itself"
 
 @dataclass(frozen=True, eq=False)
 class Laid:
-    """Recordings, each on its bench.
+    """Recordings, each whitened.
 
     Attributes:
-        recordings, benches: these, beside one calibration.
+        recordings, data: these, beside one calibration.
         floors, sources: the noise of each one's channels, and where that comes from.
         steps: (6,) of each one's converter; NaN where that is not known. rests: each one's recording at rest.
         began: [s] what was added to each one's clock.
@@ -62,7 +62,7 @@ class Laid:
     """
 
     recordings: tuple[Recording, ...]
-    benches: tuple[Bench, ...]
+    data: tuple[WhitenedData, ...]
     floors: tuple[tuple[ChannelNoise, ...], ...]
     steps: tuple[Array, ...]
     sources: tuple[str, ...]
@@ -75,20 +75,20 @@ class Laid:
         """Whether every floor was learned at rest."""
         return all(rest is not None for rest in self.rests)
 
-    def together(self, benches: Sequence[Bench]) -> Bench:
-        """What was made of each bench, on one."""
-        if len(benches) == 1 and self.calibration is None:
-            return benches[0]
+    def together(self, data: Sequence[WhitenedData]) -> WhitenedData:
+        """What was made of each recording, joined."""
+        if len(data) == 1 and self.calibration is None:
+            return data[0]
         names = [recording.name for recording in self.recordings]
-        pipeline = max((bench.pipeline for bench in benches), key=lambda each: len(each.sensors))
+        pipeline = max((each.pipeline for each in data), key=lambda each: len(each.sensors))
         if self.calibration is not None:
             pipeline = fitted_pipeline(self.calibration, self.recordings[0])
-            there = [name for name in pipeline.sensors if any(name in bench.pipeline.sensors for bench in benches)]
+            there = [name for name in pipeline.sensors if any(name in each.pipeline.sensors for each in data)]
             pipeline = restricted(pipeline, there)
-            last = benches[-1] if set(there) <= set(benches[-1].pipeline.sensors) else benches[0]
+            last = data[-1] if set(there) <= set(data[-1].pipeline.sensors) else data[0]
             anchor = Anchor.beside(last, pipeline, self.calibration)
-            return Stack.of([*benches, anchor], names, pipeline, self.began)
-        return Stack.of(benches, names, pipeline, self.began)
+            return Stack.of([*data, anchor], names, pipeline, self.began)
+        return Stack.of(data, names, pipeline, self.began)
 
 
 def laid_out(
@@ -135,14 +135,14 @@ def laid_out(
         for sensor in recording.sensors:
             joint[sensor]
     signals = [signals_of(recording, used) for recording in recordings]
-    benches, began = [], []
+    data, began = [], []
     for recording, own, clock, floor in zip(recordings, signals, running_on(signals), floors, strict=True):
         pipeline = restricted(fitted_pipeline(joint, recording), recording.sensors)
-        benches.append(placed(recording, clock, pipeline, floor))
+        data.append(placed(recording, clock, pipeline, floor))
         began.append(float(clock.t[0] - own.t[0]))
     return Laid(
         tuple(recordings),
-        tuple(benches),
+        tuple(data),
         tuple(floors),
         tuple(steps),
         tuple(sources),

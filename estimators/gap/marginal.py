@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import project
 from estimators.gap.diagnosis import Estimate
 from estimators.gap.posterior import Hypothesis, Posterior
 from estimators.gap.search import Member
+from estimators.gap.whitened import project
 from rig.effects import EFFECTS
 
 Array = NDArray[np.float64]
@@ -70,13 +70,13 @@ def twins(posterior: Posterior) -> dict[str, str]:
 
 def _distance(one: Hypothesis, two: Hypothesis) -> float:
     """Squared distance of what two explanations change, whitened, the calibration projected out."""
-    if one.explanation.bench.size != two.explanation.bench.size:
+    if one.explanation.data.size != two.explanation.data.size:
         return np.inf
-    bench = one.explanation.bench
-    apart = bench.change([m.fit.effect for m in one.explanation.members])
-    other = two.explanation.bench
-    apart = apart + bench.modelled - other.modelled - other.change([m.fit.effect for m in two.explanation.members])
-    left = project(bench.absorbed, bench.whiten(apart))
+    data = one.explanation.data
+    apart = data.change([m.fit.effect for m in one.explanation.members])
+    other = two.explanation.data
+    apart = apart + data.modelled - other.modelled - other.change([m.fit.effect for m in two.explanation.members])
+    left = project(data.absorbed, data.whiten(apart))
     return float(left @ left)
 
 
@@ -87,8 +87,8 @@ def places(posterior: Posterior, same: Mapping[str, str]) -> dict[str, Place]:
     for hypothesis in posterior.hypotheses:
         for member in hypothesis.explanation.members:
             members.setdefault(member.label, member)
-        for offer in hypothesis.state.offers:
-            shares.setdefault(offer.label, {offer.label: 1.0})
+        for fitted in hypothesis.state.fitted:
+            shares.setdefault(fitted.label, {fitted.label: 1.0})
     for label, member in members.items():
         own = shares.setdefault(same.get(label, label), {})
         for each in member.labels:

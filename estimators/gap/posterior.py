@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap import robust
-from estimators.gap.bench import Bench
 from estimators.gap.candidates import Candidate
 from estimators.gap.common import CommonNoise, beside, common_noises
 from estimators.gap.considered import set_prior, unseen_places, visible
@@ -24,6 +23,7 @@ from estimators.gap.scan import Scanner
 from estimators.gap.score import Explained
 from estimators.gap.search import Explanation, Member, Search
 from estimators.gap.states import UNSEEN, NoiseState, moved_floor, named, raised, under_steps, unnamed, unseen_floor
+from estimators.gap.whitened import WhitenedData
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Hypothesis:
         explanation: the mean effects. state: the noise.
         terms: the discrepancy's terms, the likeliest first; empty without one.
         log_mass: unnormalised.
-        on_means: the explanation on the bench of the discrepancy; None without one.
+        on_means: the explanation on the means that the discrepancy is told by; None without one.
     """
 
     explanation: Explanation
@@ -74,7 +74,7 @@ class Hypothesis:
     @cached_property
     def moments(self) -> tuple[Array, Array]:
         """Of all parameters, in typical sizes: mean less the fitted values (p,), and covariance (p, p)."""
-        linear, channels = self.explanation.linear, len(self.explanation.bench.columns)
+        linear, channels = self.explanation.linear, len(self.explanation.data.columns)
         if self.terms and self.on_means is not None:
             return robust.moments(self.on_means, channels, self.terms[0])
         if self.other:
@@ -88,7 +88,7 @@ class Posterior:
 
     Attributes:
         hypotheses: the likeliest first. prior: of sets.
-        scanner, discrepancies: of the bench under the floor. candidates: what was considered. absorbed: what the
+        scanner, discrepancies: of the data under the floor. candidates: what was considered. absorbed: what the
             calibration takes.
     """
 
@@ -117,7 +117,7 @@ class Posterior:
 
 @dataclass
 class _Weighing:
-    bench: Bench
+    data: WhitenedData
     scanner: Scanner
     candidates: Sequence[Candidate]
     prior: Prior
@@ -158,7 +158,7 @@ class _Weighing:
         discrepancies = None
         target = -np.inf
         if deep:  # what a discrepancy alone comes to tells how far sets of effects are worth following
-            self.discrepancies = discrepancies = Discrepancies.of(search.bench, search.rough)
+            self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough)
             self._beside([search.fine(())], state, search, discrepancies)
             target = self.best - state.log_weight - search.fine(()).log_mass
         found = search.run(seeds, deep, target)
@@ -166,7 +166,7 @@ class _Weighing:
             alone = self.known(each, state) + (0.0 if state.other else float(np.log1p(-OTHER)))
             self.enter(Hypothesis(each, state, (), alone))
         if self.known(found[0], state) > self.best - _FAR:
-            self._beside(found, state, search, discrepancies or Discrepancies.of(search.bench, search.rough))
+            self._beside(found, state, search, discrepancies or Discrepancies.of(search.data, search.rough))
         return found
 
     def _beside(
@@ -188,8 +188,8 @@ class _Weighing:
             done.add(each.key)
             means = discrepancies.means.linear(each.linear)
             terms = weighed(means, discrepancies)
-            for log_mass, offer in beside(each.linear, self.common):
-                named = replace(state, offers=(*state.offers, offer))
+            for log_mass, fitted in beside(each.linear, self.common):
+                named = replace(state, fitted=(*state.fitted, fitted))
                 prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
                 mass = self.known(each, state) - each.log_prior + prior + log_mass + float(np.log1p(-OTHER))
                 self.enter(Hypothesis(each, named, (), mass))
@@ -211,12 +211,12 @@ class _Weighing:
                     queue += search.beside(leading.explanation, leading.terms[0])
 
 
-#: Log mass that a state promises, the state, the scanner of the bench below it, what it was learned beside.
+#: Log mass that a state promises, the state, the scanner below it, what it was learned beside.
 _Promised = tuple[float, NoiseState, Scanner, Explanation]
 
 
 def explain(
-    bench: Bench,
+    data: WhitenedData,
     without: Sequence[str] = (),
     at_rest: bool = True,
     weights: Mapping[str, float] | None = None,
@@ -225,24 +225,22 @@ def explain(
     """All hypotheses worth weighing.
 
     Args:
-        bench: of means at their mean poses.
+        data: of means at their mean poses.
         without: effects to leave out of the catalogue.
         at_rest: whether the floor was learned at rest.
         weights: relative prior weights of effects.
     """
-    scanner = Scanner.of(bench)
-    candidates, absorbed = visible(bench, scanner, without)
-    prior = set_prior(candidates, unseen_places(bench, without), bench, weights or {})
-    work = _Weighing(bench, scanner, candidates, prior, without, at_rest, progress, common_noises(bench, without))
+    scanner = Scanner.of(data)
+    candidates, absorbed = visible(data, scanner, without)
+    prior = set_prior(candidates, unseen_places(data, without), data, weights or {})
+    work = _Weighing(data, scanner, candidates, prior, without, at_rest, progress, common_noises(data, without))
     floor = NoiseState()
     found = work.weigh(floor, scanner, (), deep=True)
     tried: set[tuple[str, tuple[str, ...]]] = set()
     frontier = [(floor, scanner, found)]
     outside = _far_from_it(work, found[0])
     for _ in range(_ROUNDS):
-        states = [
-            state for each in outside for state in _relearned(work, *on_bench(work.scanner.fine.bench, each), each)
-        ]
+        states = [state for each in outside for state in _relearned(work, *on_data(work.scanner.fine.data, each), each)]
         outside = []
         for given, given_scanner, explanations in frontier:
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
@@ -255,7 +253,7 @@ def explain(
         best: dict[tuple[str, tuple[str, ...]], _Promised] = {}
         for promise, state, below, each in states:
             kind = state.name, state.labels
-            anew = kind not in tried or (not state.offers and promise > reached + _BETTER)
+            anew = kind not in tried or (not state.fitted and promise > reached + _BETTER)
             if anew and (kind not in best or best[kind][0] < promise):
                 best[kind] = promise, state, below, each
         for promise, state, _, each in states:
@@ -266,7 +264,7 @@ def explain(
             same = each.key == work.leading.explanation.key and not work.leading.terms
             if len(frontier) >= 2 or promise < work.best - (_CLOSE if same else _FAR):
                 continue
-            if not state.offers and promise < reached + _BETTER:
+            if not state.fitted and promise < reached + _BETTER:
                 continue
             tried.add(kind)
             fresh = below.stepped(state.steps[len(_steps_of(below, scanner)) :])
@@ -282,55 +280,55 @@ def explain(
 
 
 def _steps_of(scanner: Scanner, first: Scanner) -> tuple[object, ...]:
-    return scanner.fine.bench.steps[len(first.fine.bench.steps) :]
+    return scanner.fine.data.steps[len(first.fine.data.steps) :]
 
 
 def _states(work: _Weighing, given: NoiseState, scanner: Scanner, each: Explanation) -> list[_Promised]:
     """States of the noise beyond a given one, beside an explanation: what each promises before anything is refitted."""
-    bench = scanner.fine.bench if not each.members else around(scanner.fine.bench, each.bench.pipeline)
-    explained = Explained(bench.absorbed, each.linear.left)
-    found = named(bench, explained, work.without, given)
+    data = scanner.fine.data if not each.members else around(scanner.fine.data, each.data.pipeline)
+    explained = Explained(data.absorbed, each.linear.left)
+    found = named(data, explained, work.without, given)
     if not given.name:
-        moved = (moved_floor(bench, explained, work.at_rest, slower) for slower in (False, True))
-        for state in (*moved, *_nameless(work, bench, explained)):
+        moved = (moved_floor(data, explained, work.at_rest, slower) for slower in (False, True))
+        for state in (*moved, *_nameless(work, data, explained)):
             if state is not None:
                 weight = given.log_weight + state.log_weight
-                found.append(replace(state, offers=given.offers, steps=(*given.steps, *state.steps), log_weight=weight))
-    return [_promised(work, bench, each.linear, scanner, each, state, len(given.steps)) for state in found]
+                found.append(replace(state, fitted=given.fitted, steps=(*given.steps, *state.steps), log_weight=weight))
+    return [_promised(work, data, each.linear, scanner, each, state, len(given.steps)) for state in found]
 
 
 def _promised(
     work: _Weighing,
-    bench: Bench,
+    data: WhitenedData,
     linear: Linear,
     scanner: Scanner,
     each: Explanation,
     state: NoiseState,
     taken: int = 0,
 ) -> _Promised:
-    """What a state is worth beside an explanation that was linearised on a bench with the first ``taken`` steps."""
+    """What a state is worth beside an explanation that was linearised under the first ``taken`` steps."""
     prior = work.prior.log_set([*state.drawn, *(member.drawn for member in each.members)])
-    under, determinant = under_steps(bench, linear, state.steps[taken:])
+    under, determinant = under_steps(data, linear, state.steps[taken:])
     weight = state.log_weight + determinant
     return under.averaged[0] + prior + weight, replace(state, log_weight=weight), scanner, each
 
 
-def _nameless(work: _Weighing, bench: Bench, explained: Explained) -> list[NoiseState | None]:
+def _nameless(work: _Weighing, data: WhitenedData, explained: Explained) -> list[NoiseState | None]:
     """Noise without a name; where nothing shows the floor, it may be that."""
-    steady = None if work.at_rest else unnamed(bench, explained, steady=True)
-    return [unnamed(bench, explained), None if steady is None else unseen_floor(steady)]
+    steady = None if work.at_rest else unnamed(data, explained, steady=True)
+    return [unnamed(data, explained), None if steady is None else unseen_floor(steady)]
 
 
-def on_bench(bench: Bench, each: Explanation) -> tuple[Bench, Linear]:
-    """An explanation, linearised on a bench with other noise than it was found under; and that bench around it."""
-    bench = around(bench, each.bench.pipeline)
-    return bench, linearised(at(each.fits, bench), each.linear.searched)
+def on_data(data: WhitenedData, each: Explanation) -> tuple[WhitenedData, Linear]:
+    """An explanation, linearised under other noise than it was found with; and the data around it."""
+    data = around(data, each.data.pipeline)
+    return data, linearised(at(each.fits, data), each.linear.searched)
 
 
-def _relearned(work: _Weighing, bench: Bench, linear: Linear, each: Explanation) -> list[_Promised]:
-    """Noise without a name beside an explanation on the floor's bench."""
-    states = _nameless(work, bench, Explained(bench.absorbed, linear.left))
-    return [_promised(work, bench, linear, work.scanner, each, state) for state in states if state is not None]
+def _relearned(work: _Weighing, data: WhitenedData, linear: Linear, each: Explanation) -> list[_Promised]:
+    """Noise without a name beside an explanation under the floor."""
+    states = _nameless(work, data, Explained(data.absorbed, linear.left))
+    return [_promised(work, data, linear, work.scanner, each, state) for state in states if state is not None]
 
 
 def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
@@ -341,10 +339,10 @@ def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
     """
     found: list[Explanation] = []
     for _ in range(_OUTWARDS):
-        bench, linear = on_bench(work.scanner.fine.bench, each)
-        if max((promise for promise, *_ in _relearned(work, bench, linear, each)), default=-np.inf) < work.best + _FAR:
+        data, linear = on_data(work.scanner.fine.data, each)
+        if max((promise for promise, *_ in _relearned(work, data, linear, each)), default=-np.inf) < work.best + _FAR:
             break
-        scanner = work.scanner.stepped(raised(bench, Explained(bench.absorbed, linear.left)))
+        scanner = work.scanner.stepped(raised(data, Explained(data.absorbed, linear.left)))
         search = Search(scanner, work.candidates, work.prior, work.progress, wide=True)
         found += search.run(_seeds(each), deep=False)
         leading = max(search.found.values(), key=search.gained)

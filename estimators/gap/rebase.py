@@ -1,7 +1,7 @@
 """The calibration moved to where it belongs once the causes are known.
 
-The bench takes the calibration's freedom to first order. A strong cause can have pushed the calibration further than
-that: then the bench is set up anew around the calibration with the causes in place, by Gauss-Newton steps.
+The data takes the calibration's freedom to first order. A strong cause can have pushed the calibration further than
+that: then the data are set up anew around the calibration with the causes in place, by Gauss-Newton steps.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
+from estimators.gap.whitened import WhitenedData
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.directions import tangent_basis
 from rig.effects import Effect
@@ -26,23 +26,23 @@ Array = NDArray[np.float64]
 _FELT: Final = 1e-6
 
 
-def rebased(bench: Bench, effects: Sequence[Effect]) -> Bench:
-    """The bench around the calibration that fits best, to first order, with these effects in place."""
-    scale = np.linalg.norm(bench.tangent, axis=0)
+def rebased(data: WhitenedData, effects: Sequence[Effect]) -> WhitenedData:
+    """The data around the calibration that fits best, to first order, with these effects in place."""
+    scale = np.linalg.norm(data.tangent, axis=0)
     scale[scale == 0.0] = np.inf
-    target = bench.whiten(bench.residual - bench.change(effects))
-    gram = (bench.tangent / scale).T @ (bench.tangent / scale)
-    step = np.linalg.pinv(gram, rcond=_FELT, hermitian=True) @ ((bench.tangent / scale).T @ target) / scale
-    return around(bench, stepped(bench.pipeline, step))
+    target = data.whiten(data.residual - data.change(effects))
+    gram = (data.tangent / scale).T @ (data.tangent / scale)
+    step = np.linalg.pinv(gram, rcond=_FELT, hermitian=True) @ ((data.tangent / scale).T @ target) / scale
+    return around(data, stepped(data.pipeline, step))
 
 
-def around(bench: Bench, pipeline: Pipeline) -> Bench:
-    """The bench with another calibration."""
-    return bench.around(pipeline)
+def around(data: WhitenedData, pipeline: Pipeline) -> WhitenedData:
+    """The data with another calibration."""
+    return data.around(pipeline)
 
 
 def stepped(pipeline: Pipeline, step: Array) -> Pipeline:
-    """The pipeline with its parameters moved by ``step`` (p,), in the order of ``Bench.raw_tangent``."""
+    """The pipeline with its parameters moved by ``step`` (p,), in the order of ``WhitenedData.raw_tangent``."""
     environment = pipeline.environment
     sensors: dict[str, TriaxialSensor] = {}
     first = 0

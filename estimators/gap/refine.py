@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import STEP, Candidate, Shape
-from estimators.gap.scan import KEPT, Offer
+from estimators.gap.scan import KEPT, ScoreTest
 from estimators.gap.score import ABSORBED, Explained
+from estimators.gap.whitened import WhitenedData, project
 from rig.effects import Effect
 from rig.effects.parameters import Parameter, Value
 
@@ -66,37 +66,37 @@ class Fitted:
             given[item.name] = taken[0] if item.size == 1 else tuple(taken)
         return self.candidate.effect.from_mapping(given)
 
-    def touched(self, bench: Bench) -> NDArray[np.bool_]:
+    def touched(self, data: WhitenedData) -> NDArray[np.bool_]:
         """(6,) the channels whose readings it changes, near the fitted values."""
         moved = replace(self, values=self.values + STEP * self.scale).effect
-        return np.asarray((bench.change([moved]) != 0.0).any(axis=0))
+        return np.asarray((data.change([moved]) != 0.0).any(axis=0))
 
-    def tangent(self, bench: Bench, others: Sequence[Effect] = ()) -> Array:
+    def tangent(self, data: WhitenedData, others: Sequence[Effect] = ()) -> Array:
         """(c count, p) whitened derivatives at the fitted values, each scaled to a typical size."""
         moved = [replace(self, values=self.values + row).effect for row in np.diag(STEP * self.scale)]
-        still, *changed = bench.changes([self.effect, *moved], others)
+        still, *changed = data.changes([self.effect, *moved], others)
         parts = [(change - still) / STEP for change in changed]
-        columns = bench.whiten_changes(parts)
-        full = np.zeros((len(parts), bench.size)).T
+        columns = data.whiten_changes(parts)
+        full = np.zeros((len(parts), data.size)).T
         full[columns.rows] = columns.values
         return full
 
 
-def started(offer: Offer, bench: Bench, explained: Explained) -> Fitted:
-    """The fit's start: the offer's shape, the best of a few phases, and strengths by linear least squares."""
-    effect = offer.candidate.effect
-    kept = {name: value for name, value in offer.shape.items() if name in KEPT}
+def started(tested: ScoreTest, data: WhitenedData, explained: Explained) -> Fitted:
+    """The fit's start: the tested's shape, the best of a few phases, and strengths by linear least squares."""
+    effect = tested.candidate.effect
+    kept = {name: value for name, value in tested.shape.items() if name in KEPT}
     best: tuple[float, Fitted] | None = None
-    for spanned in _tries(offer):
-        shape: dict[str, Value] = {**offer.shape, **spanned}
-        columns = bench.whiten_changes(offer.candidate.derivatives(bench, shape))
+    for spanned in _tries(tested):
+        shape: dict[str, Value] = {**tested.shape, **spanned}
+        columns = data.whiten_changes(tested.candidate.derivatives(data, shape))
         score = explained.score(columns)
         if best is not None and score.statistic <= best[0]:
             continue
-        values, idle = _split(offer.candidate, score.strengths, np.asarray(columns.values.any(axis=0)))
+        values, idle = _split(tested.candidate, score.strengths, np.asarray(columns.values.any(axis=0)))
         shapes = [item for item in effect.parameters() if not item.strength and item.name not in kept]
         values += [np.atleast_1d(np.asarray(shape[item.name], dtype=float)) for item in shapes]
-        best = (score.statistic, Fitted(offer.candidate, np.concatenate(values), {**kept, **idle}))
+        best = (score.statistic, Fitted(tested.candidate, np.concatenate(values), {**kept, **idle}))
     assert best is not None
     return best[1]
 
@@ -116,13 +116,13 @@ def _split(candidate: Candidate, strengths: Array, felt: NDArray[np.bool_]) -> t
     return values, idle
 
 
-def _tries(offer: Offer) -> list[dict[str, Value]]:
+def _tries(tested: ScoreTest) -> list[dict[str, Value]]:
     """Values of the spanned shapes to start from."""
-    effect = offer.candidate.effect
+    effect = tested.candidate.effect
     spanned = {item.name: item for item in effect.parameters() if item.spanned}
     if not spanned:
         return [{}]
-    coefficients = offer.score.strengths.reshape(len(effect.spanning()), -1)
+    coefficients = tested.score.strengths.reshape(len(effect.spanning()), -1)
     if set(spanned) == {"phase_rad"} and len(effect.spanning()) == 2:  # A sin(x + p) = A cos p sin x + A sin p cos x
         phase = np.arctan2(coefficients[1], coefficients[0])
         item = spanned["phase_rad"]
@@ -144,32 +144,32 @@ class Refit:
     """Effects fitted together.
 
     Attributes:
-        fits: the effects. bench: where.
+        fits: the effects. data: where.
         left: (c count,) what they leave of the whitened residual; the calibration is not projected out.
         columns: (c count, p) their whitened derivatives there, each for a typical size.
     """
 
     fits: list[Fitted]
-    bench: Bench
+    data: WhitenedData
     left: Array
     columns: Array
 
     @property
     def misfit(self) -> float:
         """Chi-square, the calibration projected out."""
-        taken = self.bench.absorbed.T @ self.left
+        taken = self.data.absorbed.T @ self.left
         return float(self.left @ self.left - taken @ taken)
 
     @cached_property
     def explained(self) -> Explained:
         """What they leave, with their tangents explained."""
-        absorbed = self.bench.absorbed
+        absorbed = self.data.absorbed
         if not self.fits:
-            return Explained(absorbed, self.bench.whitened)
+            return Explained(absorbed, self.data.whitened)
         return Explained(absorbed, project(absorbed, self.left)).extended(self.columns)
 
 
-def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> Refit:
+def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24) -> Refit:
     """All parameters of all effects together by nonlinear least squares.
 
     The calibration moves along its tangent, which is projected out. The derivatives, which cost most, are taken anew
@@ -181,10 +181,10 @@ def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> Refit:
     """
     fits = list(fits)
     if not fits:
-        return at(fits, bench)
+        return at(fits, data)
     scale = np.concatenate([each.scale for each in fits])
     held = _HELD * np.concatenate([np.full(item.size, float(item.strength)) for each in fits for item in each.free])
-    problem = _Problem(fits, bench, held**2)
+    problem = _Problem(fits, data, held**2)
     here = problem.at(np.concatenate([each.values for each in fits]) / scale)
     slopes, damping, gone = problem.slopes(here), _DAMPED, 0.0
     for _ in range(most):
@@ -201,7 +201,7 @@ def refit(fits: Sequence[Fitted], bench: Bench, most: int = 24) -> Refit:
             slopes, gone = problem.slopes(here), 0.0
     if gone > _NEAR:
         slopes = problem.slopes(here)
-    return Refit(here.fits, bench, here.left, slopes.columns)
+    return Refit(here.fits, data, here.left, slopes.columns)
 
 
 @dataclass(frozen=True)
@@ -244,10 +244,10 @@ class _Slopes:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Effects to be fitted on a bench; the prior (p,) that holds their strengths near zero: one over its variance."""
+    """Effects to be fitted; the prior (p,) that holds their strengths near zero: one over its variance."""
 
     fits: Sequence[Fitted]
-    bench: Bench
+    data: WhitenedData
     prior: Array
 
     def at(self, point: Array) -> _Point:
@@ -257,40 +257,40 @@ class _Problem:
             replace(each, values=np.array(list(itertools.islice(numbers, len(each.values)))) * each.scale)
             for each in self.fits
         ]
-        left = self.bench.whiten(self.bench.residual - self.bench.change([each.effect for each in fits]))
-        absorbed = self.bench.absorbed.T @ left
+        left = self.data.whiten(self.data.residual - self.data.change([each.effect for each in fits]))
+        absorbed = self.data.absorbed.T @ left
         misfit = float(left @ left - absorbed @ absorbed + self.prior @ point**2)
         return _Point(point, fits, left, misfit)
 
     def slopes(self, here: _Point) -> _Slopes:
         """The derivatives at a point."""
-        columns = np.hstack(tangents(here.fits, self.bench))
-        shared = self.bench.absorbed.T @ columns
+        columns = np.hstack(tangents(here.fits, self.data))
+        shared = self.data.absorbed.T @ columns
         gram = columns.T @ columns - shared.T @ shared + np.diag(self.prior)
-        return _Slopes(here.point, columns, gram, self.bench.absorbed, self.prior)
+        return _Slopes(here.point, columns, gram, self.data.absorbed, self.prior)
 
 
-def tangents(fits: Sequence[Fitted], bench: Bench) -> list[Array]:
+def tangents(fits: Sequence[Fitted], data: WhitenedData) -> list[Array]:
     """The tangent of each fitted effect with the others in place: those that touch a channel that it touches."""
-    touched = [each.touched(bench) for each in fits]
+    touched = [each.touched(data) for each in fits]
     if any(each.candidate.names for each in fits):  # what a channel's reading does to another's
         touched = [np.ones_like(own) for own in touched]
     found = []
     for each, here in zip(fits, touched, strict=True):
         near = [bool((here & own).any()) for own in touched]
         others = [other.effect for other, felt in zip(fits, near, strict=True) if felt and other is not each]
-        found.append(each.tangent(bench, others))
+        found.append(each.tangent(data, others))
     return found
 
 
-def at(fits: Sequence[Fitted], bench: Bench) -> Refit:
-    """Effects as they were fitted elsewhere, on a bench."""
+def at(fits: Sequence[Fitted], data: WhitenedData) -> Refit:
+    """Effects as they were fitted elsewhere, in whitened data."""
     if not fits:
-        return Refit([], bench, bench.whitened, np.zeros((bench.size, 0)))
-    left = bench.whiten(bench.residual - bench.change([each.effect for each in fits]))
-    return Refit(list(fits), bench, left, np.hstack(tangents(fits, bench)))
+        return Refit([], data, data.whitened, np.zeros((data.size, 0)))
+    left = data.whiten(data.residual - data.change([each.effect for each in fits]))
+    return Refit(list(fits), data, left, np.hstack(tangents(fits, data)))
 
 
-def explained_by(fits: Sequence[Fitted], bench: Bench) -> Explained:
-    """What fitted effects leave of the residual on a bench, with their tangents explained."""
-    return at(fits, bench).explained
+def explained_by(fits: Sequence[Fitted], data: WhitenedData) -> Explained:
+    """What fitted effects leave of the residual in whitened data, with their tangents explained."""
+    return at(fits, data).explained

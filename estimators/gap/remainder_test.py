@@ -16,7 +16,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import STEP, Candidate
 from estimators.gap.discrepancy import Discrepancies, Term
 from estimators.gap.posterior import Posterior
@@ -24,6 +23,7 @@ from estimators.gap.prior import DISCREPANCY_SNR, Prior
 from estimators.gap.scan import Scanner
 from estimators.gap.score import ABSORBED
 from estimators.gap.states import SLOWER
+from estimators.gap.whitened import WhitenedData, project
 from rig.effects import Effect
 
 Array = NDArray[np.float64]
@@ -48,29 +48,29 @@ def remainder_p_value(posterior: Posterior) -> float:
     state = max(floors, key=lambda each: each.log_mass).state
     if state.name == SLOWER:
         scanner = scanner.stepped(state.steps)
-        discrepancies = Discrepancies.of(scanner.fine.bench, scanner.rough.bench)
+        discrepancies = Discrepancies.of(scanner.fine.data, scanner.rough.data)
     return p_value(scanner, discrepancies, posterior.candidates, posterior.prior)
 
 
 def p_value(scanner: Scanner, discrepancies: Discrepancies, candidates: Sequence[Candidate], prior: Prior) -> float:
     """As ``remainder_p_value``, of candidates that were scanned."""
-    bench = scanner.fine.bench
+    data = scanner.fine.data
     means = discrepancies.means
     rng = np.random.default_rng(0)
-    noise = _drawn(bench, rng)
-    tangent = _own_tangent(bench)
-    fine = np.column_stack([bench.whitened, project(bench.absorbed, noise)])
+    noise = _drawn(data, rng)
+    tangent = _own_tangent(data)
+    fine = np.column_stack([data.whitened, project(data.absorbed, noise)])
     rough = np.column_stack([means(fine[:, :1]), means(fine[:, 1:])])
     rough = project(means.absorbed, rough)
     own = _basis(means.absorbed, means(tangent))
     square = np.sum((own.T @ rough) ** 2, axis=0)
     logs = [_gain(square, own.shape[1])] if own.shape[1] else []
     left_rough = project(own, rough)
-    own_fine = _basis(bench.absorbed, tangent)
+    own_fine = _basis(data.absorbed, tangent)
     left_fine = project(own_fine, fine)
     catalogue = []
     for log_prior, columns, on_means in _columns(scanner, candidates, prior):
-        absorbed, held, left = (means.absorbed, own, left_rough) if on_means else (bench.absorbed, own_fine, left_fine)
+        absorbed, held, left = (means.absorbed, own, left_rough) if on_means else (data.absorbed, own_fine, left_fine)
         basis = _basis(np.hstack([absorbed, held]), columns)
         if basis.shape[1]:
             more = np.sum((basis.T @ left) ** 2, axis=0)
@@ -82,25 +82,25 @@ def p_value(scanner: Scanner, discrepancies: Discrepancies, candidates: Sequence
     return float(np.mean(statistic >= statistic[0] - 1e-9))
 
 
-def _drawn(bench: Bench, rng: np.random.Generator) -> Array:
+def _drawn(data: WhitenedData, rng: np.random.Generator) -> Array:
     """(m, draws) whitened noise of a floor that is known as well as it was learned."""
-    noise = rng.standard_normal((len(bench.columns), bench.count, _DRAWS))
-    for index, column in enumerate(bench.columns):
-        samples = bench.floor_samples[column]
+    noise = rng.standard_normal((len(data.columns), data.count, _DRAWS))
+    for index, column in enumerate(data.columns):
+        samples = data.floor_samples[column]
         if samples > 1.0:
             noise[index] *= np.sqrt(samples / rng.chisquare(samples, _DRAWS))
-        noise[index] *= (bench.weights[:, column] > 0.0)[:, None]
+        noise[index] *= (data.weights[:, column] > 0.0)[:, None]
     return noise.reshape(-1, _DRAWS)
 
 
-def _own_tangent(bench: Bench) -> Array:
+def _own_tangent(data: WhitenedData) -> Array:
     """(m, p) what the numbers of the rig's own effects do to the whitened readings."""
     found = []
-    for index, effect in enumerate(bench.given):
+    for index, effect in enumerate(data.given):
         for moved in _moved(effect):
-            given = (*bench.given[:index], moved, *bench.given[index + 1 :])
-            found.append(bench.whiten(replace(bench, given=given).modelled - bench.modelled))
-    return np.column_stack(found) if found else np.zeros((bench.size, 0))
+            given = (*data.given[:index], moved, *data.given[index + 1 :])
+            found.append(data.whiten(replace(data, given=given).modelled - data.modelled))
+    return np.column_stack(found) if found else np.zeros((data.size, 0))
 
 
 def _moved(effect: Effect) -> Iterator[Effect]:
@@ -133,7 +133,7 @@ def _columns(scanner: Scanner, candidates: Sequence[Candidate], prior: Prior) ->
             if not on_means and candidate.smooth:
                 continue
             seen.add((label, shape))
-            columns = np.zeros((look.bench.size, kept.columns.values.shape[1]))
+            columns = np.zeros((look.data.size, kept.columns.values.shape[1]))
             columns[kept.columns.rows] = kept.columns.values
             log_prior = prior.log_single((candidate.effect.name, (label,))) - float(np.log(many[label]))
             yield log_prior, columns, on_means

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap import by_channel, closed_shares, closure, marginal
-from estimators.gap.bench import Bench
 from estimators.gap.by_recording import of_several
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.converge import converged
@@ -26,7 +25,8 @@ from estimators.gap.recorded_units import in_recorded_units
 from estimators.gap.refine import at
 from estimators.gap.shift import calibration_shift
 from estimators.gap.stack import Stack
-from estimators.gap.stochastic import NoiseOffer
+from estimators.gap.stochastic import FittedNoise
+from estimators.gap.whitened import WhitenedData
 from rig.channels import CHANNELS
 from rig.effects import Effect
 from rig.errors import in_short
@@ -45,7 +45,7 @@ _NO_CLOSURE: Final = Closed(None, None, None)
 
 def conclude(
     recordings: Sequence[Recording],
-    bench: Bench,
+    data: WhitenedData,
     posterior: Posterior,
     defects: Sequence[Sequence[Defect]],
     without: Sequence[str],
@@ -55,7 +55,7 @@ def conclude(
     """The diagnosis that a posterior supports, and the mean effects of its leading explanation.
 
     Args:
-        recordings, bench: what was diagnosed; the bench with the base fit's noise, defects left out.
+        recordings, data: what was diagnosed; the data with the base fit's noise, defects left out.
         posterior: over everything but the defects.
         defects: of each recording's single readings.
         without: effects left out of the catalogue: their defects have no name.
@@ -78,21 +78,21 @@ def conclude(
     hypotheses, masses, omitted = _listed(posterior, places, same, certain, bool(nameless), doubted)
     leading = posterior.leading
     rng = np.random.default_rng(0)
-    fits = _at_every_sample(leading, bench)
+    fits = _at_every_sample(leading, data)
     after, before = closed_shares.of_causes(posterior, rng)
     effects = [fit.effect for fit in fits]
-    noise_after, noise_before = closed_shares.of_noise(leading.state.offers, named, bench, rng)
+    noise_after, noise_before = closed_shares.of_noise(leading.state.fitted, named, data, rng)
     quiet = masses["nothing"] >= 0.5
-    has_cause = bool(fits or leading.state.offers or named)
+    has_cause = bool(fits or leading.state.fitted or named)
     closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE
     causes = () if quiet else _causes(posterior, leading, places, same, named, certain, doubted, after, before, rng)
     causes = in_recorded_units(causes, recordings[0].units)
     kind = verdict_of(masses, hypotheses, causes)
-    settled = around(bench, leading.explanation.bench.pipeline) if effects else bench
+    settled = around(data, leading.explanation.data.pipeline) if effects else data
     other = masses["other"] >= 0.5
     remainder = _remainder(posterior, nameless, other, rng)
-    offers = leading.state.offers
-    channels = by_channel.channels(bench, settled, effects, offers, defects, floors, quiet, other, after)
+    noises = leading.state.fitted
+    channels = by_channel.channels(data, settled, effects, noises, defects, floors, quiet, other, after)
     counts = [len(recording) for recording in recordings]
     names = [recording.name for recording in recordings]
     estimated = [name for name, source in zip(names, sources, strict=True) if source != "locked recording"]
@@ -115,10 +115,10 @@ def conclude(
         closed_on="held-out blocks",
         remainder=remainder,
         calibration_shift=calibration_shift(recordings, settled, effects, floors) if effects and not quiet else {},
-        cannot_tell=by_channel.cannot_tell(posterior, bench, without),
+        cannot_tell=by_channel.cannot_tell(posterior, data, without),
         next=None,
         floor=" and ".join(dict.fromkeys(sources)),
-        names={} if bench.base.arm is None else bench.base.arm.place_names,
+        names={} if data.base.arm is None else data.base.arm.place_names,
         warnings=(warned,) if estimated else (),
         by_recording=dict(zip(names, channels, strict=True)) if len(names) > 1 else {},
     ), effects
@@ -166,12 +166,12 @@ def _subsets(causes: Sequence[tuple[tuple[str, str], float]]) -> list[tuple[tupl
     return found
 
 
-def _at_every_sample(leading: Weighing, bench: Bench) -> list:  # type: ignore[type-arg]
+def _at_every_sample(leading: Weighing, data: WhitenedData) -> list:  # type: ignore[type-arg]
     """The fits of an explanation; of means over blocks, once more with the rig evaluated at every sample."""
     fits = leading.explanation.fits
-    if bench.block == 1 or not fits:
+    if data.block == 1 or not fits:
         return fits
-    full = around(bench.stepped(leading.explanation.bench.steps), leading.explanation.bench.pipeline)
+    full = around(data.stepped(leading.explanation.data.steps), leading.explanation.data.pipeline)
     return converged(fits, full).fits
 
 
@@ -214,38 +214,38 @@ def _causes(
             estimates = marginal.parameters(label, posterior, mean)
             closed = closed_shares.by_cause(label, mean[0][0], posterior, after, before, rng)
         else:
-            offer = next((o for each, _ in held for o in each.state.offers if o.label == label), None)
-            if offer is None:  # a twin of what is listed elsewhere
+            fitted = next((o for each, _ in held for o in each.state.fitted if o.label == label), None)
+            if fitted is None:  # a twin of what is listed elsewhere
                 continue
-            estimates, closed = _of_noise(offer), closed_shares.by_noise(offer, rng)
-        bench = leading.explanation.bench
+            estimates, closed = _of_noise(fitted), closed_shares.by_noise(fitted, rng)
+        data = leading.explanation.data
         cause = Cause(effect, where, probability, equivalent, estimates, closed)
-        if isinstance(bench, Stack):
-            cause = of_several(cause, label, mean[0][0] if mean else held[0][0], bench)
+        if isinstance(data, Stack):
+            cause = of_several(cause, label, mean[0][0] if mean else held[0][0], data)
         found.append(cause)
     for defect, number in defects:
         estimates = {name: Estimate(*values) for name, values in defect.parameters.items()}
         wrong = closure.of_noise(1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))), rng)
         part = closure.share(np.minimum(wrong, 1.0) ** 2, np.ones(len(wrong)))
         cause = Cause(defect.effect, defect.where, certain[defect.effect, defect.where], (), estimates, part)
-        bench = leading.explanation.bench
-        found.append(replace(cause, recording=bench.names[number]) if isinstance(bench, Stack) else cause)
+        data = leading.explanation.data
+        found.append(replace(cause, recording=data.names[number]) if isinstance(data, Stack) else cause)
     return tuple(sorted(found, key=lambda cause: -cause.probability))
 
 
-def _of_noise(offer: NoiseOffer) -> dict[str, Estimate]:
+def _of_noise(fitted: FittedNoise) -> dict[str, Estimate]:
     found = {}
-    for item in offer.effect.parameters():
-        std = (float(offer.std[0]) if item.size == 1 else tuple(map(float, offer.std))) if item.strength else None
-        found[item.name] = Estimate(getattr(offer.effect, item.name), std, item.unit)
+    for item in fitted.effect.parameters():
+        std = (float(fitted.std[0]) if item.size == 1 else tuple(map(float, fitted.std))) if item.strength else None
+        found[item.name] = Estimate(getattr(fitted.effect, item.name), std, item.unit)
     return found
 
 
 def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
     """What the whole gap follows: for each course the share of it that the likeliest source takes along that."""
     means = posterior.discrepancies.means
-    linear = means.linear(linearised(at([], posterior.scanner.fine.bench)))
-    rough = posterior.scanner.rough.bench
+    linear = means.linear(linearised(at([], posterior.scanner.fine.data)))
+    rough = posterior.scanner.rough.data
     found: dict[str, float] = {}
     size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.shape[1], 1.0)
     for each in weighed(linear, posterior.discrepancies):
@@ -266,7 +266,7 @@ def _taken(each: Weighed, residual: Array) -> float:
 
 
 def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rng: np.random.Generator) -> Remainder:
-    rough = posterior.scanner.rough.bench
+    rough = posterior.scanner.rough.data
     hidden = closure.could_hide(posterior.discrepancies, rng)
     follows: list[dict[str, object]] = [
         {"source": "single readings", "course": f"{each.effect}-like", "share": 1.0} for each in nameless
@@ -300,16 +300,16 @@ def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rn
     return Remainder("structured" if other or nameless else "noise", tuple(follows), float(hidden))
 
 
-def _in(bench: Bench, number: int) -> str:
+def _in(data: WhitenedData, number: int) -> str:
     """Which of several recordings, in words."""
-    return f" in {bench.names[number]}" if isinstance(bench, Stack) and len(bench.parts) > 1 else ""
+    return f" in {data.names[number]}" if isinstance(data, Stack) and len(data.parts) > 1 else ""
 
 
-def _band(factor: Array, bench: Bench) -> str:
+def _band(factor: Array, data: WhitenedData) -> str:
     """The frequencies at which noise is raised most."""
     power = 1.0 / np.maximum(factor[1:], 1e-9) ** 2
     raised = power - power.min()
     cumulated = np.cumsum(raised) / max(float(raised.sum()), 1e-300)
     low, high = np.searchsorted(cumulated, [0.1, 0.9])
-    unit = 0.5 * bench.samples / (bench.interval_s * len(raised))
+    unit = 0.5 * data.samples / (data.interval_s * len(raised))
     return f"{max(low, 1) * unit:.2g} to {max(high, 1) * unit:.2g} Hz"

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f
 
-from estimators.gap.bench import project
 from estimators.gap.discrepancy import Weighed
 from estimators.gap.evidence import Linear
 from estimators.gap.search import Explanation
+from estimators.gap.whitened import project
 
 Array = NDArray[np.float64]
 
@@ -60,15 +60,15 @@ def log_p(explanation: Explanation, index: int) -> float:
     Args:
         index: its number in the set.
     """
-    linear, bench, fits = explanation.linear, explanation.bench, explanation.fits
+    linear, data, fits = explanation.linear, explanation.data, explanation.fits
     others = [fit.effect for number, fit in enumerate(fits) if number != index]
-    change = bench.change([fit.effect for fit in fits]) - bench.change(others)
-    along = project(bench.absorbed, bench.whiten(change))
+    change = data.change([fit.effect for fit in fits]) - data.change(others)
+    along = project(data.absorbed, data.whiten(change))
     beside = linear.tangent[:, linear.owner != index]
     if beside.shape[1]:
         along = along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0]
     size = float(along @ along)
-    scores = along @ _in_blocks(linear.left, len(bench.columns)).sum(axis=1)
+    scores = along @ _in_blocks(linear.left, len(data.columns)).sum(axis=1)
     spread = float(_spread(scores[None])[0, 0])
     if size <= 0.0 or spread <= 0.0:
         return 0.0

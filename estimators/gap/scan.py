@@ -13,11 +13,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench, Columns, Step
 from estimators.gap.candidates import Candidate, Shape, still
 from estimators.gap.score import Explained, Score, solve
 from estimators.gap.stack import part_of
 from estimators.gap.tones import best_tone, envelopes
+from estimators.gap.whitened import Columns, Step, WhitenedData
 from rig.effects import Effect
 from rig.pipeline import Pipeline
 
@@ -34,7 +34,7 @@ _NOTHING: Final = 6.0
 
 
 @dataclass(frozen=True)
-class Offer:
+class ScoreTest:
     """What a candidate explains at its best shape.
 
     Attributes:
@@ -75,51 +75,53 @@ class Kept:
 
 @dataclass(frozen=True)
 class Look:
-    """Candidates on one bench; their columns are kept for the next scan, by label and shape.
+    """Candidates on one recording; their columns are kept for the next scan, by label and shape.
 
     Attributes:
-        nearby: the look on a bench with fewer effects, whose derivatives tell well enough which shape a fit begins at.
+        nearby: the look beside fewer effects, whose derivatives tell well enough which shape a fit begins at.
     """
 
-    bench: Bench
+    data: WhitenedData
     kept: dict[tuple[str, str], Kept] = field(default_factory=dict)
     nearby: Look | None = None
 
-    def best(self, candidate: Candidate, explained: Explained, shapes: Sequence[Shape] | None = None) -> list[Offer]:
-        """The offers of all shapes of a candidate, or of some, the best first; not for a tone."""
-        every: Sequence[Shape] = candidate.effect.searched(self.bench.base)
+    def best(
+        self, candidate: Candidate, explained: Explained, shapes: Sequence[Shape] | None = None
+    ) -> list[ScoreTest]:
+        """The tests of all shapes of a candidate, or of some, the best first; not for a tone."""
+        every: Sequence[Shape] = candidate.effect.searched(self.data.base)
         if set(every[0]) == {"at_s"}:
-            return [_onset(candidate, self.bench, explained)]
+            return [_onset(candidate, self.data, explained)]
         if self.nearby is not None and shapes is None and len(every) > 1 and not set(every[0]) & set(KEPT):
             shapes = [self.nearby.best(candidate, explained)[0].shape]
         found = []
         for shape in every if shapes is None else shapes:
             key = candidate.label, str(shape)
             if key not in self.kept:
-                columns = candidate.columns(self.bench, shape)
+                columns = candidate.columns(self.data, shape)
                 self.kept[key] = Kept(columns, explained.projected(columns))
             score = _possible(candidate, explained.score(self.kept[key].columns, self.kept[key].gram))
-            found.append(Offer(candidate, shape, score, len(every)))
+            found.append(ScoreTest(candidate, shape, score, len(every)))
         if set(every[0]) & set(KEPT) and shapes is None:
-            likely = np.array([0.5 * offer.score.statistic for offer in found])
+            likely = np.array([0.5 * tested.score.statistic for tested in found])
             spread = float(np.log(len(likely)) - np.logaddexp.reduce(likely - likely.max()))
-            found = [replace(offer, spread=spread) for offer in found]
-        return sorted(found, key=lambda offer: -offer.score.statistic)
+            found = [replace(tested, spread=spread) for tested in found]
+        return sorted(found, key=lambda tested: -tested.score.statistic)
 
     def stepped(self, steps: Sequence[Step]) -> Look:
-        """On the bench with further steps of whitening, which the columns go through."""
-        bench = self.bench.stepped(steps)
-        absorbed = Explained(bench.absorbed, bench.whitened)
-        columns = {key: _stepped(each.columns, self.bench, steps) for key, each in self.kept.items()}
-        return Look(bench, {key: Kept(each, absorbed.projected(each)) for key, each in columns.items()})
+        """With further steps of whitening, which the columns go through."""
+        data = self.data.stepped(steps)
+        absorbed = Explained(data.absorbed, data.whitened)
+        columns = {key: _stepped(each.columns, self.data, steps) for key, each in self.kept.items()}
+        return Look(data, {key: Kept(each, absorbed.projected(each)) for key, each in columns.items()})
 
 
 @dataclass(frozen=True)
 class Scanner:
-    """Scans candidates on a bench.
+    """Scans candidates.
 
     Attributes:
-        rough, fine: on means over neighbouring samples, and on the bench itself.
+        rough, fine: on means over neighbouring samples, and sample by sample.
     """
 
     rough: Look
@@ -129,34 +131,34 @@ class Scanner:
     _source: tuple[Scanner, tuple[Step, ...]] | None = None
 
     @classmethod
-    def of(cls, bench: Bench) -> Scanner:
+    def of(cls, data: WhitenedData) -> Scanner:
         """Nothing scanned yet."""
-        fine = Look(bench)
-        coarse = bench.coarse()
-        return cls(fine if coarse is bench else Look(coarse), fine)
+        fine = Look(data)
+        coarse = data.coarse()
+        return cls(fine if coarse is data else Look(coarse), fine)
 
-    def scan(self, candidates: Iterable[Candidate], explained: Explained, roughly: Explained) -> list[Offer]:
-        """The best offer of each candidate, the most evident first; of equals those of joints that stand still last.
+    def scan(self, candidates: Iterable[Candidate], explained: Explained, roughly: Explained) -> list[ScoreTest]:
+        """The best tested of each candidate, the most evident first; of equals those of joints that stand still last.
 
         Args:
-            explained, roughly: on the bench, and on its means.
+            explained, roughly: sample by sample, and on means.
         """
-        offers = [self._first(candidate, explained, roughly) for candidate in candidates]
-        return sorted(offers, key=lambda offer: (-offer.evidence, still(offer.candidate, self.fine.bench)))
+        tests = [self._first(candidate, explained, roughly) for candidate in candidates]
+        return sorted(tests, key=lambda tested: (-tested.evidence, still(tested.candidate, self.fine.data)))
 
     def visible(self, candidate: Candidate, roughly: Explained) -> float:
         """The largest share of a candidate's change that the calibration leaves; not for a tone or an onset."""
         return self.rough.best(candidate, roughly)[0].score.visible
 
     def stepped(self, steps: Sequence[Step]) -> Scanner:
-        """The scanner of the bench with further steps of whitening."""
+        """The scanner of the data with further steps of whitening."""
         return replace(self._with(steps), _source=(self, tuple(steps)))
 
     def _with(self, steps: Sequence[Step]) -> Scanner:
         fine = self.fine.stepped(steps)
         if self.rough is self.fine:
             return Scanner(fine, fine, self._envelopes)
-        shortened = [step.shortened(_length(self.rough.bench, step)) for step in steps]
+        shortened = [step.shortened(_length(self.rough.data, step)) for step in steps]
         return Scanner(self.rough.stepped(shortened), fine, self._envelopes)
 
     def beside(self, effects: Sequence[Effect], pipeline: Pipeline) -> Scanner:
@@ -164,9 +166,9 @@ class Scanner:
 
         What effects change of the readings, as a share of these, is about what they change of others' derivatives.
         """
-        bench = self.rough.bench
-        change = bench.change(effects)
-        enough = _BENT * float(np.linalg.norm(np.nan_to_num(bench.modelled - bench.modelled.mean(axis=0))))
+        data = self.rough.data
+        change = data.change(effects)
+        enough = _BENT * float(np.linalg.norm(np.nan_to_num(data.modelled - data.modelled.mean(axis=0))))
         for known, scanner in ((np.zeros_like(change), self), *self._others):
             if float(np.linalg.norm(np.nan_to_num(change - known))) <= enough:
                 return scanner
@@ -174,8 +176,8 @@ class Scanner:
             first, steps = self._source
             found = first.beside(effects, pipeline)._with(steps)
         else:
-            fine = Look(self.fine.bench.around(pipeline).having(effects))
-            rough = fine if self.rough is self.fine else Look(bench.around(pipeline).having(effects))
+            fine = Look(self.fine.data.around(pipeline).having(effects))
+            rough = fine if self.rough is self.fine else Look(data.around(pipeline).having(effects))
             found = Scanner(rough, fine, self._envelopes)  # a tone's first look is not made anew
         fine = replace(found.fine, nearby=self.fine)
         rough = fine if found.rough is found.fine else replace(found.rough, nearby=self.rough)
@@ -186,22 +188,22 @@ class Scanner:
     def _smooth(self, candidate: Candidate) -> bool:
         return self.rough is not self.fine and candidate.smooth
 
-    def _first(self, candidate: Candidate, explained: Explained, roughly: Explained) -> Offer:
+    def _first(self, candidate: Candidate, explained: Explained, roughly: Explained) -> ScoreTest:
         if candidate.effect.tone:
             return self._tone(candidate, explained)
         if self._smooth(candidate):
             return self.rough.best(candidate, roughly)[0]
         return self.fine.best(candidate, explained)[0]
 
-    def _tone(self, candidate: Candidate, explained: Explained) -> Offer:
-        bench, part = self.fine.bench, part_of(candidate.effect)
+    def _tone(self, candidate: Candidate, explained: Explained) -> ScoreTest:
+        data, part = self.fine.data, part_of(candidate.effect)
         if part is not None:
-            bench, explained = bench.parts[part], explained.of(bench.rows(part))
+            data, explained = data.parts[part], explained.of(data.rows(part))
         if candidate.label not in self._envelopes:
-            self._envelopes[candidate.label] = envelopes(candidate, bench)
+            self._envelopes[candidate.label] = envelopes(candidate, data)
         raw = self._envelopes[candidate.label]
-        score, frequency, tried = best_tone(candidate, bench, explained, raw, _NOTHING)
-        return Offer(candidate, {"freq_Hz": frequency}, score, tried)
+        score, frequency, tried = best_tone(candidate, data, explained, raw, _NOTHING)
+        return ScoreTest(candidate, {"freq_Hz": frequency}, score, tried)
 
 
 def _possible(candidate: Candidate, score: Score) -> Score:
@@ -213,10 +215,10 @@ def _possible(candidate: Candidate, score: Score) -> Score:
     return score
 
 
-def _onset(candidate: Candidate, bench: Bench, explained: Explained) -> Offer:
+def _onset(candidate: Candidate, data: WhitenedData, explained: Explained) -> ScoreTest:
     """Effects that begin at an instant: sums from the end give the score of every instant in one pass."""
-    columns = candidate.columns(bench, {"at_s": float(bench.base.t[0])})
-    count = bench.count
+    columns = candidate.columns(data, {"at_s": float(data.base.t[0])})
+    count = data.count
     by_time = columns.values.T.reshape(columns.values.shape[1], -1, count)
     own = np.einsum("icn,jcn->nij", by_time, by_time)
     basis = explained.basis[columns.rows].T.reshape(-1, by_time.shape[1], count)
@@ -231,30 +233,30 @@ def _onset(candidate: Candidate, bench: Bench, explained: Explained) -> Offer:
     # James, James and Siegmund, Biometrika 74 (1987), (3): the tail of the largest of a scan over all instants,
     # b phi(b) ln((1 - e) / e)^2, over that of one instant, 2 phi(b) / b
     tries = max(1, int(np.ceil(score.statistic * np.log((1.0 - _EDGE) / _EDGE))))
-    at_s = 0.5 * float(bench.t[best] + bench.t[best - 1])
+    at_s = 0.5 * float(data.t[best] + data.t[best - 1])
     likely = 0.5 * (statistics - statistics.max())
     spread = float(np.log(len(likely)) - np.logaddexp.reduce(likely))
     weight = np.exp(likely - np.logaddexp.reduce(likely))
-    middles = 0.5 * (bench.t[edge:-edge] + bench.t[edge - 1 : -edge - 1])
-    width = float(np.sqrt(weight @ (middles - at_s) ** 2 + bench.interval_s**2 / 12.0))
-    return Offer(candidate, {"at_s": at_s}, score, tries, spread, {"at_s": width})
+    middles = 0.5 * (data.t[edge:-edge] + data.t[edge - 1 : -edge - 1])
+    width = float(np.sqrt(weight @ (middles - at_s) ** 2 + data.interval_s**2 / 12.0))
+    return ScoreTest(candidate, {"at_s": at_s}, score, tries, spread, {"at_s": width})
 
 
-def _stepped(columns: Columns, bench: Bench, steps: Sequence[Step]) -> Columns:
+def _stepped(columns: Columns, data: WhitenedData, steps: Sequence[Step]) -> Columns:
     """Whitened columns after further steps."""
     values = columns.values
     for step in steps:
-        first = bench.columns.index(step.column) * bench.count + bench.stretches[step.part].start - columns.first
-        own = slice(first, first + _length(bench, step))
+        first = data.columns.index(step.column) * data.count + data.stretches[step.part].start - columns.first
+        own = slice(first, first + _length(data, step))
         if 0 <= first < len(values) and values[own].any():
             values = values if values is not columns.values else values.copy(order="F")
             values[own] = step(values[own].T).T
     return Columns(values, columns.first)
 
 
-def _length(bench: Bench, step: Step) -> int:
+def _length(data: WhitenedData, step: Step) -> int:
     """How many means a step is of."""
-    own = bench.stretches[step.part]
+    own = data.stretches[step.part]
     return int(own.stop - own.start)
 
 

@@ -13,7 +13,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench, project
 from estimators.gap.candidates import Candidate, Shape
 from estimators.gap.converge import converged
 from estimators.gap.discrepancy import Means, Weighed
@@ -21,8 +20,9 @@ from estimators.gap.evidence import Linear, linearised
 from estimators.gap.prior import Drawn, Prior
 from estimators.gap.rebase import around
 from estimators.gap.refine import Fitted, Refit, at, explained_by, started
-from estimators.gap.scan import Offer, Scanner
+from estimators.gap.scan import Scanner, ScoreTest
 from estimators.gap.score import Explained, solve
+from estimators.gap.whitened import WhitenedData, project
 
 Array = NDArray[np.float64]
 
@@ -74,16 +74,16 @@ class Member:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A set of mean effects, fitted together on a bench.
+    """A set of mean effects, fitted together in whitened data.
 
     Attributes:
-        members: the effects. bench: around the calibration that fits best with them.
+        members: the effects. data: whitened around the calibration that fits best with them.
         log_prior: of the set. fine: whether it was fitted sample by sample.
-        refitted: the fit on this very bench, where there was one.
+        refitted: the fit on these very data, where there was one.
     """
 
     members: tuple[Member, ...]
-    bench: Bench
+    data: WhitenedData
     log_prior: float
     fine: bool
     refitted: Refit | None = None
@@ -101,7 +101,7 @@ class Explanation:
     @cached_property
     def linear(self) -> Linear:
         """Linearised where it was fitted."""
-        refitted = self.refitted or at(self.fits, self.bench)
+        refitted = self.refitted or at(self.fits, self.data)
         return linearised(refitted, sum(member.searched for member in self.members))
 
     @cached_property
@@ -114,10 +114,10 @@ class Explanation:
 
 @dataclass
 class Search:
-    """A search on one bench.
+    """A search on one recording.
 
     Attributes:
-        scanner: of the bench. candidates: what is considered. prior: their probabilities.
+        scanner: of the data. candidates: what is considered. prior: their probabilities.
         given: noise effects that are there, as the prior knows them.
         wide: whether additions are tried that promise far less than the best, as where much is wrong few keep theirs.
     """
@@ -133,14 +133,14 @@ class Search:
     nothing: dict[int, float] = field(default_factory=dict)
 
     @property
-    def bench(self) -> Bench:
+    def data(self) -> WhitenedData:
         """Sample by sample."""
-        return self.scanner.fine.bench
+        return self.scanner.fine.data
 
     @property
-    def rough(self) -> Bench:
+    def rough(self) -> WhitenedData:
         """Means over neighbouring samples."""
-        return self.scanner.rough.bench
+        return self.scanner.rough.data
 
     def run(
         self, seeds: Iterable[Sequence[Member]] = (), deep: bool = True, target: float = -np.inf
@@ -184,66 +184,66 @@ class Search:
     def fitted(self, members: Sequence[Member]) -> Explanation:
         """A set, fitted together on means over neighbouring samples where all its effects outlive these."""
         smooth = all(member.fit.candidate.smooth for member in members)
-        return self._fitted(members, self.rough if smooth else self.bench)
+        return self._fitted(members, self.rough if smooth else self.data)
 
-    def _fitted(self, members: Sequence[Member], bench: Bench) -> Explanation:
-        fine = bench is self.bench
+    def _fitted(self, members: Sequence[Member], data: WhitenedData) -> Explanation:
+        fine = data is self.data
         key = tuple(sorted(member.label for member in members)), fine
         if key not in self.found:
             rough = self.rough if all(member.fit.candidate.smooth for member in members) else None
-            refitted = converged([member.fit for member in members], bench, rough)
+            refitted = converged([member.fit for member in members], data, rough)
             own = tuple(replace(member, fit=fit) for member, fit in zip(members, refitted.fits, strict=True))
             prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
-            self.found[key] = Explanation(own, refitted.bench, prior, fine, refitted)
+            self.found[key] = Explanation(own, refitted.data, prior, fine, refitted)
         return self.found[key]
 
     def additions(self, parent: Explanation, most: int, floor: float = -np.inf) -> list[tuple[Member, ...]]:
         """The set with one more effect each: the most promising ones, of those that promise more than ``floor``."""
-        offers = self.offers(parent)
+        tests = self.score_tests(parent)
         held = {label for member in parent.members for label in member.labels}
-        grouped: list[tuple[float, list[Offer]]] = []
-        for group in _alike(offers):
-            offer = group[0]
-            searched = offer.candidate.effect.searched(self.rough.base) != [{}]
-            if offer.score.rank and offer.score.strengths.size and (searched or offer.candidate.label not in held):
+        grouped: list[tuple[float, list[ScoreTest]]] = []
+        for group in _alike(tests):
+            tested = group[0]
+            searched = tested.candidate.effect.searched(self.rough.base) != [{}]
+            if tested.score.rank and tested.score.strengths.size and (searched or tested.candidate.label not in held):
                 labels = tuple(each.candidate.label for each in group)
-                price = self.prior.log_single((offer.candidate.effect.name, labels)) - max(offer.spread, 0.0)
-                grouped.append((0.5 * offer.score.evidence + price, group))
+                price = self.prior.log_single((tested.candidate.effect.name, labels)) - max(tested.spread, 0.0)
+                grouped.append((0.5 * tested.score.evidence + price, group))
         grouped.sort(key=lambda pair: -pair[0])
         least = -np.inf if self.wide or not grouped else grouped[0][0] - max(_FAR, 0.3 * abs(grouped[0][0]))
         least = max(least, floor)
         hopeful = [group for promise, group in grouped if promise > least and 0.5 * group[0].score.evidence > _HOPELESS]
         return [(*parent.members, self._member(group, parent)) for group in hopeful[:most]]
 
-    def offers(self, parent: Explanation) -> list[Offer]:
+    def score_tests(self, parent: Explanation) -> list[ScoreTest]:
         """Every candidate's score beside a set."""
-        explained = self._left(parent, self.bench)
-        roughly = explained if self.rough is self.bench else self._left(parent, self.rough)
+        explained = self._left(parent, self.data)
+        roughly = explained if self.rough is self.data else self._left(parent, self.rough)
         return self._scanner(parent).scan(self.candidates, explained, roughly)
 
     def _scanner(self, parent: Explanation) -> Scanner:
         """With derivatives where a set holds, as a score test asks for."""
-        return self.scanner.beside([fit.effect for fit in parent.fits], parent.bench.pipeline)
+        return self.scanner.beside([fit.effect for fit in parent.fits], parent.data.pipeline)
 
-    def _left(self, parent: Explanation, bench: Bench) -> Explained:
-        key = parent.key, parent.fine, bench is self.bench
+    def _left(self, parent: Explanation, data: WhitenedData) -> Explained:
+        key = parent.key, parent.fine, data is self.data
         if key not in self.explained:
-            if bench is self.bench or all(member.fit.candidate.smooth for member in parent.members):
-                moved = bench if not parent.members else around(bench, parent.bench.pipeline)
+            if data is self.data or all(member.fit.candidate.smooth for member in parent.members):
+                moved = data if not parent.members else around(data, parent.data.pipeline)
                 self.explained[key] = explained_by(parent.fits, moved)
             else:  # what needs single samples is not to be seen on means: it is summed up from these
-                means, fine = Means(self.bench, self.rough), self._left(parent, self.bench)
+                means, fine = Means(self.data, self.rough), self._left(parent, self.data)
                 left = project(self.rough.absorbed, means(fine.residual[:, None]))[:, 0]
                 own = Explained(self.rough.absorbed, left)
                 self.explained[key] = own if fine.added is None else own.extended(means(fine.added))
         return self.explained[key]
 
-    def _member(self, group: Sequence[Offer], parent: Explanation) -> Member:
-        offer = group[0]
-        smooth = offer.candidate.smooth and all(member.fit.candidate.smooth for member in parent.members)
+    def _member(self, group: Sequence[ScoreTest], parent: Explanation) -> Member:
+        tested = group[0]
+        smooth = tested.candidate.smooth and all(member.fit.candidate.smooth for member in parent.members)
         scanner, labels = self._scanner(parent), tuple(each.candidate.label for each in group)
-        look, bench = (scanner.rough, self.rough) if smooth else (scanner.fine, self.bench)
-        return Member(started(offer, look.bench, self._left(parent, bench)), offer.spread, labels, offer.widths)
+        look, data = (scanner.rough, self.rough) if smooth else (scanner.fine, self.data)
+        return Member(started(tested, look.data, self._left(parent, data)), tested.spread, labels, tested.widths)
 
     def beside(self, parent: Explanation, weighed: Weighed) -> list[Explanation]:
         """The set with one more effect each, by their scores beside a discrepancy."""
@@ -256,8 +256,8 @@ class Search:
         for candidate in self.candidates:
             if not candidate.smooth or candidate.label in held:
                 continue
-            best = max(rough.best(candidate, explained)[:2], key=lambda offer: offer.score.statistic)
-            columns = candidate.columns(rough.bench, best.shape)
+            best = max(rough.best(candidate, explained)[:2], key=lambda tested: tested.score.statistic)
+            columns = candidate.columns(rough.data, best.shape)
             full = np.zeros((self.rough.size, columns.values.shape[1]))
             full[columns.rows] = columns.values
             full = explained.without(full)
@@ -271,9 +271,9 @@ class Search:
         found = []
         for promise, candidate, shape in scored[:3]:
             if promise > -_FAR:
-                offer = next(offer for offer in rough.best(candidate, explained) if str(offer.shape) == str(shape))
-                if offer.score.strengths.size:
-                    found.append(self._fitted((*parent.members, self._member([offer], parent)), self.bench))
+                tested = next(tested for tested in rough.best(candidate, explained) if str(tested.shape) == str(shape))
+                if tested.score.strengths.size:
+                    found.append(self._fitted((*parent.members, self._member([tested], parent)), self.data))
         return found
 
     def _improve(self, rounds: int) -> None:
@@ -292,7 +292,7 @@ class Search:
 
     def gained(self, each: Explanation) -> float:
         """Log mass beyond that of the set without effects, on the same samples."""
-        own = self.bench if each.fine else self.rough
+        own = self.data if each.fine else self.rough
         if own.size not in self.nothing:
             self.nothing[own.size] = self._fitted((), own).log_mass
         return each.log_mass - self.nothing[own.size]
@@ -306,7 +306,7 @@ class Search:
     def _refined(self) -> list[Explanation]:
         """The leading sets, fitted sample by sample."""
         ranked = sorted(self.found.values(), key=lambda each: -self.gained(each))
-        if self.rough is self.bench:
+        if self.rough is self.data:
             return ranked
         margin = _FAR + _ROUGHLY * max(self.gained(ranked[0]), 0.0)
         # evidence on means and on single samples differ by a constant: compare each with nothing there
@@ -315,7 +315,7 @@ class Search:
         for each in near:
             of_size.setdefault(len(each.members), []).append(each)
         chosen = near[:_FINE] + [each for own in of_size.values() for each in own[:_FINE_EACH]]
-        leading = self._fitted(chosen[0].members, self.bench)
+        leading = self._fitted(chosen[0].members, self.data)
         leading_members = chosen[0].members
         subsets = [leading_members[:index] + leading_members[index + 1 :] for index in range(len(leading_members))]
         keys = {tuple(sorted(member.label for member in subset)) for subset in subsets if len(subset) > 0}
@@ -329,7 +329,7 @@ class Search:
         found |= {(): self.fine(()), leading.key: leading}
         while (best := max(found.values(), key=lambda each: each.log_mass)).refitted is None:
             del self.found[best.key, True]
-            found[best.key] = self._fitted(best.members, self.bench)
+            found[best.key] = self._fitted(best.members, self.data)
         return sorted(found.values(), key=lambda each: -each.log_mass)
 
     def fine(self, members: Sequence[Member], rough: Explanation | None = None) -> Explanation:
@@ -337,19 +337,19 @@ class Search:
         key = tuple(sorted(member.label for member in members)), True
         if key not in self.found:
             if rough is None or rough.fine:
-                return self._fitted(members, self.bench)
-            moved = around(self.bench, rough.bench.pipeline)
-            self.found[key] = replace(rough, bench=moved, fine=True, refitted=None)
+                return self._fitted(members, self.data)
+            moved = around(self.data, rough.data.pipeline)
+            self.found[key] = replace(rough, data=moved, fine=True, refitted=None)
         return self.found[key]
 
 
-def _alike(offers: Sequence[Offer]) -> list[list[Offer]]:
-    """Offers in groups of one effect that does the same at several places, the likeliest place first."""
-    groups: list[list[Offer]] = []
-    of_effect: dict[str, list[list[Offer]]] = {}
-    for offer in offers:
-        own = of_effect.setdefault(offer.candidate.effect.name, [])
-        statistic = offer.score.statistic
+def _alike(tests: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
+    """Score tests in groups of one effect that does the same at several places, the likeliest place first."""
+    groups: list[list[ScoreTest]] = []
+    of_effect: dict[str, list[list[ScoreTest]]] = {}
+    for tested in tests:
+        own = of_effect.setdefault(tested.candidate.effect.name, [])
+        statistic = tested.score.statistic
         group = next(
             (each for each in own if statistic and np.isclose(each[0].score.statistic, statistic, rtol=1e-7)), None
         )
@@ -357,5 +357,5 @@ def _alike(offers: Sequence[Offer]) -> list[list[Offer]]:
             group = []
             own.append(group)
             groups.append(group)
-        group.append(offer)
+        group.append(tested)
     return groups

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from estimators.gap.bench import Bench, known, orthonormal, project
 from estimators.gap.candidates import Candidate, all_candidates
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.diagnosis import NAMED, Cause, Diagnosis
 from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
 from estimators.gap.scan import KEPT, Scanner
 from estimators.gap.score import ABSORBED
+from estimators.gap.whitened import WhitenedData, known, orthonormal, project
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
 from rig.pipeline import Pipeline
 from rig.signals import Signals
@@ -77,9 +77,9 @@ class Explanation:
         parts = zip(self.fits, np.split(change, ends), strict=True)
         return replace(self, fits=tuple(replace(fit, values=fit.values + part * fit.scale) for fit, part in parts))
 
-    def tangent(self, bench: Bench) -> Array:
+    def tangent(self, data: WhitenedData) -> Array:
         """(c n, p) whitened derivatives, each scaled to a typical size."""
-        return np.hstack(tangents(self.fits, bench))
+        return np.hstack(tangents(self.fits, data))
 
 
 @dataclass(frozen=True)
@@ -130,24 +130,24 @@ def rivals(diagnosis: Diagnosis) -> tuple[Causes, ...]:
     return kept if len(kept) > 1 else ()
 
 
-def contest(bench: Bench, diagnosis: Diagnosis) -> tuple[Explanation, ...]:
+def contest(data: WhitenedData, diagnosis: Diagnosis) -> tuple[Explanation, ...]:
     """The sets between which a recording does not decide, each fitted to it; empty where fewer than two are left.
 
     Noise effects are no part of it: no maneuver tells one spectrum from another.
 
     Args:
-        bench: of the diagnosed recording, the calibration alone fitted.
+        data: of the diagnosed recording, the calibration alone fitted.
     """
-    scanner = Scanner.of(bench)
+    scanner = Scanner.of(data)
     found: dict[Causes, Explanation] = {}
     for causes in rivals(diagnosis):
         means = tuple(sorted(each for each in causes if EFFECTS[each[0]].kind is Kind.MEAN))
-        if means and means not in found and (fits := _fitted(means, diagnosis, bench, scanner)):
-            found[means] = _explanation(fits, bench)
+        if means and means not in found and (fits := _fitted(means, diagnosis, data, scanner)):
+            found[means] = _explanation(fits, data)
     return tuple(found.values()) if len(found) > 1 else ()
 
 
-def _fitted(causes: Causes, diagnosis: Diagnosis, bench: Bench, scanner: Scanner) -> tuple[Fitted, ...]:
+def _fitted(causes: Causes, diagnosis: Diagnosis, data: WhitenedData, scanner: Scanner) -> tuple[Fitted, ...]:
     """A set fitted: from the diagnosed parameters, and what it did not report from a scan beside these."""
     told = list(diagnosis.causes)
     fits: list[Fitted] = []
@@ -159,12 +159,12 @@ def _fitted(causes: Causes, diagnosis: Diagnosis, bench: Bench, scanner: Scanner
         else:
             told.remove(cause)
             fits.append(fitted_cause(cause))
-    found = refit(fits, bench)
+    found = refit(fits, data)
     for name in missing:
-        offers = scanner.scan(_named(bench, *name), found.explained, explained_by(found.fits, scanner.rough.bench))
-        if not offers or not offers[0].score.rank:
+        tests = scanner.scan(_named(data, *name), found.explained, explained_by(found.fits, scanner.rough.data))
+        if not tests or not tests[0].score.rank:
             return ()
-        found = refit([*found.fits, started(offers[0], bench, found.explained)], bench)
+        found = refit([*found.fits, started(tests[0], data, found.explained)], data)
     return tuple(found.fits)
 
 
@@ -184,15 +184,15 @@ def fitted_cause(cause: Cause) -> Fitted:
     return replace(fit, values=np.concatenate(numbers) if numbers else np.empty(0))
 
 
-def _named(bench: Bench, effect: str, where: str) -> list[Candidate]:
-    return [each for each in all_candidates(bench) if (each.effect.name, each.where) == (effect, where)]
+def _named(data: WhitenedData, effect: str, where: str) -> list[Candidate]:
+    return [each for each in all_candidates(data) if (each.effect.name, each.where) == (effect, where)]
 
 
-def _explanation(fits: tuple[Fitted, ...], bench: Bench) -> Explanation:
+def _explanation(fits: tuple[Fitted, ...], data: WhitenedData) -> Explanation:
     found = Explanation(fits, np.empty((0, 0)), np.empty((0, 0)))
-    tangent = found.tangent(bench)
+    tangent = found.tangent(data)
     length = np.maximum(np.linalg.norm(tangent, axis=0), 1e-100)
-    left = project(bench.absorbed, tangent / length)
+    left = project(data.absorbed, tangent / length)
     values, vectors = np.linalg.eigh(left.T @ left)
     felt = values > ABSORBED**2
     directions = vectors / length[:, None]
@@ -205,11 +205,11 @@ class Trial:
     """A maneuver tried out on the calibrated rig, without noise.
 
     Attributes:
-        bench: its readings are those of the rig without effects.
+        data: its readings are those of the rig without effects.
         explanations: at least two.
     """
 
-    bench: Bench
+    data: WhitenedData
     explanations: tuple[Explanation, ...]
 
     @classmethod
@@ -232,23 +232,23 @@ class Trial:
         interval = float(np.median(np.diff(base.t)))
         noises = tuple(channel.averaged(stride, interval / stride) for channel in floor)
         weights = np.ones_like(base.volts)
-        return cls(Bench(base, pipeline, base.volts, noises, weights, tuple(floor)), group)
+        return cls(WhitenedData(base, pipeline, base.volts, noises, weights, tuple(floor)), group)
 
     @cached_property
     def changes(self) -> list[Array]:
         """Of each explanation: (c n,) whitened, what its effects change."""
-        return [self.bench.whiten(self.bench.change(list(each.effects))) for each in self.explanations]
+        return [self.data.whiten(self.data.change(list(each.effects))) for each in self.explanations]
 
     @cached_property
     def tangents(self) -> list[Array]:
         """Of each explanation: (c n, p) whitened."""
-        return [each.tangent(self.bench) for each in self.explanations]
+        return [each.tangent(self.data) for each in self.explanations]
 
     @cached_property
     def noncentralities(self) -> Array:
         """(k, k) for each truth (row) and each rival (column), to first order; zero on the diagonal."""
         hidden = [tangent @ each.hidden for tangent, each in zip(self.tangents, self.explanations, strict=True)]
-        blocks = [self.bench.tangent, *self.tangents, *hidden, np.stack(self.changes, axis=1)]
+        blocks = [self.data.tangent, *self.tangents, *hidden, np.stack(self.changes, axis=1)]
         columns = np.hstack(blocks)
         first = np.cumsum([0] + [block.shape[1] for block in blocks])
         parts = [slice(start, end) for start, end in pairwise(first)]
@@ -267,13 +267,13 @@ class Trial:
     def promise(self, truth: int, rival: int) -> Separation:
         """The separation with the rival refitted for real, and its interval."""
         true, other = self.explanations[truth], self.explanations[rival]
-        own = orthonormal(project(self.bench.absorbed, self.tangents[rival]))
-        tangent = project(own, project(self.bench.absorbed, self.tangents[truth]))
-        left = project(own, project(self.bench.absorbed, self.changes[truth] - self.changes[rival]))
+        own = orthonormal(project(self.data.absorbed, self.tangents[rival]))
+        tangent = project(own, project(self.data.absorbed, self.tangents[truth]))
+        left = project(own, project(self.data.absorbed, self.changes[truth] - self.changes[rival]))
         nearest, *_ = np.linalg.lstsq(tangent @ true.hidden, -left, rcond=1e-6)
         left = left + tangent @ true.hidden @ nearest
         effects = true.moved(true.hidden @ nearest).effects
-        made = replace(self.bench, readings=self.bench.base.volts + self.bench.change(list(effects)))
+        made = replace(self.data, readings=self.data.base.volts + self.data.change(list(effects)))
         left_over = refit(other.fits, made).explained.residual
         size = float(left_over @ left_over)
         gradient = 2.0 * tangent.T @ left
@@ -294,7 +294,7 @@ def _left_over(gram: Array, explained: slice, length: Array) -> Array:
     return np.asarray(gram - along.T @ along)
 
 
-def measured(bench: Bench, truth: Explanation, rival: Explanation) -> float:
+def measured(data: WhitenedData, truth: Explanation, rival: Explanation) -> float:
     """The chi-square by which the rival fits a recording worse than the truth, both refitted to it."""
-    mine, others = (refit(each.fits, bench).explained.residual for each in (truth, rival))
+    mine, others = (refit(each.fits, data).explained.residual for each in (truth, rival))
     return float(others @ others - mine @ mine)

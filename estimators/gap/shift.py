@@ -9,8 +9,8 @@ import numpy as np
 from estimators.calibration import Calibration
 from estimators.dispatch import calibrate
 from estimators.gap.basefit import cleared, floor_of
-from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.whitened import WhitenedData
 from estimators.together import calibrate_together
 from rig.channels import CHANNELS_OF
 from rig.effects import Effect
@@ -20,7 +20,7 @@ from rig.recording import Recording
 
 def calibration_shift(
     recordings: Sequence[Recording],
-    bench: Bench,
+    data: WhitenedData,
     effects: Sequence[Effect],
     floors: Sequence[tuple[ChannelNoise, ...]],
 ) -> dict[str, dict[str, float]]:
@@ -28,16 +28,16 @@ def calibration_shift(
 
     Names are ``accel1.sensitivity`` and so on; angles in degrees, of axes and fields that can be told.
     """
-    change, given = bench.change(effects), bench.given_change
-    whole = len(bench.base)
+    change, given = data.change(effects), data.given_change
+    whole = len(data.base)
     given = np.broadcast_to(given, (whole, given.shape[-1])) if len(given) != whole else given
     before_all, corrected, noise = [], [], []
-    for recording, rows, floor in zip(recordings, bench.single, floors, strict=False):
+    for recording, rows, floor in zip(recordings, data.single, floors, strict=False):
         own = cleared(recording, given[rows])
         before_all.append(own)
         corrected.append(cleared(own, change[rows]))
         noise.append(floor_of(recording, floor))
-    arm = bench.base.arm
+    arm = data.base.arm
     try:
         if len(corrected) == 1:
             before, after = (calibrate(each, noise=noise[0], arm=arm) for each in (before_all[0], corrected[0]))

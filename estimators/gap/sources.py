@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
+from estimators.gap.whitened import WhitenedData
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import EFFECTS, make_effect
 from rig.effects.transmission import smooth_sign
@@ -61,29 +61,29 @@ class Course:
     weight: Array
 
 
-def sources(bench: Bench) -> list[Source]:
+def sources(data: WhitenedData) -> list[Source]:
     """Every error source of a recording."""
     found: list[Source] = []
-    if bench.base.q_encoder is not None:
-        for name in EFFECTS["joint_offset"].places_on(bench.base):
-            change = bench.change([make_effect("joint_offset", {"where": name, "offset_rad": _STEP})]) / _STEP
-            found.append(_source(bench, f"the angle of {name}", "angle", [change]))
+    if data.base.q_encoder is not None:
+        for name in EFFECTS["joint_offset"].places_on(data.base):
+            change = data.change([make_effect("joint_offset", {"where": name, "offset_rad": _STEP})]) / _STEP
+            found.append(_source(data, f"the angle of {name}", "angle", [change]))
     late = make_effect("latency", {"where": "acquisition", "delay_s": _DELAY})
-    found.append(_source(bench, "the clock", "clock", [bench.change([late]) / _DELAY]))
+    found.append(_source(data, "the clock", "clock", [data.change([late]) / _DELAY]))
     fields = {
-        name: bench.pipeline.environment.gravity if name == ACCELEROMETER else bench.pipeline.environment.magnetic
-        for name in bench.pipeline.sensors
+        name: data.pipeline.environment.gravity if name == ACCELEROMETER else data.pipeline.environment.magnetic
+        for name in data.pipeline.sensors
     }
-    rotation = bench.base.R_base_tool
+    rotation = data.base.R_base_tool
     if len(fields) > 1:
         found.append(
             _source(
-                bench,
+                data,
                 "a turn of the tool",
                 "turn",
                 [
                     _total(
-                        _felt(bench, name, np.cross(np.matmul(field, rotation), axis)) for name, field in fields.items()
+                        _felt(data, name, np.cross(np.matmul(field, rotation), axis)) for name, field in fields.items()
                     )
                     for axis in np.eye(3)
                 ],
@@ -91,11 +91,11 @@ def sources(bench: Bench) -> list[Source]:
         )
     found.append(
         _source(
-            bench,
+            data,
             "a turn of the base",
             "turn",
             [
-                _total(_felt(bench, name, np.matmul(np.cross(field, axis), rotation)) for name, field in fields.items())
+                _total(_felt(data, name, np.matmul(np.cross(field, axis), rotation)) for name, field in fields.items())
                 for axis in np.eye(3)
             ],
         )
@@ -104,39 +104,39 @@ def sources(bench: Bench) -> list[Source]:
         what = "acceleration" if name == ACCELEROMETER else "magnetic field"
         found.append(
             _source(
-                bench,
+                data,
                 f"the {what}",
                 "field",
-                [_felt(bench, name, np.linalg.norm(field) * rotation[:, axis, :]) for axis in range(3)],
+                [_felt(data, name, np.linalg.norm(field) * rotation[:, axis, :]) for axis in range(3)],
             )
         )
         found.append(
             _source(
-                bench,
+                data,
                 f"a turn of the {name}",
                 "turn",
-                [_felt(bench, name, np.cross(np.matmul(field, rotation), axis)) for axis in np.eye(3)],
+                [_felt(data, name, np.cross(np.matmul(field, rotation), axis)) for axis in np.eye(3)],
             )
         )
         own = range(len(CHANNELS))[COLUMNS_OF[name]]
         found.append(
-            _source(bench, f"the offsets of the {name}", "offset", [_only(bench, column, 1.0) for column in own])
+            _source(data, f"the offsets of the {name}", "offset", [_only(data, column, 1.0) for column in own])
         )
     for name in fields:
         for column, label in zip(range(len(CHANNELS))[COLUMNS_OF[name]], CHANNELS_OF[name], strict=True):
-            found.append(_source(bench, f"the offset of {label}", "offset", [_only(bench, column, 1.0)], column))
+            found.append(_source(data, f"the offset of {label}", "offset", [_only(data, column, 1.0)], column))
             found.append(
                 _source(
-                    bench, f"the gain of {label}", "gain", [_only(bench, column, bench.base.inputs[:, column])], column
+                    data, f"the gain of {label}", "gain", [_only(data, column, data.base.inputs[:, column])], column
                 )
             )
     return [each for each in found if each.series.any()]
 
 
-def courses(bench: Bench) -> Iterator[tuple[Course, frozenset[str]]]:
+def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
     """What sources can follow besides time, and which kinds of source do."""
     every = frozenset({"angle", "clock", "turn", "field", "offset", "gain"})
-    base = bench.base
+    base = data.base
     if (q := base.q_encoder) is not None:
         for joint in np.flatnonzero(np.std(np.unwrap(q, axis=0), axis=0) > _LOCKED):
             angles = [order * q[:, joint] for order in range(1, _ORDERS + 1)]
@@ -150,11 +150,11 @@ def courses(bench: Bench) -> Iterator[tuple[Course, frozenset[str]]]:
     elements = base.R_base_tool.reshape(-1, 9)
     both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
     yield Course("orientation", both, np.ones(both.shape[1])), every
-    if len(bench.parts) > 1:
-        which = np.zeros((len(base), len(bench.parts)))
-        for number, own in enumerate(bench.stretches[: len(bench.parts)]):
+    if len(data.parts) > 1:
+        which = np.zeros((len(base), len(data.parts)))
+        for number, own in enumerate(data.stretches[: len(data.parts)]):
             which[own, number] = 1.0
-        yield Course("the recording", which, np.ones(len(bench.parts))), every
+        yield Course("the recording", which, np.ones(len(data.parts))), every
     if base.position.size:
         centred = base.position - base.position.mean(axis=0)
         place = centred / np.maximum(np.sqrt(np.mean(centred**2, axis=0)), 1e-9)
@@ -168,13 +168,13 @@ def courses(bench: Bench) -> Iterator[tuple[Course, frozenset[str]]]:
         yield Course("temperature", np.column_stack([warm, warm**2]), np.array([1.0, 0.3])), every
 
 
-def level_courses(bench: Bench, column: int) -> list[Course]:
+def level_courses(data: WhitenedData, column: int) -> list[Course]:
     """What an axis' offset can follow of its own input: its level, and its level by direction of change."""
-    own = bench.base.inputs[:, column] / bench.base.references[column]
+    own = data.base.inputs[:, column] / data.base.references[column]
     powers = np.stack(
         [np.polynomial.legendre.legval(np.clip(own, -1.2, 1.2), np.eye(8)[order]) for order in range(2, 8)], axis=1
     )
-    rate = np.gradient(own, bench.base.t)
+    rate = np.gradient(own, data.base.t)
     direction = np.tanh(rate / max(0.2 * float(np.sqrt(np.mean(rate**2))), 1e-12))[:, None]
     return [
         Course("level", powers, 1.0 / np.arange(1.0, 7.0)),
@@ -200,19 +200,19 @@ def matern(length: float, most: int = COSINES) -> Array:
     return np.asarray(1.0 / (3.0 / length**2 + (np.pi * np.arange(most)) ** 2))
 
 
-def _source(bench: Bench, name: str, kind: str, changes: list[Array], column: int = -1) -> Source:
-    series = np.zeros((len(changes), len(bench.columns), bench.count))
-    for index, each in enumerate(bench.columns):
+def _source(data: WhitenedData, name: str, kind: str, changes: list[Array], column: int = -1) -> Source:
+    series = np.zeros((len(changes), len(data.columns), data.count))
+    for index, each in enumerate(data.columns):
         own = np.stack([change[:, each] for change in changes], axis=1)
         if own.any():
-            series[:, index] = bench.whiten_channel(each, own).T
-    series[:, :, bench.stretches[len(bench.parts) - 1].stop :] = 0.0  # a calibration from before has no errors
+            series[:, index] = data.whiten_channel(each, own).T
+    series[:, :, data.stretches[len(data.parts) - 1].stop :] = 0.0  # a calibration from before has no errors
     return Source(name, series, kind, column)
 
 
-def _felt(bench: Bench, name: str, in_tool: Array) -> Array:
+def _felt(data: WhitenedData, name: str, in_tool: Array) -> Array:
     """(n, 6) readings of a field (n, 3) in the tool's frame."""
-    sensor = bench.pipeline.sensors[name]
+    sensor = data.pipeline.sensors[name]
     found = np.zeros((len(in_tool), len(CHANNELS)))
     found[:, COLUMNS_OF[name]] = in_tool @ sensor.axes.T * np.asarray(sensor.sensitivity)
     return found
@@ -222,8 +222,8 @@ def _total(changes: Iterable[Array]) -> Array:
     return np.asarray(np.sum(list(changes), axis=0))
 
 
-def _only(bench: Bench, column: int, values: Array | float) -> Array:
-    found = np.zeros((len(bench.base), len(CHANNELS)))
+def _only(data: WhitenedData, column: int, values: Array | float) -> Array:
+    found = np.zeros((len(data.base), len(CHANNELS)))
     found[:, column] = values
     return found
 

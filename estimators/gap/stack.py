@@ -1,4 +1,4 @@
-"""Several recordings on one bench: the same calibration and the same effects, each with its own noise and sampling.
+"""Several recordings as one: the same calibration and the same effects, each with its own noise and sampling.
 
 Whitened readings of different recordings are independent, and every one has variance one: put one after another in each
 channel they are one whitened problem, of which nothing needs to know how many recordings it has. What an effect does to
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
-from estimators.gap.bench import Bench, Step
+from estimators.gap.whitened import Step, WhitenedData
 from estimators.turned import turned
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.directions import tangent_basis
@@ -48,28 +48,28 @@ def part_of(effect: Effect | type[Effect]) -> int | None:
 
 
 @dataclass(frozen=True)
-class Stack(Bench):
-    """Recordings one after another; the attributes of ``Bench`` are theirs, joined.
+class Stack(WhitenedData):
+    """Recordings one after another; the attributes of ``WhitenedData`` are theirs, joined.
 
     Attributes:
-        each: recording on its own bench, around the same calibration.
+        each: recording by itself, around the same calibration.
         names: of the recordings. began: [s] what was added to the clock of each.
     """
 
-    each: tuple[Bench, ...] = ()
+    each: tuple[WhitenedData, ...] = ()
     names: tuple[str, ...] = ()
     began: tuple[float, ...] = ()
 
     @classmethod
     def of(
         cls,
-        members: Sequence[Bench],
+        members: Sequence[WhitenedData],
         names: Sequence[str],
         pipeline: Pipeline,
         began: Sequence[float],
         steps: Sequence[Step] = (),
     ) -> Stack:
-        """Of benches whose clocks run on from one to the next.
+        """Of whitened whose clocks run on from one to the next.
 
         Args:
             members: their pipelines have the sensors that were recorded, and the calibration of ``pipeline``.
@@ -93,7 +93,7 @@ class Stack(Bench):
         )
 
     @property
-    def parts(self) -> tuple[Bench, ...]:
+    def parts(self) -> tuple[WhitenedData, ...]:
         """The recordings; not a calibration from before."""
         return tuple(member for member in self.each if not isinstance(member, Anchor))
 
@@ -113,7 +113,7 @@ class Stack(Bench):
         return np.concatenate([member.t for member in self.each])
 
     def whiten_channel(self, column: int, values: Array) -> Array:
-        """As of ``Bench``, recording by recording; zero where a recording does not have the channel."""
+        """As of ``WhitenedData``, recording by recording; zero where a recording does not have the channel."""
         found = np.zeros((self.count, *values.shape[1:]), order="F")
         for member, own, rows in zip(self.each, self.stretches, self.single, strict=True):
             if column in member.columns:
@@ -122,7 +122,7 @@ class Stack(Bench):
 
     @cached_property
     def tangent(self) -> Array:
-        """As of ``Bench``; a calibration from before says of the parameters what its covariance says."""
+        """As of ``WhitenedData``; a calibration from before says of the parameters what its covariance says."""
         found = super().tangent
         for member, own in zip(self.each, self.stretches, strict=True):
             if isinstance(member, Anchor):
@@ -132,12 +132,12 @@ class Stack(Bench):
         return found
 
     def change(self, effects: Sequence[Effect]) -> Array:
-        """As of ``Bench``."""
+        """As of ``WhitenedData``."""
         parts = [member.change(acting(effects, number)) for number, member in enumerate(self.each)]
         return np.nan_to_num(np.concatenate(parts))
 
     def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
-        """As of ``Bench``."""
+        """As of ``WhitenedData``."""
         found: list[list[Array]] = [[] for _ in moved]
         for number, member in enumerate(self.each):
             rest = acting(others, number)
@@ -148,49 +148,49 @@ class Stack(Bench):
         return [np.nan_to_num(np.concatenate(each)) for each in found]
 
     def replayed(self, effects: Sequence[Effect]) -> Array:
-        """As of ``Bench``."""
+        """As of ``WhitenedData``."""
         parts = [member.replayed(acting(effects, number)) for number, member in enumerate(self.each)]
         return np.nan_to_num(np.concatenate(parts))
 
     def around(self, pipeline: Pipeline) -> Stack:
-        """As of ``Bench``."""
+        """As of ``WhitenedData``."""
         members = [member.around(restricted(pipeline, tuple(member.pipeline.sensors))) for member in self.each]
         return Stack.of(members, self.names, pipeline, self.began, self.steps)
 
     def having(self, effects: Sequence[Effect]) -> Stack:
-        """As of ``Bench``."""
+        """As of ``WhitenedData``."""
         return self._made([member.having(acting(effects, number)) for number, member in enumerate(self.each)])
 
     def without(self, left_out: NDArray[np.bool_]) -> Stack:
-        """As of ``Bench``."""
+        """As of ``WhitenedData``."""
         return self._made([member.without(left_out[rows]) for member, rows in zip(self.each, self.single, strict=True)])
 
     def averaged(self, block: int) -> Stack:
-        """As of ``Bench``."""
+        """As of ``WhitenedData``."""
         return self._made([member.averaged(block) for member in self.each])
 
-    def coarse(self) -> Bench:
-        """As of ``Bench``, each recording over as many samples as it turns little in."""
+    def coarse(self) -> WhitenedData:
+        """As of ``WhitenedData``, each recording over as many samples as it turns little in."""
         found = [member.coarse() for member in self.each]
         return self if all(one is other for one, other in zip(found, self.each, strict=True)) else self._made(found)
 
     def pointwise(self) -> Stack:
-        """As of ``Bench``."""
+        """As of ``WhitenedData``."""
         return self._made([member.pointwise() for member in self.each])
 
     def stepped(self, steps: Sequence[Step]) -> Stack:
-        """As of ``Bench``."""
+        """As of ``WhitenedData``."""
         members = [
             member.stepped([step for step in steps if step.part == number]) for number, member in enumerate(self.each)
         ]
         return Stack.of(members, self.names, self.pipeline, self.began, (*self.steps, *steps))
 
-    def _made(self, members: Sequence[Bench]) -> Stack:
+    def _made(self, members: Sequence[WhitenedData]) -> Stack:
         return Stack.of(members, self.names, self.pipeline, self.began, self.steps)
 
 
 @dataclass(frozen=True)
-class Anchor(Bench):
+class Anchor(WhitenedData):
     """A calibration from before, as rows of the whitened problem: for each channel some.
 
     Its "readings" are whitened already: the square root of the calibration's information times what its parameters are
@@ -203,7 +203,7 @@ class Anchor(Bench):
     known: Calibration | None = None
 
     @classmethod
-    def beside(cls, member: Bench, pipeline: Pipeline, known: Calibration) -> Anchor:
+    def beside(cls, member: WhitenedData, pipeline: Pipeline, known: Calibration) -> Anchor:
         """At poses of a recording, which do not matter.
 
         Raises:
@@ -242,7 +242,7 @@ class Anchor(Bench):
 
     @cached_property
     def root(self) -> Array:
-        """(p, p) square root of the information, in the coordinates of ``Bench.raw_tangent``.
+        """(p, p) square root of the information, in the coordinates of ``WhitenedData.raw_tangent``.
 
         Raises:
             RigError: the calibration does not tell all of its parameters.
@@ -306,19 +306,19 @@ class Anchor(Bench):
         """Nothing."""
         return np.zeros_like(self.readings)
 
-    def having(self, effects: Sequence[Effect]) -> Bench:
+    def having(self, effects: Sequence[Effect]) -> WhitenedData:
         """As it is."""
         return self
 
-    def without(self, left_out: NDArray[np.bool_]) -> Bench:
+    def without(self, left_out: NDArray[np.bool_]) -> WhitenedData:
         """As it is."""
         return self
 
-    def averaged(self, block: int) -> Bench:
+    def averaged(self, block: int) -> WhitenedData:
         """As it is."""
         return self
 
-    def coarse(self) -> Bench:
+    def coarse(self) -> WhitenedData:
         """As it is."""
         return self
 
@@ -371,7 +371,7 @@ def _direction(pipeline: Pipeline, sensor: str) -> Array:
 
 
 def _size(pipeline: Pipeline) -> int:
-    """How many parameters ``Bench.raw_tangent`` has."""
+    """How many parameters ``WhitenedData.raw_tangent`` has."""
     return sum(4 * len(range(6)[COLUMNS_OF[name]]) + 2 for name in pipeline.sensors)
 
 

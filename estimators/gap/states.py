@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from estimators.gap.bench import Bench, Step
 from estimators.gap.evidence import Linear
 from estimators.gap.floor import going_on, groups, remembers
 from estimators.gap.prior import (
@@ -31,7 +30,8 @@ from estimators.gap.prior import (
     Drawn,
 )
 from estimators.gap.score import Explained
-from estimators.gap.stochastic import NoiseOffer, noise_offers, spectrum
+from estimators.gap.stochastic import FittedNoise, fitted_noises, spectrum
+from estimators.gap.whitened import Step, WhitenedData
 from rig.channels import COLUMNS_OF
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ class NoiseState:
 
     Attributes:
         name: in words; empty for the floor as learned.
-        offers: the noise effects of the catalogue that are part of it.
+        fitted: the noise effects of the catalogue that are part of it.
         steps: of whitening beyond the floor's.
         log_weight: cost of the steps' parameters, log prior of a floor; and, once ``under_steps`` has told it, the log
             determinant of the steps.
@@ -62,7 +62,7 @@ class NoiseState:
     """
 
     name: str = ""
-    offers: tuple[NoiseOffer, ...] = ()
+    fitted: tuple[FittedNoise, ...] = ()
     steps: tuple[Step, ...] = ()
     log_weight: float = 0.0
     other: bool = False
@@ -70,20 +70,20 @@ class NoiseState:
     @property
     def drawn(self) -> list[Drawn]:
         """As the prior knows it."""
-        return [(offer.effect.name, (offer.label,)) for offer in self.offers]
+        return [(fitted.effect.name, (fitted.label,)) for fitted in self.fitted]
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Effects and places."""
-        return tuple(sorted(offer.label for offer in self.offers))
+        return tuple(sorted(fitted.label for fitted in self.fitted))
 
 
-def log_det(bench: Bench, steps: Sequence[Step]) -> float:
+def log_det(data: WhitenedData, steps: Sequence[Step]) -> float:
     """log determinant of further steps of whitening, less half that of what they make of the calibration's information:
     the calibration is integrated out, and coarser noise leaves it more room (Harville, Biometrika 61, 1974)."""
     if not steps:
         return 0.0
-    basis = _stepped(bench, bench.absorbed, steps)
+    basis = _stepped(data, data.absorbed, steps)
     return _log_det(steps, basis.T @ basis)
 
 
@@ -92,42 +92,42 @@ def _log_det(steps: Sequence[Step], information: Array) -> float:
     return own - 0.5 * float(np.linalg.slogdet(information)[1])
 
 
-def under_steps(bench: Bench, linear: Linear, steps: Sequence[Step]) -> tuple[Linear, float]:
+def under_steps(data: WhitenedData, linear: Linear, steps: Sequence[Step]) -> tuple[Linear, float]:
     """Linearised effects after further steps of whitening, not refitted; and ``log_det`` of the steps."""
-    absorbed = bench.absorbed.shape[1]
-    every = _stepped(bench, np.column_stack([bench.absorbed, linear.left, linear.tangent]), steps)
+    absorbed = data.absorbed.shape[1]
+    every = _stepped(data, np.column_stack([data.absorbed, linear.left, linear.tangent]), steps)
     basis, rest = every[:, :absorbed], every[:, absorbed:]
     information = basis.T @ basis
     rest = rest - basis @ np.linalg.solve(information, basis.T @ rest)
     return replace(linear, left=rest[:, 0], tangent=rest[:, 1:]), _log_det(steps, information)
 
 
-def _stepped(bench: Bench, columns: Array, steps: Sequence[Step]) -> Array:
+def _stepped(data: WhitenedData, columns: Array, steps: Sequence[Step]) -> Array:
     """Whitened columns (c n, m) after further steps."""
-    by_channel = columns.T.reshape(columns.shape[1], len(bench.columns), bench.count).copy()
+    by_channel = columns.T.reshape(columns.shape[1], len(data.columns), data.count).copy()
     for step in steps:
-        own = bench.columns.index(step.column), bench.stretches[step.part]
+        own = data.columns.index(step.column), data.stretches[step.part]
         by_channel[:, *own] = step(by_channel[:, *own])
     return by_channel.reshape(columns.shape[1], -1).T
 
 
-def moved_floor(bench: Bench, explained: Explained, at_rest: bool, slower: bool = False) -> NoiseState | None:
+def moved_floor(data: WhitenedData, explained: Explained, at_rest: bool, slower: bool = False) -> NoiseState | None:
     """The floor as the sweep itself says it is, as far as what it was learned from allows.
 
     Args:
         at_rest: whether that was a recording at rest. Without, any spectrum may be the floor: see ``unseen_floor``.
         slower: whether it goes on below what that shows.
     """
-    places = [(number, column) for number, part in enumerate(bench.parts) for column in part.columns]
-    goes_on = any(going_on(bench.parts[number].floor, column, 0.0) for number, column in places)
+    places = [(number, column) for number, part in enumerate(data.parts) for column in part.columns]
+    goes_on = any(going_on(data.parts[number].floor, column, 0.0) for number, column in places)
     if slower and not goes_on:
         return None
-    coloured = any(remembers(bench.parts[number].floor, column) for number, column in places)
+    coloured = any(remembers(data.parts[number].floor, column) for number, column in places)
     share = 0.0 if not goes_on else FLOOR_SLOWER if coloured else FLOOR_WALKS
     share = share if slower else 1.0 - share
     steps, weight = [], float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
     for number, column in places:
-        part, left = bench.parts[number], explained.of(bench.rows(number))
+        part, left = data.parts[number], explained.of(data.rows(number))
         learned = spectrum(part, left, column)
         own = spectrum(part, left, column, slower) if slower else learned
         point, _ = own.alone
@@ -158,36 +158,36 @@ def unseen_floor(found: NoiseState) -> NoiseState:
     return NoiseState(UNSEEN, (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
 
 
-def named(bench: Bench, explained: Explained, without: Sequence[str], given: NoiseState) -> list[NoiseState]:
+def named(data: WhitenedData, explained: Explained, without: Sequence[str], given: NoiseState) -> list[NoiseState]:
     """States with one more noise effect of the catalogue each, the most evident first."""
-    held = {offer.label for offer in given.offers}
+    held = {fitted.label for fitted in given.fitted}
     found = []
-    for offer in _offers(bench, explained, without):
-        if offer.label in held:
+    for fitted in _fitted_at(data, explained, without):
+        if fitted.label in held:
             continue
-        steps = tuple(step for each in offer.every for step in each.steps(bench.parts[each.part]))
-        weight = given.log_weight + sum(_cost(each) for each in offer.every)
-        found.append(NoiseState("", (*given.offers, offer), (*given.steps, *steps), weight, given.other))
+        steps = tuple(step for each in fitted.every for step in each.steps(data.parts[each.part]))
+        weight = given.log_weight + sum(_cost(each) for each in fitted.every)
+        found.append(NoiseState("", (*given.fitted, fitted), (*given.steps, *steps), weight, given.other))
     return found
 
 
-def _offers(bench: Bench, explained: Explained, without: Sequence[str]) -> list[NoiseOffer]:
+def _fitted_at(data: WhitenedData, explained: Explained, without: Sequence[str]) -> list[FittedNoise]:
     """Of every noise effect at every place, with a strength of its own in each recording that shows it."""
-    found: dict[str, list[NoiseOffer]] = {}
-    for number, part in enumerate(bench.parts):
-        own = explained if len(bench.parts) == 1 else explained.of(bench.rows(number))
-        for offer in noise_offers(part, own, without):
-            if offer.gain > 0.0:
-                found.setdefault(offer.label, []).append(replace(offer, part=number))
+    found: dict[str, list[FittedNoise]] = {}
+    for number, part in enumerate(data.parts):
+        own = explained if len(data.parts) == 1 else explained.of(data.rows(number))
+        for fitted in fitted_noises(part, own, without):
+            if fitted.gain > 0.0:
+                found.setdefault(fitted.label, []).append(replace(fitted, part=number))
     return [replace(first, more=tuple(rest)) for first, *rest in found.values()]
 
 
-def unnamed(bench: Bench, explained: Explained, steady: bool = False) -> NoiseState | None:
+def unnamed(data: WhitenedData, explained: Explained, steady: bool = False) -> NoiseState | None:
     """Noise of each channel by itself, of any spectrum; that of a sensor may come and go, but where it is steady."""
     steps: list[Step] = []
     weight = float(np.log(OTHER * OTHER_NOISE))
-    for number, part in enumerate(bench.parts):
-        left = explained.residual[bench.rows(number)]
+    for number, part in enumerate(data.parts):
+        left = explained.residual[data.rows(number)]
         for where in COLUMNS_OF.values():
             own = {column: part.channel(left, column) for column in part.columns if column in range(6)[where]}
             if not own:
@@ -203,12 +203,12 @@ def unnamed(bench: Bench, explained: Explained, steady: bool = False) -> NoiseSt
     return NoiseState("noise", (), tuple(steps), weight, other=True)
 
 
-def raised(bench: Bench, explained: Explained) -> list[Step]:
+def raised(data: WhitenedData, explained: Explained) -> list[Step]:
     """White noise of each channel as large as what is left: under it, effects that leave less come first."""
     steps = []
-    for number, part in enumerate(bench.parts):
+    for number, part in enumerate(data.parts):
         for column in part.columns:
-            own = part.channel(explained.residual[bench.rows(number)], column)
+            own = part.channel(explained.residual[data.rows(number)], column)
             size = max(float(np.sqrt(np.mean(own**2))), 1.0)
             steps.append(Step(column, np.full(part.count, 1.0 / size), in_time=False, part=number))
     return steps
@@ -218,7 +218,7 @@ def raised(bench: Bench, explained: Explained) -> list[Step]:
 _Way = tuple[float, float, list[tuple[int, Array, bool]]]
 
 
-def _any_spectrum(part: Bench, own: Mapping[int, Array], root: Array, least: float = 1.0) -> _Way:
+def _any_spectrum(part: WhitenedData, own: Mapping[int, Array], root: Array, least: float = 1.0) -> _Way:
     """Noise of any spectrum.
 
     Args:
@@ -246,7 +246,7 @@ def _any_spectrum(part: Bench, own: Mapping[int, Array], root: Array, least: flo
     return gain, price, factors
 
 
-def _coming_and_going(part: Bench, own: Mapping[int, Array]) -> _Way:
+def _coming_and_going(part: WhitenedData, own: Mapping[int, Array]) -> _Way:
     """Noise of any spectrum whose size is another in each piece of time, alike for the channels of a sensor."""
     piece = np.arange(part.count) * _PIECES // part.count
     there = sum((part.weights[:, column] > 0).astype(float) for column in own)
@@ -266,15 +266,15 @@ def _coming_and_going(part: Bench, own: Mapping[int, Array]) -> _Way:
     return gain, price, [*whole, *factors]
 
 
-def _cost(offer: NoiseOffer) -> float:
+def _cost(fitted: FittedNoise) -> float:
     """log of the share of the prior that the fitted strengths take: half-normal, its scale averaged over a grid."""
-    (strength,) = [item for item in offer.effect.parameters() if item.strength]
-    values = np.atleast_1d(np.asarray(getattr(offer.effect, strength.name), dtype=float))[: offer.rank]
-    spread = np.maximum(offer.spread, 1e-300)
+    (strength,) = [item for item in fitted.effect.parameters() if item.strength]
+    values = np.atleast_1d(np.asarray(getattr(fitted.effect, strength.name), dtype=float))[: fitted.rank]
+    spread = np.maximum(fitted.spread, 1e-300)
     least = np.sqrt(spread)  # the amplitude whose variance is as large as that
     width = np.minimum(0.5 * spread / np.maximum(values, 1e-300), least)
     start = VISIBLE * float(np.sqrt(np.mean(least**2)))
     top = max(LARGEST * strength.typical, start)
     grid = start * GRID ** np.arange(int(np.log(top / start) / np.log(GRID)) + 1)
     each = [float(np.sum(np.log(2.0 * width / scale) - 0.5 * (values / scale) ** 2)) for scale in grid]
-    return float(np.logaddexp.reduce(each) - np.log(len(grid))) - float(np.log(offer.searched))
+    return float(np.logaddexp.reduce(each) - np.log(len(grid))) - float(np.log(fitted.searched))

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.optimize import minimize
 
-from estimators.gap.bench import Bench, Step
 from estimators.gap.blocks import block_means
 from estimators.gap.floor import Learned, Spectrum, going_on, groups, parts
 from estimators.gap.score import Explained, evidence
 from estimators.gap.tails import chi2_logsf
+from estimators.gap.whitened import Step, WhitenedData
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Kind
 
@@ -37,7 +37,7 @@ _DENSE = 4096
 
 
 @dataclass(frozen=True)
-class NoiseOffer:
+class FittedNoise:
     """What a noise effect explains.
 
     Attributes:
@@ -64,10 +64,10 @@ class NoiseOffer:
     in_time: bool
     gap: Array
     part: int = 0
-    more: tuple[NoiseOffer, ...] = ()
+    more: tuple[FittedNoise, ...] = ()
 
     @property
-    def every(self) -> tuple[NoiseOffer, ...]:
+    def every(self) -> tuple[FittedNoise, ...]:
         """Itself and those of the other recordings."""
         return (self, *self.more)
 
@@ -86,57 +86,61 @@ class NoiseOffer:
         """Effect and place in one word."""
         return f"{self.effect.name}@{self.effect.where}"
 
-    def steps(self, bench: Bench) -> tuple[Step, ...]:
-        """What whitens this noise too, on its bench."""
+    def steps(self, data: WhitenedData) -> tuple[Step, ...]:
+        """What whitens this noise too, on its data."""
         factor = 1.0 / np.sqrt(1.0 + self.added)
-        touched = [column for column in bench.columns if np.any(factor[:, column] != 1.0)]
+        touched = [column for column in data.columns if np.any(factor[:, column] != 1.0)]
         return tuple(
             Step(column, np.ascontiguousarray(factor[:, column]), self.in_time, self.part) for column in touched
         )
 
 
-def noise_offers(bench: Bench, explained: Explained, without: Sequence[str] = ()) -> list[NoiseOffer]:
+def fitted_noises(data: WhitenedData, explained: Explained, without: Sequence[str] = ()) -> list[FittedNoise]:
     """Every noise effect at every place, the most evident first."""
-    offers = []
-    spectra = {column: spectrum(bench, explained, column) for column in bench.columns}
+    noises = []
+    spectra = {column: spectrum(data, explained, column) for column in data.columns}
     for effect in EFFECTS.values():
-        if effect.kind is not Kind.NOISE or effect.name in without or effect.lacking(bench.base):
+        if effect.kind is not Kind.NOISE or effect.name in without or effect.lacking(data.base):
             continue
         if effect.response is not Effect.response:  # one error for all channels: see ``common``
             continue
-        for where in effect.places_on(bench.base):
-            offer = fit_effect(effect, where, bench, explained, spectra)
-            if offer is not None:
-                offers.append(offer)
-    return sorted(offers, key=lambda offer: -offer.evidence)
+        for where in effect.places_on(data.base):
+            fitted = fit_effect(effect, where, data, explained, spectra)
+            if fitted is not None:
+                noises.append(fitted)
+    return sorted(noises, key=lambda fitted: -fitted.evidence)
 
 
 def fit_effect(
-    effect: type[Effect], where: str, bench: Bench, explained: Explained, spectra: Mapping[int, Spectrum] | None = None
-) -> NoiseOffer | None:
+    effect: type[Effect],
+    where: str,
+    data: WhitenedData,
+    explained: Explained,
+    spectra: Mapping[int, Spectrum] | None = None,
+) -> FittedNoise | None:
     """One noise effect's strengths by maximum likelihood, at its best shape; None where its channels are not there.
 
     Args:
         spectra: of the channels, where they are known.
     """
     (strength,) = [item for item in effect.parameters() if item.strength]
-    shapes = effect.searched(bench.base)
-    best: NoiseOffer | None = None
+    shapes = effect.searched(data.base)
+    best: FittedNoise | None = None
     for shape in shapes:
         probe = effect.from_mapping({"where": where, **shape})
-        columns = [column for column in range(len(CHANNELS))[probe.columns] if column in bench.columns]
+        columns = [column for column in range(len(CHANNELS))[probe.columns] if column in data.columns]
         if not columns:
             return None
         if probe.adds_in_time:
-            fits, units, sizes = _in_time(probe, bench, explained, columns)
+            fits, units, sizes = _in_time(probe, data, explained, columns)
         else:
-            known = {column: spectrum(bench, explained, column) for column in columns} if spectra is None else spectra
-            fits, units, sizes = _by_frequency(probe, bench, known, columns)
+            known = {column: spectrum(data, explained, column) for column in columns} if spectra is None else spectra
+            fits, units, sizes = _by_frequency(probe, data, known, columns)
         used = columns if strength.size > 1 else columns[:1]
         gain = float(sum(fits[column][1] for column in used))
         if best is not None and gain <= best.gain:
             continue
-        added = np.zeros((bench.count, len(CHANNELS)))
+        added = np.zeros((data.count, len(CHANNELS)))
         gap = np.zeros(len(CHANNELS))
         for column in columns:
             gap[column] = np.sqrt(fits[column][0] * sizes[column])
@@ -147,7 +151,7 @@ def fit_effect(
         roots = np.clip(roots, strength.lower, strength.upper)
         value: object = float(roots[0]) if strength.size == 1 else tuple(float(root) for root in roots)
         made = effect.from_mapping({"where": where, **shape, strength.name: value})
-        best = NoiseOffer(made, gain, len(used), len(shapes), std, spread, added, probe.adds_in_time, gap)
+        best = FittedNoise(made, gain, len(used), len(shapes), std, spread, added, probe.adds_in_time, gap)
     return best
 
 
@@ -156,46 +160,46 @@ Fits = dict[int, tuple[float, float, float]]
 
 
 def _in_time(
-    probe: Effect, bench: Bench, explained: Explained, columns: Sequence[int]
+    probe: Effect, data: WhitenedData, explained: Explained, columns: Sequence[int]
 ) -> tuple[Fits, dict[int, Array], dict[int, float]]:
     """Noise whose variance follows time: one strength for all channels."""
-    rates = {column: _rates(probe, bench)[:, column] for column in columns}
-    units = _units_in_time(probe, bench, columns)
-    squares = [bench.channel(explained.residual, column) ** 2 for column in columns]
-    fit = _likeliest(squares, [units[column] for column in columns], bench.floor_samples[columns])
+    rates = {column: _rates(probe, data)[:, column] for column in columns}
+    units = _units_in_time(probe, data, columns)
+    squares = [data.channel(explained.residual, column) ** 2 for column in columns]
+    fit = _likeliest(squares, [units[column] for column in columns], data.floor_samples[columns])
     return dict.fromkeys(columns, fit), units, {column: float(np.mean(rates[column])) for column in columns}
 
 
-def _rates(probe: Effect, bench: Bench) -> Array:
+def _rates(probe: Effect, data: WhitenedData) -> Array:
     """(n, 6) [recorded unit^2] variance of each reading for a strength of one."""
-    return np.asarray(np.sum(probe.response(bench.base, bench.pipeline) ** 2, axis=2))
+    return np.asarray(np.sum(probe.response(data.base, data.pipeline) ** 2, axis=2))
 
 
-def _units_in_time(probe: Effect, bench: Bench, columns: Sequence[int]) -> dict[int, Array]:
+def _units_in_time(probe: Effect, data: WhitenedData, columns: Sequence[int]) -> dict[int, Array]:
     """The variance of whitened readings for a strength of one, where it follows time."""
-    rates, units = _rates(probe, bench), {}
+    rates, units = _rates(probe, data), {}
     for column in columns:
-        square = block_means(rates[:, column], bench.block) / bench.samples
-        units[column] = square * (bench.weights[:, column] / bench.whiteners[column].sigma) ** 2
+        square = block_means(rates[:, column], data.block) / data.samples
+        units[column] = square * (data.weights[:, column] / data.whiteners[column].sigma) ** 2
     return units
 
 
-def _units_by_frequency(probe: Effect, bench: Bench, columns: Sequence[int]) -> dict[int, Array]:
+def _units_by_frequency(probe: Effect, data: WhitenedData, columns: Sequence[int]) -> dict[int, Array]:
     """The same by cosine transform, where it has a spectrum; what lies below the lowest frequencies is as there."""
-    frequency = np.arange(bench.count)[_TAKEN:] / (2.0 * bench.count)
-    group = groups(bench.count, _TAKEN)
-    own = _of_means(probe, bench, np.bincount(group, frequency) / np.bincount(group))[group]
-    units = {column: own * whitened_response(bench, column, frequency) for column in columns}
+    frequency = np.arange(data.count)[_TAKEN:] / (2.0 * data.count)
+    group = groups(data.count, _TAKEN)
+    own = _of_means(probe, data, np.bincount(group, frequency) / np.bincount(group))[group]
+    units = {column: own * whitened_response(data, column, frequency) for column in columns}
     return {column: np.concatenate([unit[:1].repeat(_TAKEN), unit]) for column, unit in units.items()}
 
 
-def known_steps(effect: Effect, bench: Bench) -> tuple[Step, ...]:
+def known_steps(effect: Effect, data: WhitenedData) -> tuple[Step, ...]:
     """What whitens a noise effect of known strengths too; none where its channels are not there."""
-    columns = [column for column in range(len(CHANNELS))[effect.columns] if column in bench.columns]
+    columns = [column for column in range(len(CHANNELS))[effect.columns] if column in data.columns]
     shared = type(effect).response is not Effect.response  # one error for several channels is no step of each
     if not columns or (shared and not effect.adds_in_time):
         return ()
-    units = (_units_in_time if effect.adds_in_time else _units_by_frequency)(effect, bench, columns)
+    units = (_units_in_time if effect.adds_in_time else _units_by_frequency)(effect, data, columns)
     touched = range(len(CHANNELS))[effect.columns]
     strengths = dict(zip(touched, np.broadcast_to(effect.strengths, len(touched)), strict=True))
     return tuple(
@@ -205,69 +209,69 @@ def known_steps(effect: Effect, bench: Bench) -> tuple[Step, ...]:
 
 
 def _by_frequency(
-    probe: Effect, bench: Bench, spectra: Mapping[int, Spectrum], columns: Sequence[int]
+    probe: Effect, data: WhitenedData, spectra: Mapping[int, Spectrum], columns: Sequence[int]
 ) -> tuple[Fits, dict[int, Array], dict[int, float]]:
     """Noise with a spectrum: a strength for each channel."""
-    group = groups(bench.count, _TAKEN)
+    group = groups(data.count, _TAKEN)
     many = np.bincount(group)
-    units = _units_by_frequency(probe, bench, columns)
-    recorded = max(bench.count, _DENSE)
-    every = probe.added_spectrum(np.arange(1, recorded) / (2.0 * recorded), bench.interval_s / bench.samples)
+    units = _units_by_frequency(probe, data, columns)
+    recorded = max(data.count, _DENSE)
+    every = probe.added_spectrum(np.arange(1, recorded) / (2.0 * recorded), data.interval_s / data.samples)
     fits = {column: spectra[column].added(np.bincount(group, units[column][_TAKEN:]) / many) for column in columns}
     return fits, units, dict.fromkeys(columns, float(np.mean(every)))
 
 
-def spectrum(bench: Bench, explained: Explained, column: int, slower: bool = False) -> Spectrum:
+def spectrum(data: WhitenedData, explained: Explained, column: int, slower: bool = False) -> Spectrum:
     """A channel's residual by cosine transform.
 
     Cosines are close to the eigenvectors of slowly correlated noise and of a random walk, without the jump between its
     ends that a Fourier transform would see.
     """
-    residual = bench.channel(explained.residual, column)
+    residual = data.channel(explained.residual, column)
     count = len(residual)
     frequency = np.arange(count)[_TAKEN:] / (2.0 * count)
-    alive = max(float(np.mean(bench.weights[:, column] > 0)), 1e-9)
+    alive = max(float(np.mean(data.weights[:, column] > 0)), 1e-9)
     power = dct(residual, norm="ortho")[_TAKEN:] ** 2 / alive
     group = groups(count, _TAKEN)
     many = np.bincount(group)
-    noise, learned = bench.noises[column], bench.floor[column]
-    more = going_on(bench.floor, column, float(bench.t[-1] - bench.t[0])) if slower else ()
+    noise, learned = data.noises[column], data.floor[column]
+    more = going_on(data.floor, column, float(data.t[-1] - data.t[0])) if slower else ()
     if more:
         noise, learned = (replace(each, parts=(*each.seen, *more), spare=False) for each in (noise, learned))
-    response = whitened_response(bench, column, frequency)
-    floor = parts(noise, np.bincount(group, frequency) / many, bench.interval_s)
+    response = whitened_response(data, column, frequency)
+    floor = parts(noise, np.bincount(group, frequency) / many, data.interval_s)
     middle = np.bincount(group, response) / many
-    named = np.maximum(1.0 - np.bincount(group, _named(bench, column, len(frequency))) / many, 0.0)
+    named = np.maximum(1.0 - np.bincount(group, _named(data, column, len(frequency))) / many, 0.0)
     whitened = floor.times(middle, named)
     squares: Array = np.asarray(np.bincount(group, power), dtype=float)
     return Spectrum(Learned(learned, len(more)), whitened, squares, many.astype(float))
 
 
-def whitened_response(bench: Bench, column: int, frequency: Array) -> Array:
+def whitened_response(data: WhitenedData, column: int, frequency: Array) -> Array:
     """What the whitening does to a spectrum at the frequencies of the cosine transform [cycles a sample]."""
-    response = bench.whiteners[column].response(frequency)
-    return np.asarray(response * _named(bench, column, len(frequency)))
+    response = data.whiteners[column].response(frequency)
+    return np.asarray(response * _named(data, column, len(frequency)))
 
 
-def _named(bench: Bench, column: int, count: int) -> Array:
+def _named(data: WhitenedData, column: int, count: int) -> Array:
     """(count,) the share of the whitened spectrum that noise which is known already leaves to the floor."""
-    alive = bench.weights[:, column] > 0
-    share = np.full(count, np.mean(bench.weights[alive, column] ** 2) if alive.any() else 1.0)
-    for step in bench.steps:
+    alive = data.weights[:, column] > 0
+    share = np.full(count, np.mean(data.weights[alive, column] ** 2) if alive.any() else 1.0)
+    for step in data.steps:
         if step.column == column:
             share = share * (np.mean(step.factor**2) if step.in_time else step.factor[-count:] ** 2)
     return share
 
 
-def _of_means(probe: Effect, bench: Bench, frequency: Array) -> Array:
+def _of_means(probe: Effect, data: WhitenedData, frequency: Array) -> Array:
     """The effect's spectrum in means of several samples: folded, after the averaging's own response."""
-    samples = bench.samples
+    samples = data.samples
     if samples == 1:
-        return probe.added_spectrum(frequency, bench.interval_s)
+        return probe.added_spectrum(frequency, data.interval_s)
     folds = (frequency[:, None] + np.arange(samples)) / samples
     folds = np.minimum(folds, 1.0 - folds)  # (m, samples) cycles a sample, up to the half
     response = (np.sin(np.pi * frequency)[:, None] / (samples * np.sin(np.pi * folds))) ** 2
-    spectrum = probe.added_spectrum(folds.ravel(), bench.interval_s / samples).reshape(folds.shape)
+    spectrum = probe.added_spectrum(folds.ravel(), data.interval_s / samples).reshape(folds.shape)
     return np.asarray(np.mean(spectrum * response, axis=1))
 
 

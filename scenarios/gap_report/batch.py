@@ -59,8 +59,8 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     second = None if task.maneuver2 is None else means(task.maneuver2, block=block, fitted=fitted)[0]
     with one_blas_thread():
         found = examined(recording, locked, second, task.without, arm, progress, task.prior, task.rig)
-        diagnosis, bench = found.diagnosis, found.bench
-        residuals = gap_residuals(recording, diagnosis, locked, arm, bench)
+        diagnosis, data = found.diagnosis, found.data
+        residuals = gap_residuals(recording, diagnosis, locked, arm, data)
         open_between = bool(rivals(diagnosis))
         rig, text, step, unsaved = None, None, None, None
         if task.improved or open_between:

@@ -24,12 +24,12 @@ _BLOCKS: Final = 160
 
 def spectrum(residuals: GapResiduals) -> str:
     """Amplitude density of each channel's residual before and after, and of its floor; three panels a row."""
-    columns = residuals.bench.columns
+    columns = residuals.data.columns
     rows = (len(columns) + 2) // 3
     drawing = Drawing(
         _WIDTH, 178.0 * rows + 10, "amplitude density of the residuals before and after, and of the floor"
     )
-    interval = residuals.bench.interval_s
+    interval = residuals.data.interval_s
     shown = shown_units(residuals.recording.units)
     for number, column in enumerate(columns):
         left, top = 56 + 326.0 * (number % 3), 22 + 178.0 * (number // 3)
@@ -101,7 +101,7 @@ def named_density(causes: Sequence[Effect], column: int, frequency: Array, inter
 
 def over_time(residuals: GapResiduals) -> str:
     """Block means of each channel's residual, before and after, in the band of two standard errors of the floor."""
-    columns = residuals.bench.columns
+    columns = residuals.data.columns
     row = 74.0
     drawing = Drawing(_WIDTH, row * len(columns) + 28, "residuals in time, as means of blocks, before and after")
     t = residuals.recording.t
@@ -116,7 +116,7 @@ def over_time(residuals: GapResiduals) -> str:
         if residuals.after is not None:
             lines.append((np.where(residuals.left_out[:, column], np.nan, residuals.after[:, column]), "line-after"))
         means = [(unit.factor * _block_means(values, blocks), css) for values, css in lines]
-        band = 2.0 * unit.factor * block_error(residuals.floor[column], len(blocks[0]), residuals.bench.interval_s)
+        band = 2.0 * unit.factor * block_error(residuals.floor[column], len(blocks[0]), residuals.data.interval_s)
         reach = 1.1 * max(2.0 * band, *(float(np.nanmax(np.abs(values))) for values, _ in means))
         y = Scale(-reach, reach, top + row - 8, top + 4)
         drawing.rect(x.start, y.at(band), x.end - x.start, y.at(-band) - y.at(band), "band")

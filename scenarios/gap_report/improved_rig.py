@@ -64,7 +64,7 @@ def improved_rig(
     """
     recording = residuals.recording
     before, chosen = ((), ()) if base is None else (base.effects, base.fitted_to)
-    arm = residuals.bench.base.arm
+    arm = residuals.data.base.arm
     pipeline = residuals.calibrated
     every = max(1, round(_RATE_HZ / recording.rate_Hz))
     rate_Hz = every * recording.rate_Hz
@@ -129,7 +129,7 @@ def _acquisition(residuals: GapResiduals, locked: Recording | None, every: int) 
         full_scale_V=standard.full_scale_V if bits is None else float(f"{np.median(steps) * 2.0 ** (bits - 1):.6g}"),
         decimation=every,
         accelerometer_reads=recording.metadata.accelerometer_reads,
-        pose="joints" if residuals.bench.base.arm is not None else "tool",
+        pose="joints" if residuals.data.base.arm is not None else "tool",
         units=(recording.units.get(ACCELEROMETER, "V"), recording.units.get(MAGNETOMETER, "V")),
     )
 
@@ -173,7 +173,7 @@ def _remarks(diagnosis: Diagnosis, residuals: GapResiduals, rig: Rig) -> list[st
         remarks.append(f"This is the likeliest explanation. Others that the recording allows: {listed}.")
     if diagnosis.verdict in ("partly", "unknown"):
         remarks.append("Part of the gap has no name, and is not in this rig; the causes may stand in for it.")
-    coloured = [CHANNELS[column] for column in residuals.bench.columns if residuals.floor[column].parts]
+    coloured = [CHANNELS[column] for column in residuals.data.columns if residuals.floor[column].parts]
     if coloured:
         remarks.append(f"The noise floor of {', '.join(coloured)} is coloured; here it is white noise of the same RMS.")
     temperature = residuals.recording.temperature

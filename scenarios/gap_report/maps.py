@@ -53,7 +53,7 @@ class Axis:
 def maps(residuals: GapResiduals) -> str:
     """A row a channel: the first pair of axes before and after, then the second pair."""
     pairs = axis_pairs(residuals)
-    columns = residuals.bench.columns
+    columns = residuals.data.columns
     sides = {"before": residuals.white_before}
     if residuals.white_after is not None:
         sides["after"] = residuals.white_after
@@ -138,7 +138,7 @@ def _time_axis(t: Array) -> Axis:
 
 def _attitude_pairs(residuals: GapResiduals) -> list[tuple[Axis, Axis]]:
     """Where the base's vertical points in the tool's frame; and the tool's position, where it is known."""
-    vertical = residuals.bench.base.R_base_tool[:, 2, :]
+    vertical = residuals.data.base.R_base_tool[:, 2, :]
     azimuth = np.arctan2(vertical[:, 1], vertical[:, 0]) / (2.0 * np.pi) + 0.5
     ticks = tuple((share, tick_label(360.0 * share - 180.0)) for share in (0.0, 0.25, 0.5, 0.75, 1.0))
     heights = tuple((0.5 + 0.5 * value, tick_label(value)) for value in (-1.0, 0.0, 1.0))
@@ -146,7 +146,7 @@ def _attitude_pairs(residuals: GapResiduals) -> list[tuple[Axis, Axis]]:
         Axis("azimuth of z in frame 6", "deg", azimuth, ticks),
         Axis("its height", "1", 0.5 + 0.5 * vertical[:, 2], heights),
     )
-    position = residuals.bench.base.position
+    position = residuals.data.base.position
     if not position.size or np.ptp(position, axis=0).max() < 1e-3:
         return [attitude]
     axes = [_length_axis(name, position[:, column]) for column, name in enumerate("xyz")]

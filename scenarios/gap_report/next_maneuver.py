@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.basefit import set_up
-from estimators.gap.bench import Bench
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.separation import Explanation, Separation, Trial, contest, rivals
+from estimators.gap.whitened import WhitenedData
 from estimators.information import predict
 from estimators.model import SensorParameters
 from estimators.statistics import Statistics
@@ -150,7 +150,7 @@ def next_maneuver(
     Returns:
         None where there is nothing to separate, no arm, or no maneuver that separates any of the explanations.
     """
-    recording, arm = residuals.recording, residuals.bench.base.arm
+    recording, arm = residuals.recording, residuals.data.base.arm
     if arm is None or recording.q is None:
         return None
     group = contest(_fewer(residuals), diagnosis)
@@ -192,7 +192,7 @@ def next_step(
     found = next_maneuver(diagnosis, residuals, rig, minutes)
     advice = " ".join(filter(None, [speed_advice(diagnosis), noise_advice(diagnosis)]))
     if found is None:
-        if residuals.bench.base.arm is None:
+        if residuals.data.base.arm is None:
             advice = "Without joint angles no maneuver can be proposed: record tool poses that differ more, or faster."
         return NextStep({"why": advice or _NONE, "maneuver": None}, None)
     scenario = None if rig is None else found.to_toml(rig)
@@ -333,15 +333,15 @@ def _lasting(maneuver: Joint, duration_s: float) -> Joint:
     return replace(maneuver, poses_deg=tuple(map(tuple, poses.tolist())), hold_s=0.1 * cycle, move_s=0.9 * cycle)
 
 
-def _fewer(residuals: GapResiduals) -> Bench:
-    """The bench of the recording, or of some of its rows where it is long, without the readings that defects spoilt."""
+def _fewer(residuals: GapResiduals) -> WhitenedData:
+    """The data of the recording, or of some of its rows where it is long, without the readings that defects spoilt."""
     recording = residuals.recording
     stride = -(-len(recording) // _FITTED)
     if stride == 1:
-        return residuals.bench.without(residuals.left_out)
+        return residuals.data.without(residuals.left_out)
     rows = np.arange(0, len(recording), stride)
-    bench = set_up(recording.select(rows), residuals.floor, residuals.bench.base.arm)
-    return bench.without(residuals.left_out[rows])
+    data = set_up(recording.select(rows), residuals.floor, residuals.data.base.arm)
+    return data.without(residuals.left_out[rows])
 
 
 def _title(effects: Sequence[Effect]) -> str:

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from estimators.dispatch import calibrate
 from estimators.gap.basefit import all_readings, cleared, estimated_floor, fitted_pipeline, learn_floor, posed, set_up
-from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import find_defects, lattice, masked, relieved
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.rebase import around
 from estimators.gap.score import Explained
 from estimators.gap.stochastic import fit_effect
+from estimators.gap.whitened import WhitenedData
 from rig.arm import Arm
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
@@ -41,7 +41,7 @@ class GapResiduals:
         white_before, white_after: (n, 6) the same residuals whitened: independent and of variance one where only the
             floor (and, after, the named noise) is left.
         causes: the effects of the likeliest explanation.
-        bench: the base fit.
+        data: the base fit.
         calibrated: the rig calibrated with the causes in place, without them; the base fit's where there are none.
     """
 
@@ -53,13 +53,13 @@ class GapResiduals:
     white_before: Array
     white_after: Array | None
     causes: tuple[Effect, ...]
-    bench: Bench
+    data: WhitenedData
     calibrated: Pipeline
 
     @property
     def channels(self) -> tuple[str, ...]:
         """The channels that were recorded."""
-        return tuple(CHANNELS[column] for column in self.bench.columns)
+        return tuple(CHANNELS[column] for column in self.data.columns)
 
 
 def gap_residuals(
@@ -67,36 +67,36 @@ def gap_residuals(
     diagnosis: Diagnosis,
     locked: Recording | None = None,
     arm: Arm | None = None,
-    bench: Bench | None = None,
+    data: WhitenedData | None = None,
 ) -> GapResiduals:
     """Refit the calibration with the causes of a diagnosis in place.
 
     Args:
         locked: the locked recording that the diagnosis took its floor from; None: the floor is estimated as there.
         arm: None: as ``estimators.gap.diagnose`` has it.
-        bench: the recording's, as the diagnosis left it; made anew by default.
+        data: the recording's, as the diagnosis left it; made anew by default.
 
     Raises:
         RigError, RefusedFit: as ``estimators.gap.diagnose``.
     """
-    if bench is None:
+    if data is None:
         recording, arm = posed(recording, arm)
-        bench = set_up(recording, channel_floor(recording, locked, arm), arm)
-    floor = bench.floor
+        data = set_up(recording, channel_floor(recording, locked, arm), arm)
+    floor = data.floor
     causes = diagnosed_effects(diagnosis)
-    clean, left_out = _without_defects(bench, causes, locked)
+    clean, left_out = _without_defects(data, causes, locked)
     known = _recalibrated(recording, clean, causes, floor, left_out) if causes else clean
     after = known.residual - known.change(mean_effects(causes)) if causes else None
     return GapResiduals(
         recording=recording,
         floor=floor,
-        before=bench.residual,
+        before=data.residual,
         after=after,
         left_out=left_out,
-        white_before=whitened(bench, bench.residual),
+        white_before=whitened(data, data.residual),
         white_after=None if after is None else whitened(with_noise(known, causes, after), after),
         causes=causes,
-        bench=bench,
+        data=data,
         calibrated=known.pipeline,
     )
 
@@ -129,45 +129,47 @@ def mean_effects(effects: Sequence[Effect]) -> list[Effect]:
     return [effect for effect in effects if effect.kind is Kind.MEAN]
 
 
-def _without_defects(bench: Bench, causes: Sequence[Effect], locked: Recording | None) -> tuple[Bench, Mask]:
-    """The bench without the readings that named defects have spoilt, and which these are."""
+def _without_defects(
+    data: WhitenedData, causes: Sequence[Effect], locked: Recording | None
+) -> tuple[WhitenedData, Mask]:
+    """The data without the readings that named defects have spoilt, and which these are."""
     names = {effect.name for effect in causes if effect.kind is Kind.DISTRIBUTION}
-    nothing = np.zeros(bench.readings.shape, dtype=bool)
+    nothing = np.zeros(data.readings.shape, dtype=bool)
     if not names:
-        return relieved(bench), nothing
+        return relieved(data), nothing
     step = np.full(len(CHANNELS), np.nan) if locked is None else lattice(all_readings(locked))
-    defects = [defect for defect in find_defects(bench, step) if defect.effect in names]
-    return masked(bench, defects), np.logical_or.reduce([nothing, *(defect.affected for defect in defects)])
+    defects = [defect for defect in find_defects(data, step) if defect.effect in names]
+    return masked(data, defects), np.logical_or.reduce([nothing, *(defect.affected for defect in defects)])
 
 
 def _recalibrated(
-    recording: Recording, bench: Bench, causes: Sequence[Effect], floor: Sequence[ChannelNoise], left_out: Mask
-) -> Bench:
-    """The bench with the recording's calibration once the causes' change and the readings they spoil are left out."""
-    corrected = cleared(recording, bench.given_change + bench.change(mean_effects(causes)))
+    recording: Recording, data: WhitenedData, causes: Sequence[Effect], floor: Sequence[ChannelNoise], left_out: Mask
+) -> WhitenedData:
+    """The data with the recording's calibration once the causes' change and the readings they spoil are left out."""
+    corrected = cleared(recording, data.given_change + data.change(mean_effects(causes)))
     sigma = np.sqrt([channel.variance for channel in floor])
     noise = {sensor: sigma[COLUMNS_OF[sensor]] for sensor in recording.sensors}
     whole = np.flatnonzero(~left_out.any(axis=1))
     try:
-        pipeline = fitted_pipeline(calibrate(corrected.select(whole), noise=noise, arm=bench.base.arm), recording)
+        pipeline = fitted_pipeline(calibrate(corrected.select(whole), noise=noise, arm=data.base.arm), recording)
     except RigError:  # too little is left: the first calibration, then
-        return bench
-    return around(bench, pipeline)
+        return data
+    return around(data, pipeline)
 
 
-def with_noise(bench: Bench, causes: Sequence[Effect], after: Array) -> Bench:
-    """The bench with the named noise whitened as well."""
+def with_noise(data: WhitenedData, causes: Sequence[Effect], after: Array) -> WhitenedData:
+    """The data with the named noise whitened as well."""
     for effect in causes:
         if effect.kind is Kind.NOISE:
-            explained = Explained(np.empty((bench.size, 0)), bench.whiten(after))  # the calibration is refitted already
-            offer = fit_effect(type(effect), effect.where, bench, explained)
-            bench = bench if offer is None else bench.stepped(offer.steps(bench))
-    return bench
+            explained = Explained(np.empty((data.size, 0)), data.whiten(after))  # the calibration is refitted already
+            fitted = fit_effect(type(effect), effect.where, data, explained)
+            data = data if fitted is None else data.stepped(fitted.steps(data))
+    return data
 
 
-def whitened(bench: Bench, residual: Array) -> Array:
+def whitened(data: WhitenedData, residual: Array) -> Array:
     """(n, 6) a residual in whitened coordinates, channel by channel."""
     white = np.full_like(residual, np.nan)
-    for column in bench.columns:
-        white[:, column] = bench.whiten_channel(column, residual[:, column])
+    for column in data.columns:
+        white[:, column] = data.whiten_channel(column, residual[:, column])
     return white

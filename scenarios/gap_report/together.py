@@ -100,16 +100,16 @@ def proposed(found: Examined, minutes: float | None = None) -> NextManeuver | No
 
 def residuals_of_each(found: Examined) -> list[GapResiduals]:
     """Each recording's residuals, before and after the causes are modelled, beside the one calibration."""
-    laid, bench = found.laid, found.bench
+    laid, data = found.laid, found.data
     effects = list(found.effects)
     after: Array | None = None
     if effects:
-        settled = around(bench, found.settled)
+        settled = around(data, found.settled)
         after = settled.left_over(settled.residual - settled.change(effects))
     others = {cause.effect: cause for cause in found.diagnosis.leading if EFFECTS[cause.effect].kind is not Kind.MEAN}
     every = [effect for effect in diagnosed_effects(found.diagnosis) if effect.name in others]
     result = []
-    for number, (recording, part, rows) in enumerate(zip(laid.recordings, laid.benches, bench.single, strict=False)):
+    for number, (recording, part, rows) in enumerate(zip(laid.recordings, laid.data, data.single, strict=False)):
         named = [each for each in every if others[each.name].recording in (None, recording.name)]
         began = laid.began[number] if laid.began else 0.0
         own = [_own(effect, began, float(recording.t[0])) for effect in acting(effects, number)]
@@ -126,9 +126,7 @@ def residuals_of_each(found: Examined) -> list[GapResiduals]:
                 white_before=whitened(part, part.residual),
                 white_after=whitened(with_noise(part, named, left), left) if explained else None,
                 causes=causes,
-                bench=replace(part, base=replace(part.base, t=part.base.t - began, known_nodes=None))
-                if began
-                else part,
+                data=replace(part, base=replace(part.base, t=part.base.t - began, known_nodes=None)) if began else part,
                 calibrated=restricted(found.settled, recording.sensors),
             )
         )

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from estimators.gap.bench import Bench
 from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.whitened import WhitenedData
 from rig.arm import Arm
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind, Parameter, Stage, apply_stage
@@ -88,8 +88,8 @@ def effect_change(effect: type[Effect], where: str | None = None) -> EffectChang
     motion = scenario.maneuver.trajectory(times)
     if not isinstance(motion, JointTrajectory) or arm is None:
         raise RigError(f"scenario {_SCENARIO}: found no joint motion, expected a sweep")
-    bench = _bench(arm, motion.t, motion.q)
-    changes = [_change(made, bench) for made in typical(effect, (where,) if where else effect.places)]
+    data = _data(arm, motion.t, motion.q)
+    changes = [_change(made, data) for made in typical(effect, (where,) if where else effect.places)]
     return max(changes, key=lambda each: float(np.sum(np.square(each.shown / each.floor))))
 
 
@@ -111,7 +111,7 @@ def _typical_value(item: Parameter) -> float | tuple[float, ...]:
     return (item.typical,) * item.size if item.size <= _SERIES else (item.typical, *(0.0,) * (item.size - 1))
 
 
-def _bench(arm: Arm, t: Array, q: Array) -> Bench:
+def _data(arm: Arm, t: Array, q: Array) -> WhitenedData:
     """The sweep beside its ideal readings."""
     rig = load(_SCENARIO).rig
     start = Signals(t=t, arm=arm, q_encoder=q, temperature=rig.environment.temperature(t))
@@ -120,24 +120,24 @@ def _bench(arm: Arm, t: Array, q: Array) -> Bench:
     noisy = base.volts + np.asarray(rig.acquisition.noise_V) * np.random.default_rng(0).standard_normal(
         base.volts.shape
     )
-    return Bench(base, rig.pipeline, noisy, floor, np.ones_like(noisy), floor)
+    return WhitenedData(base, rig.pipeline, noisy, floor, np.ones_like(noisy), floor)
 
 
-def _change(effect: Effect, bench: Bench) -> EffectChange:
+def _change(effect: Effect, data: WhitenedData) -> EffectChange:
     rng = np.random.default_rng(1)
-    moved = replace(bench.pipeline, effects=(effect,)).expected(bench.base, rng)
-    noise = bench.readings - bench.base.volts
+    moved = replace(data.pipeline, effects=(effect,)).expected(data.base, rng)
+    noise = data.readings - data.base.volts
     sampled = apply_stage((effect,), Stage.ELECTRONIC, replace(moved, volts=moved.volts + noise), rng)
-    change = sampled.volts - bench.readings
-    left = bench.left_over(change) if effect.kind is Kind.MEAN else None
-    assert bench.base.q_encoder is not None
+    change = sampled.volts - data.readings
+    left = data.left_over(change) if effect.kind is Kind.MEAN else None
+    assert data.base.q_encoder is not None
     return EffectChange(
         effect=effect,
-        t=bench.base.t,
-        q=bench.base.q_encoder,
+        t=data.base.t,
+        q=data.base.q_encoder,
         change=1e3 * change,
         left=None if left is None else 1e3 * left,
-        floor=1e3 * np.array([whitener.sigma for whitener in bench.whiteners]),
+        floor=1e3 * np.array([whitener.sigma for whitener in data.whiteners]),
     )
 
 

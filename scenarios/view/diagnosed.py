@@ -61,7 +61,7 @@ def write_diagnosis_view(diagnosis: Diagnosis, residuals: GapResiduals, path: st
         RigError: the file cannot be written, the recording has no pose, or logging is switched off.
     """
     recording = residuals.recording
-    arm = residuals.bench.base.arm or arm_of(recording)
+    arm = residuals.data.base.arm or arm_of(recording)
     sweep = motion(recording, arm, evenly(len(recording), _FRAMES))
     if sweep is None:
         raise RigError(f"{recording.origin or recording.name}: has no pose, expected one to show a diagnosis on")
@@ -78,7 +78,7 @@ def _log_arm(
     stream: rr.RecordingStream, diagnosis: Diagnosis, residuals: GapResiduals, sweep: SensorMotion
 ) -> tuple[str, Array]:
     """The arm, its path, the sensor and the causes; the base frame's name, and points that the view must hold."""
-    recording, arm = residuals.recording, residuals.bench.base.arm
+    recording, arm = residuals.recording, residuals.data.base.arm
     t = recording.t[sweep.rows]
     q = None if recording.q is None or arm is None else recording.q[sweep.rows]
     base, shown = BASE, None
@@ -108,7 +108,7 @@ def _vectors(residuals: GapResiduals) -> _Vectors:
     for sensor, model in pipeline.sensors.items():
         columns = COLUMNS_OF[sensor]
         inverse = np.linalg.inv(np.asarray(model.sensitivity)[:, None] * model.axes)
-        turned = residuals.bench.base.R_base_tool
+        turned = residuals.data.base.R_base_tool
         means = []
         for left in (residuals.before, after):
             in_base = np.einsum("nij,nj->ni", turned, left[:, columns] @ inverse.T)
@@ -125,7 +125,7 @@ def _log_vectors(
     stream: rr.RecordingStream, base: str, residuals: GapResiduals, vectors: _Vectors, sweep: SensorMotion
 ) -> float:
     """Arrows along the path, before and after on one scale; returns what 0.1 m of arrow stand for [field unit]."""
-    places = motion(residuals.recording, residuals.bench.base.arm, vectors.middle)
+    places = motion(residuals.recording, residuals.data.base.arm, vectors.middle)
     assert places is not None  # as there is a sweep
     lengths = np.linalg.norm(vectors.before, axis=1)
     size = float(np.ptp(sweep.tip, axis=0).max())
@@ -143,7 +143,7 @@ def _log_vectors(
 def _log_series(stream: rr.RecordingStream, residuals: GapResiduals) -> None:
     """What the causes change in each channel, and block means of the residuals before and after."""
     recording = residuals.recording
-    change = residuals.bench.change(mean_effects(residuals.causes))
+    change = residuals.data.change(mean_effects(residuals.causes))
     blocks = np.array_split(np.arange(len(recording)), min(_MEANS, len(recording)))
     middle = np.array([recording.t[block].mean() for block in blocks])
     shown = shown_units(recording.units)

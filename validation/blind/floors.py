@@ -1,4 +1,4 @@
-"""Noise floors of the blind check: white, or partly remembering, the same process on the bench and on the sweep."""
+"""Noise floors of the blind check: white, or partly remembering, the same process at rest and on the sweep."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""The recording on the bench: base fit, whitened residuals, and what the calibration absorbs.
+"""A recording in whitened coordinates: base fit, whitened residuals, and what the calibration absorbs.
 
 Everything the diagnosis asks of the data is asked in whitened coordinates, channel after channel in one long vector,
 with the tangent space of the calibration projected out: r -> M r, columns Z -> M Z.
 
-A long recording is put on the bench as means over blocks of samples; the rig is still evaluated at every sample.
+A long recording is put on the data as means over blocks of samples; the rig is still evaluated at every sample.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Bench:
+class WhitenedData:
     """A recording of n samples beside its base fit, as ``count`` block means.
 
     Attributes:
@@ -93,7 +93,7 @@ class Bench:
         floor: what was learned of each channel's single readings at rest.
         kept: (n, 6) the readings that count; None: all of them.
         block: samples a mean.
-        samples: how many of the recorded samples a mean is of; as ``block``, but on a pointwise bench.
+        samples: how many of the recorded samples a mean is of; as ``block``, but on pointwise data.
         steps: what selected noise adds to the whitening, in this order.
         given: mean effects that the model has, as a fitted rig has them; all others are asked for beside these.
     """
@@ -111,8 +111,8 @@ class Bench:
     given: tuple[Effect, ...] = ()
 
     @property
-    def parts(self) -> tuple[Bench, ...]:
-        """The recordings on the bench, each on its own: this one; of several see ``estimators.gap.stack``."""
+    def parts(self) -> tuple[WhitenedData, ...]:
+        """The recordings, each on its own: this one; of several see ``estimators.gap.stack``."""
         return (self,)
 
     @property
@@ -134,8 +134,8 @@ class Bench:
         """What some recording lacks for an effect, in words; empty where all have all."""
         return next(filter(None, (effect.lacking(part.base) for part in self.parts)), "")
 
-    def around(self, pipeline: Pipeline) -> Bench:
-        """The bench with another calibration."""
+    def around(self, pipeline: Pipeline) -> WhitenedData:
+        """The data with another calibration."""
         base = pipeline.expected(self.base, np.random.default_rng(0), first=Stage.FIELD)  # the poses are what they were
         return replace(self, pipeline=pipeline, base=base)
 
@@ -329,17 +329,17 @@ class Bench:
         simulator = replace(self.pipeline, effects=(*self.given, *effects))
         return simulator.expected(start, np.random.default_rng(0)).volts - self.modelled
 
-    def having(self, effects: Sequence[Effect]) -> Bench:
-        """The bench whose model has some mean effects: what others change is asked for beside these."""
+    def having(self, effects: Sequence[Effect]) -> WhitenedData:
+        """The data whose model has some mean effects: what others change is asked for beside these."""
         return replace(self, given=(*self.given, *effects))
 
-    def without(self, left_out: NDArray[np.bool_]) -> Bench:
-        """The bench, of single samples, with some readings (n, 6) left out."""
+    def without(self, left_out: NDArray[np.bool_]) -> WhitenedData:
+        """The data, of single samples, with some readings (n, 6) left out."""
         kept = ~left_out if self.kept is None else self.kept & ~left_out
         return replace(self, kept=kept, weights=np.where(left_out, 0.0, self.weights))
 
-    def averaged(self, block: int) -> Bench:
-        """The bench, of single samples, as one of means over blocks of so many."""
+    def averaged(self, block: int) -> WhitenedData:
+        """The data, of single samples, as one of means over blocks of so many."""
         if block == 1:
             return self
         kept = np.ones_like(self.readings) if self.kept is None else self.kept.astype(float)
@@ -350,16 +350,16 @@ class Bench:
         steps = tuple(step.shortened(len(share)) for step in self.steps)
         return replace(self, noises=noises, weights=raised * np.sqrt(share), block=block, samples=samples, steps=steps)
 
-    def coarse(self) -> Bench:
+    def coarse(self) -> WhitenedData:
         """Means over as many neighbouring samples as turn little, each with the rig evaluated once."""
         return self.averaged(neighbours(self.base)).pointwise()
 
-    def stepped(self, steps: Sequence[Step]) -> Bench:
-        """The bench with further steps of whitening."""
+    def stepped(self, steps: Sequence[Step]) -> WhitenedData:
+        """The data with further steps of whitening."""
         return replace(self, steps=(*self.steps, *steps))
 
-    def pointwise(self) -> Bench:
-        """The bench with the rig evaluated once a block, at its mean pose: quick, and to first order the same."""
+    def pointwise(self) -> WhitenedData:
+        """The data with the rig evaluated once a block, at its mean pose: quick, and to first order the same."""
         if self.block == 1:
             return self
         base = block_poses(self.base, self.block)

@@ -1,4 +1,4 @@
-"""The bench: quick changes, block means, tones, a calibration that a strong cause moved, repeated rows."""
+"""Whitened data: quick changes, block means, tones, a calibration that a strong cause moved, repeated rows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from scipy.signal import lfilter
 import estimators
 import scenarios
 from estimators.gap.basefit import estimated_floor, set_up
-from estimators.gap.bench import Bench, Step
 from estimators.gap.candidates import Candidate
 from estimators.gap.converge import converged
 from estimators.gap.defects import readings_of
@@ -20,6 +19,7 @@ from estimators.gap.scan import Scanner
 from estimators.gap.score import Explained
 from estimators.gap.states import unnamed
 from estimators.gap.tones import _allowed
+from estimators.gap.whitened import Step, WhitenedData
 from rig.arm import Arm
 from rig.effects import EFFECTS, Kind, make_effect
 from rig.recording import Recording
@@ -37,7 +37,7 @@ def arm() -> Arm:
 
 
 @pytest.fixture(scope="module")
-def bench(arm: Arm) -> Bench:
+def data(arm: Arm) -> WhitenedData:
     run = recorded(1)
     return set_up(run, estimated_floor(run, arm), arm)
 
@@ -45,7 +45,7 @@ def bench(arm: Arm) -> Bench:
 @pytest.mark.parametrize(
     "name", [name for name, effect in EFFECTS.items() if effect.kind is Kind.MEAN and not effect.of_log]
 )
-def test_a_change_is_that_of_the_whole_pipeline(bench: Bench, name: str) -> None:
+def test_a_change_is_that_of_the_whole_pipeline(data: WhitenedData, name: str) -> None:
     """What an effect leaves alone is kept; the rest equals the whole way to rounding of some volts."""
     effect = EFFECTS[name]
     choices = {key: names[0] for key, names in effect.choices().items()}
@@ -56,8 +56,8 @@ def test_a_change_is_that_of_the_whole_pipeline(bench: Bench, name: str) -> None
     }
     where = next(each for each in effect.places if each not in choices.values())
     made = effect.from_mapping({"where": where, **choices, **strengths})
-    whole = replace(bench.pipeline, effects=(made,)).expected(bench.base, np.random.default_rng(0)).volts
-    np.testing.assert_allclose(bench.change([made]), whole - bench.base.volts, rtol=0.0, atol=1e-13)
+    whole = replace(data.pipeline, effects=(made,)).expected(data.base, np.random.default_rng(0)).volts
+    np.testing.assert_allclose(data.change([made]), whole - data.base.volts, rtol=0.0, atol=1e-13)
 
 
 def test_block_means_at_mean_poses_are_block_means(arm: Arm) -> None:
@@ -86,11 +86,11 @@ def test_a_strong_cause_and_the_calibration_are_fitted_together(arm: Arm) -> Non
         assert abs(estimate.value - tau_s) < 4.0 * estimate.std + 0.02 * tau_s  # the path is sampled, not continuous
 
 
-def test_convergence_leaves_a_good_bench_alone(bench: Bench) -> None:
-    found = converged([], bench)
-    assert found.bench is bench
+def test_convergence_leaves_a_good_fit_alone(data: WhitenedData) -> None:
+    found = converged([], data)
+    assert found.data is data
     assert found.fits == []
-    np.testing.assert_array_equal(found.explained.residual, bench.whitened)
+    np.testing.assert_array_equal(found.explained.residual, data.whitened)
 
 
 def test_a_tone_faster_than_the_means_is_found_in_the_samples(arm: Arm) -> None:
@@ -105,7 +105,7 @@ def test_a_tone_faster_than_the_means_is_found_in_the_samples(arm: Arm) -> None:
     assert abs(cause.parameters["freq_Hz"].value - frequency) < 0.5 * resolution
 
 
-def test_changes_beside_other_effects_are_those_of_the_whole_pipeline(bench: Bench) -> None:
+def test_changes_beside_other_effects_are_those_of_the_whole_pipeline(data: WhitenedData) -> None:
     """The stages before the moved effect run once: equal to the last bit, also where it needs what they leave out."""
     others = [make_effect("joint_offset", {"where": "joint5", "offset_rad": 0.01})]
     for name, values in (
@@ -114,21 +114,21 @@ def test_changes_beside_other_effects_are_those_of_the_whole_pipeline(bench: Ben
         ("joint_scale", {"where": "joint1", "scale": 1e-3}),
     ):
         moved = [make_effect(name, values)]
-        np.testing.assert_array_equal(bench.changes(moved, others)[0], bench.change([*moved, *others]))
+        np.testing.assert_array_equal(data.changes(moved, others)[0], data.change([*moved, *others]))
 
 
-def test_one_repeated_row_is_a_dropout(bench: Bench) -> None:
+def test_one_repeated_row_is_a_dropout(data: WhitenedData) -> None:
     """No chance repeats six readings: a single row does."""
     dropouts, step = EFFECTS["dropouts"], np.zeros(6)
-    assert dropouts.examined(readings_of(bench, step), "acquisition") is None
-    readings = bench.readings.copy()
+    assert dropouts.examined(readings_of(data, step), "acquisition") is None
+    readings = data.readings.copy()
     readings[700] = readings[699]
-    found = dropouts.examined(readings_of(replace(bench, readings=readings), step), "acquisition")
+    found = dropouts.examined(readings_of(replace(data, readings=readings), step), "acquisition")
     assert found is not None
     assert np.flatnonzero(found.affected.all(axis=1)).tolist() == [700]
 
 
-def test_channels_that_each_repeat_are_no_dropouts(bench: Bench) -> None:
+def test_channels_that_each_repeat_are_no_dropouts(data: WhitenedData) -> None:
     """A log faster than what it logs: each channel, or each sensor, repeats a reading three times in ten by itself.
 
     Dropouts on top of that, 277 rows where 13 to 150 repeat without, are found. False failures: the significance of the
@@ -137,39 +137,39 @@ def test_channels_that_each_repeat_are_no_dropouts(bench: Bench) -> None:
     dropouts, step = EFFECTS["dropouts"], np.zeros(6)
     rng = np.random.default_rng(0)
     for groups in (np.arange(3) % 3, np.zeros(3, dtype=int)):
-        stale = rng.random((bench.count, groups.max() + 1))[:, groups] < 0.3
-        both = np.hstack([stale, rng.random((bench.count, 1)) < np.full(3, 0.3)])
-        rows = np.where(both, 0, np.arange(bench.count)[:, None])
-        readings = np.take_along_axis(bench.readings, np.maximum.accumulate(rows), axis=0)
-        assert dropouts.examined(readings_of(replace(bench, readings=readings), step), "acquisition") is None
-        missed = rng.choice(np.arange(1, bench.count), bench.count // 6, replace=False)
+        stale = rng.random((data.count, groups.max() + 1))[:, groups] < 0.3
+        both = np.hstack([stale, rng.random((data.count, 1)) < np.full(3, 0.3)])
+        rows = np.where(both, 0, np.arange(data.count)[:, None])
+        readings = np.take_along_axis(data.readings, np.maximum.accumulate(rows), axis=0)
+        assert dropouts.examined(readings_of(replace(data, readings=readings), step), "acquisition") is None
+        missed = rng.choice(np.arange(1, data.count), data.count // 6, replace=False)
         for row in np.sort(missed):
             readings[row] = readings[row - 1]
-        assert dropouts.examined(readings_of(replace(bench, readings=readings), step), "acquisition") is not None
+        assert dropouts.examined(readings_of(replace(data, readings=readings), step), "acquisition") is not None
 
 
 def test_a_slow_recording_folds_a_band_once() -> None:
     """Sampled once in 30 years, a band of 2 Hz may appear anywhere; its 6e11 resolved frequencies are not listed."""
-    bench = SimpleNamespace(count=400, interval_s=1e9, base=SimpleNamespace(q_encoder=None))
+    data = SimpleNamespace(count=400, interval_s=1e9, base=SimpleNamespace(q_encoder=None))
     mains = SimpleNamespace(effect=SimpleNamespace(bands=((49.0, 51.0),)))
-    frequency = np.arange(401) / (800 * bench.interval_s)
-    allowed = _allowed(mains, bench, frequency)  # type: ignore[arg-type]
+    frequency = np.arange(401) / (800 * data.interval_s)
+    allowed = _allowed(mains, data, frequency)  # type: ignore[arg-type]
     assert allowed[frequency > 1.5 / (400 * 1e9)].all()
 
 
-def test_noise_without_a_name_may_come_and_go(bench: Bench) -> None:
+def test_noise_without_a_name_may_come_and_go(data: WhitenedData) -> None:
     """Noise of a sensor that is coloured, and 20 times as large in a third of the time, is white once it is learned.
 
     Half of the readings have a mean square within 15 % of one (1,000 of them and more: 6 sigma of what a fitted size
     leaves); a spectrum that stays the same is off by a factor of two in the quiet part at least.
     """
     rng = np.random.default_rng(0)
-    size = np.where((np.arange(bench.count) * 6 // bench.count) % 3 == 1, 60.0, 3.0)
-    left = lfilter([0.6], [1.0, -0.8], rng.standard_normal((len(bench.columns), bench.count))) * size
-    state = unnamed(bench, Explained(bench.absorbed, left.ravel()))
+    size = np.where((np.arange(data.count) * 6 // data.count) % 3 == 1, 60.0, 3.0)
+    left = lfilter([0.6], [1.0, -0.8], rng.standard_normal((len(data.columns), data.count))) * size
+    state = unnamed(data, Explained(data.absorbed, left.ravel()))
     assert state is not None
     assert state.other
-    for number, column in enumerate(bench.columns):
+    for number, column in enumerate(data.columns):
         white = left[number]
         for step in state.steps:
             white = step(white) if step.column == column else white
@@ -177,19 +177,19 @@ def test_noise_without_a_name_may_come_and_go(bench: Bench) -> None:
             assert 0.85 < float(np.mean(part**2)) < 1.15
 
 
-def test_derivatives_are_taken_beside_what_changes_them(bench: Bench) -> None:
+def test_derivatives_are_taken_beside_what_changes_them(data: WhitenedData) -> None:
     """Beside a latency of seconds a candidate's columns are those of the delayed path; beside one of ms as before."""
     late, later, little = (make_effect("latency", {"where": "acquisition", "delay_s": s}) for s in (2.0, 2.01, 1e-3))
-    scanner = Scanner.of(bench)
-    assert scanner.beside([little], bench.pipeline) is scanner
-    found = scanner.beside([late], bench.pipeline)
-    assert scanner.beside([later], bench.pipeline) is found
+    scanner = Scanner.of(data)
+    assert scanner.beside([little], data.pipeline) is scanner
+    found = scanner.beside([late], data.pipeline)
+    assert scanner.beside([later], data.pipeline) is found
     candidate = Candidate(EFFECTS["joint_scale"], "joint5")
     step = float(candidate.steps[0])
-    change = bench.change([late, candidate.make([step], {})]) - bench.change([late])
-    expected, plain = bench.whiten(change) / step, bench.whiten(candidate.derivatives(bench, {})[0])
-    values = candidate.columns(found.fine.bench, {}).values[:, 0]
+    change = data.change([late, candidate.make([step], {})]) - data.change([late])
+    expected, plain = data.whiten(change) / step, data.whiten(candidate.derivatives(data, {})[0])
+    values = candidate.columns(found.fine.data, {}).values[:, 0]
     np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
     assert np.linalg.norm(plain - expected) > 0.01 * np.linalg.norm(expected)
-    under = scanner.stepped([Step(0, np.full(bench.count, 0.5), in_time=True)])
-    assert under.beside([late], bench.pipeline).fine.bench.steps == under.fine.bench.steps
+    under = scanner.stepped([Step(0, np.full(data.count, 0.5), in_time=True)])
+    assert under.beside([late], data.pipeline).fine.data.steps == under.fine.data.steps
