@@ -46,6 +46,7 @@ from scenarios.json_schema import (
     table_of,
 )
 from scenarios.simulated import ChannelApart
+from scenarios.studies.store import FORMAT as STUDY_FORMAT
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
@@ -66,6 +67,8 @@ def schemas() -> dict[str, Schema]:
         "compare": _compare(),
         "check": _check(),
         "import": _import(),
+        "study": _study(),
+        "study-tables": table_of(TEXT),
     }
     return {name: {"$schema": DIALECT, "title": name, **schema} for name, schema in made.items()}
 
@@ -370,6 +373,12 @@ def _import() -> Schema:
             "findings": list_of(TEXT),
         }
     )
+
+
+def _study() -> Schema:
+    """Of study.json; what study-tables holds is table -> SHA-256."""
+    own = {"format": one_of(STUDY_FORMAT), "kind": TEXT, "version": TEXT, "settings": table_of(ANY)}
+    return object_of(own, {"sha256": TEXT})
 
 
 def text_of(schema: Schema) -> str:

@@ -139,3 +139,14 @@ def test_commands(rig: Rig, check: Callable[[str, Any], None], tmp_path: Path, s
     check("calibration", json.loads((tmp_path / "cal.json").read_text()))
     check("compare", told(rig, "compare", tmp_path / "cal.json", scenario))
     check("compare", told(rig, "compare", run, scenario))
+
+
+def test_the_folders_of_studies(check: Callable[[str, Any], None]) -> None:
+    """Those that the documentation keeps: what ``rig study`` has written."""
+    kept = {name: sorted(FOLDER.parent.rglob(f"{name}.json")) for name in ("study", "tables")}
+    kept["study"].remove(FOLDER / "study.json")
+    assert all(kept.values())
+    for path in kept["study"]:
+        check("study", json.loads(path.read_text(encoding="utf-8")))
+    for path in kept["tables"]:
+        check("study-tables", json.loads(path.read_text(encoding="utf-8")))
