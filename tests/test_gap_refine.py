@@ -15,7 +15,7 @@ from estimators.gap.diagnosis import percent
 from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
 from estimators.gap.scan import Scanner, ScoreTest
 from estimators.gap.score import ABSORBED, Explained, Score
-from estimators.gap.whitened import WhitenedData, project
+from estimators.gap.whitened import Columns, WhitenedData, project
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
 
@@ -111,3 +111,17 @@ def test_a_search_of_any_length_has_its_price(arm: Arm) -> None:
     tested = ScoreTest(candidate, {}, score, searched=10**25)
     assert tested.log_p - score.log_p == pytest.approx(25.0 * np.log(10.0))
     assert tested.evidence < score.evidence
+
+
+def test_an_onset_that_changes_no_number_is_nothing(arm: Arm) -> None:
+    """A step of millivolts in readings of a trillion volts."""
+    data = whitened_data(1, arm)
+    (candidate,) = [each for each in all_candidates(data) if each.label == "bias_step@accel1"]
+
+    class Still(type(candidate)):  # type: ignore[misc]
+        def columns(self, data: WhitenedData, shape: object) -> Columns:
+            return Columns(np.empty((0, 1)), 0)
+
+    still = Still(**vars(candidate))
+    (tested,) = Scanner.of(data).scan([still], *2 * [Explained(data.absorbed, data.whitened)])
+    assert (tested.score.statistic, tested.score.rank, tested.evidence) == (0.0, 0, 0.0)
