@@ -17,8 +17,9 @@ import estimators
 import scenarios
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.colour import fit_floor, held
+from estimators.gap.projection import project
 from estimators.gap.score import Explained, evidence
-from estimators.gap.whitened import Columns, project
+from estimators.gap.whitened import Columns
 from rig.effects import make_effect
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import LockedPoses

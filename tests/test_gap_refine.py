@@ -12,10 +12,11 @@ import scenarios
 from estimators.gap.basefit import estimated_floor, set_up
 from estimators.gap.candidates import all_candidates
 from estimators.gap.diagnosis import percent
+from estimators.gap.projection import project
 from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
 from estimators.gap.scan import Scanner, ScoreTest
 from estimators.gap.score import ABSORBED, Explained, Score
-from estimators.gap.whitened import Columns, WhitenedData, project
+from estimators.gap.whitened import Columns, WhitenedData
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
 

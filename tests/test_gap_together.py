@@ -15,9 +15,9 @@ import estimators
 from estimators.gap.basefit import floor_of, learn_floor, set_up
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.laid_out import laid_out
+from estimators.gap.projection import project
 from estimators.gap.rebase import rebased
 from estimators.gap.stack import Stack, only_in, part_of, running_on
-from estimators.gap.whitened import project
 from rig.arm import Arm
 from rig.effects import EFFECTS, Effect, make_effect
 from rig.errors import RefusedFit, RigError

@@ -10,10 +10,11 @@ from estimators.gap.basefit import learn_floor, set_up
 from estimators.gap.considered import set_prior, unseen_places, visible
 from estimators.gap.discrepancy import Discrepancies
 from estimators.gap.fitted_rig import REFUSED
+from estimators.gap.projection import project
 from estimators.gap.remainder_test import p_value
 from estimators.gap.scan import Scanner
 from estimators.gap.search import Search
-from estimators.gap.whitened import WhitenedData, project
+from estimators.gap.whitened import WhitenedData
 from rig.effects import Effect, make_effect
 
 RECORDINGS = 3

@@ -79,6 +79,23 @@ def test_a_signal_ends_the_command(tmp_path: Path, number: signal.Signals, manne
     assert {path.name for path in tmp_path.iterdir()} <= {"slow.py", "__pycache__"}
 
 
+OUTSIDE = {
+    "before the command line is read": ("with _signals.heard(): raise _signals.Ending(15)", "rig: terminated\n"),
+    "after all was said": (
+        "import scenarios.cli._app as app\ndef run(*_): raise _signals.Ending(15)\napp.run = run\napp.main()",
+        "",
+    ),
+}
+
+
+@pytest.mark.parametrize("when", OUTSIDE)
+def test_an_end_outside_of_the_command_is_no_traceback(tmp_path: Path, when: str) -> None:
+    program, said = OUTSIDE[when]
+    process = start(f"from scenarios.cli import _signals\n{program}", tmp_path)
+    assert process.communicate(timeout=60) == ("", said)
+    assert process.returncode == 128 + signal.SIGTERM
+
+
 def test_what_was_ignored_at_the_start_stays_ignored(tmp_path: Path) -> None:
     """As for ``nohup`` and for the background jobs of a shell without job control."""
     program = PROGRAM.format(manner="time.sleep(1.0); sys.exit(7)")

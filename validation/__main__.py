@@ -3,8 +3,8 @@
 from scenarios.cli import _signals
 
 if __name__ == "__main__":
-    _signals.install()
-    from scenarios.cli._app import main
-    from validation.cli import validation
+    with _signals.heard():
+        from scenarios.cli._app import main
+        from validation.cli import validation
 
-    main(validation, "python -m validation")
+        main(validation, "python -m validation")

@@ -8,8 +8,8 @@ import numpy as np
 
 from estimators.gap.diagnosis import Cause
 from estimators.gap.posterior import Hypothesis
+from estimators.gap.projection import project
 from estimators.gap.stack import Stack, part_of
-from estimators.gap.whitened import project
 
 
 def of_several(cause: Cause, label: str, holder: Hypothesis, data: Stack) -> Cause:

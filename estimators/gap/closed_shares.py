@@ -14,10 +14,11 @@ from estimators.gap.diagnosis import Closed
 from estimators.gap.evidence import Linear, linearised
 from estimators.gap.p_values import WAYS
 from estimators.gap.posterior import Hypothesis, Posterior, on_data
+from estimators.gap.projection import project
 from estimators.gap.refine import at
 from estimators.gap.search import Explanation
 from estimators.gap.stochastic import FittedNoise
-from estimators.gap.whitened import WhitenedData, project
+from estimators.gap.whitened import WhitenedData
 
 Array = NDArray[np.float64]
 

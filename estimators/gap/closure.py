@@ -18,7 +18,8 @@ from estimators.gap.diagnosis import Closed
 from estimators.gap.discrepancy import Discrepancies, Weighed
 from estimators.gap.evidence import Linear
 from estimators.gap.prior import OTHER, OTHER_NOISE
-from estimators.gap.whitened import WhitenedData, project
+from estimators.gap.projection import project
+from estimators.gap.whitened import WhitenedData
 
 Array = NDArray[np.float64]
 

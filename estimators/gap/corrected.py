@@ -22,9 +22,10 @@ from estimators.gap.common import is_common
 from estimators.gap.converge import converged
 from estimators.gap.discrepancy import Means, Weighed
 from estimators.gap.posterior import Hypothesis, Posterior
+from estimators.gap.projection import orthonormal
 from estimators.gap.rebase import around, stepped
 from estimators.gap.refine import Fitted, tangents
-from estimators.gap.whitened import WhitenedData, orthonormal
+from estimators.gap.whitened import WhitenedData
 from estimators.identifiability import Told
 from estimators.kinematic import fit_sensor
 from estimators.model import SensorParameters

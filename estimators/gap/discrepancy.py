@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from estimators.gap.evidence import Linear
 from estimators.gap.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS
+from estimators.gap.projection import orthonormal, project
 from estimators.gap.sources import COSINES, Source, cosines, courses, level_courses, matern, sources
-from estimators.gap.whitened import WhitenedData, orthonormal, project
+from estimators.gap.whitened import WhitenedData
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.prior import scales
+from estimators.gap.projection import project
 from estimators.gap.refine import Fitted, Refit
 from estimators.gap.stack import part_of
-from estimators.gap.whitened import WhitenedData, project
+from estimators.gap.whitened import WhitenedData
 
 Array = NDArray[np.float64]
 

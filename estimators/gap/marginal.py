@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from estimators.gap.diagnosis import Estimate
 from estimators.gap.posterior import Hypothesis, Posterior
+from estimators.gap.projection import project
 from estimators.gap.search import Member
-from estimators.gap.whitened import project
 from rig.effects import EFFECTS
 
 Array = NDArray[np.float64]

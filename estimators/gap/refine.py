@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.candidates import STEP, Candidate, Shape
+from estimators.gap.projection import project
 from estimators.gap.scan import KEPT, ScoreTest
 from estimators.gap.score import ABSORBED, Explained
-from estimators.gap.whitened import WhitenedData, project
+from estimators.gap.whitened import WhitenedData
 from rig.effects import Effect
 from rig.effects.parameters import Parameter, Value
 

@@ -20,10 +20,11 @@ from estimators.gap.candidates import STEP, Candidate
 from estimators.gap.discrepancy import Discrepancies, Term
 from estimators.gap.posterior import Posterior
 from estimators.gap.prior import DISCREPANCY_SNR, Prior
+from estimators.gap.projection import project
 from estimators.gap.scan import Scanner
 from estimators.gap.score import ABSORBED
 from estimators.gap.states import SLOWER
-from estimators.gap.whitened import WhitenedData, project
+from estimators.gap.whitened import WhitenedData
 from rig.effects import Effect
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from scipy.stats import f
 
 from estimators.gap.discrepancy import Weighed
 from estimators.gap.evidence import Linear
+from estimators.gap.projection import project
 from estimators.gap.search import Explanation
-from estimators.gap.whitened import project
 
 Array = NDArray[np.float64]
 

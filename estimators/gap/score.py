@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.gap.projection import orthonormal, project
 from estimators.gap.tails import chi2_logsf
-from estimators.gap.whitened import Columns, orthonormal, project
+from estimators.gap.whitened import Columns
 
 Array = NDArray[np.float64]
 

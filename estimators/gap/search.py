@@ -18,11 +18,12 @@ from estimators.gap.converge import converged
 from estimators.gap.discrepancy import Means, Weighed
 from estimators.gap.evidence import Linear, linearised
 from estimators.gap.prior import Drawn, Prior
+from estimators.gap.projection import project
 from estimators.gap.rebase import around
 from estimators.gap.refine import Fitted, Refit, at, explained_by, started
 from estimators.gap.scan import Scanner, ScoreTest
 from estimators.gap.score import Explained, solve
-from estimators.gap.whitened import WhitenedData, project
+from estimators.gap.whitened import WhitenedData
 
 Array = NDArray[np.float64]
 

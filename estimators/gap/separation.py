@@ -21,10 +21,11 @@ from scipy.special import ndtr, ndtri
 from estimators.gap.candidates import Candidate, all_candidates
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.diagnosis import NAMED, Cause, Diagnosis
+from estimators.gap.projection import orthonormal, project
 from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
 from estimators.gap.scan import KEPT, Scanner
 from estimators.gap.score import ABSORBED
-from estimators.gap.whitened import WhitenedData, known, orthonormal, project
+from estimators.gap.whitened import WhitenedData, known
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
 from rig.pipeline import Pipeline
 from rig.signals import Signals

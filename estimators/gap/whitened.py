@@ -11,25 +11,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
-from scipy.linalg import qr
 
 from estimators.gap.blocks import block_means, block_poses, neighbours
 from estimators.gap.channel_noise import ChannelNoise, Whitener
-from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
+from estimators.gap.projection import orthonormal, project
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.directions import tangent_basis
 from rig.effects import Effect, Stage
+from rig.effects.base import apply_stage
 from rig.pipeline import Pipeline
 from rig.signals import Signals
 
 Array = NDArray[np.float64]
-
-#: Least eigenvalue of columns' Gram matrix, their lengths one, above which Cholesky's factor orthogonalises them.
-_WELL: Final = 1e-8
 
 
 @dataclass(frozen=True)
@@ -305,7 +302,30 @@ class WhitenedData:
         """(n, 6) [recorded unit] what mean effects change, with the calibration held."""
         if not effects:
             return np.zeros_like(self.base.volts)
+        if len(effects) == 1 and effects[0].stage is Stage.FIELD and not self.given:
+            found = self._of_field(effects[0])
+            if found is not None:
+                return found
         return np.asarray(self._volts((*self.given, *effects)) - self.modelled)
+
+    def _of_field(self, effect: Effect) -> Array | None:
+        """As ``change``, of an effect that adds to the magnetic field alone: the readings are linear in that."""
+        base = self.base
+        moved = apply_stage((effect,), Stage.FIELD, base, np.random.default_rng(0))
+        if moved.gravity is not base.gravity or moved.acceleration is not base.acceleration:
+            return None
+        change = np.zeros_like(base.volts)
+        if MAGNETOMETER in self.pipeline.sensors:
+            change[:, COLUMNS_OF[MAGNETOMETER]] = np.einsum("nki,ni->nk", self._felt, moved.magnetic - base.magnetic)
+        return change
+
+    @cached_property
+    def _felt(self) -> Array:
+        """(n, 3, 3) [recorded unit over the field's] what the magnetometer's channels read of a field, base frame."""
+        sensor = self.pipeline.sensors[MAGNETOMETER]
+        return np.asarray(
+            np.einsum("nij,kj->nki", self.base.R_base_tool, np.reshape(sensor.sensitivity, (-1, 1)) * sensor.axes)
+        )
 
     def _volts(self, effects: Sequence[Effect]) -> Array:
         rng = np.random.default_rng(0)  # mean effects draw nothing
@@ -374,26 +394,3 @@ def known(base: Signals) -> Signals:
     if base.q_encoder is None:
         return replace(base, known_nodes=(base.pose_nodes,))
     return replace(base, velocity=base.joint_velocity, known_links=(base.q, base.links))
-
-
-def orthonormal(columns: Array, tolerance: float = 1e-7) -> Array:
-    """An orthonormal basis (rows, rank) of columns (rows, m), scaled alike before their rank is judged."""
-    length = np.linalg.norm(columns, axis=0)
-    columns = columns[:, length > 0] / length[length > 0]
-    if columns.shape[1] == 0:
-        return columns
-    gram = columns.T @ columns
-    if np.linalg.eigvalsh(gram)[0] > _WELL:  # Cholesky QR, twice: Yamamoto et al., ETNA 44 (2015)
-        for _ in range(2):
-            root = np.linalg.inv(np.linalg.cholesky(gram))
-            columns = (root @ columns.T).T
-            gram = columns.T @ columns
-        return columns
-    q, r, _ = qr(columns, mode="economic", pivoting=True, check_finite=False)
-    rank = int(np.sum(np.abs(np.diag(r)) > tolerance))
-    return np.asfortranarray(q[:, :rank])
-
-
-def project(basis: Array, values: Array) -> Array:
-    """Values (rows,) or (rows, m) with an orthonormal basis (rows, rank) projected out."""
-    return values - basis @ (basis.T @ values)

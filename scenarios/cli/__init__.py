@@ -11,7 +11,7 @@ __all__ = ["main"]
 
 def main() -> NoReturn:
     """Run the command line; nothing but the signals is ready before, so that Ctrl-C during the imports is heard."""
-    _signals.install()
-    from scenarios.cli._app import main as command
+    with _signals.heard():
+        from scenarios.cli._app import main as command
 
-    command()
+        command()

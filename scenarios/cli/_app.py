@@ -192,7 +192,10 @@ def main(group: click.Group = cli, program: str = "rig") -> NoReturn:
         warnings.simplefilter("ignore")
         logging.getLogger().addHandler(logging.NullHandler())
         os.environ.setdefault("RUST_LOG", "off")  # rerun's own log of what is reported anyway
-    status = run(sys.argv[1:], group, program)
+    try:
+        status = run(sys.argv[1:], group, program)
+    except _signals.Ending as late:  # the same end once more, when it has been said
+        status = 128 + late.number
     _signals.ended()
     if is_stuck():
         sys.stdout.flush()

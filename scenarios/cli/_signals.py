@@ -8,6 +8,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Final
 
@@ -40,6 +42,17 @@ def install() -> None:
     if hasattr(signal, "SIGALRM"):
         signal.signal(signal.SIGALRM, _reminded)
     sys.unraisablehook = _unraisable
+
+
+@contextmanager
+def heard() -> Iterator[None]:
+    """Says and ends what comes before the command line is read: after the imports, during which an end waits."""
+    install()
+    try:
+        yield
+    except Ending as early:
+        print(f"rig: {WORDS[early.number]}", file=sys.stderr, flush=True)
+        os._exit(128 + early.number)
 
 
 def ended() -> None:
