@@ -10,7 +10,7 @@ from cli_support import SMALL
 from estimators.gap import Cause, Channel, Diagnosis, Estimate
 from estimators.gap.diagnosis import Closed, Hypothesis, Remainder
 from rig.channels import CHANNELS
-from rig.effects import Effect, make_effect
+from rig.effects import EFFECTS, Effect, make_effect
 from rig.recording import Recording
 from scenarios.loader import from_toml
 from scenarios.scenario import Scenario
@@ -30,6 +30,11 @@ def recorded(*effects: Effect, seed: int = 0) -> tuple[Recording, Recording]:
 
 def backlash() -> Effect:
     return make_effect("backlash", BACKLASH)
+
+
+def only(*names: str) -> list[str]:
+    """Options of ``rig diagnose``, with which it takes a second: these effects are all that the catalogue has."""
+    return [word for name in EFFECTS if name not in names for word in ("--without", name)]
 
 
 #: The probability of the likeliest explanation that each verdict rests on.

@@ -30,8 +30,8 @@ SIGNALS: Final = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 #: Short enough to be killed with the tests; they need small.toml only.
 SHORT: Final = (
     "sweep small.toml -o out/run.parquet --locked",
-    "demo -o out",
     "study consistency renk2005-table2 -o out/study --draws 10 --counts 2 --workers 1",
+    "demo -o out",
 )
 #: The others need all of ``make_good``.
 LONG: Final = (

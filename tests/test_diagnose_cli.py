@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import SMALL, Rig
-from diagnosed_recordings import backlash, recorded, write_small
+from diagnosed_recordings import backlash, only, recorded, write_small
 
 import scenarios
 from estimators import Calibration
@@ -97,7 +97,7 @@ def test_vectors_and_names_come_back_from_a_real_diagnosis(rig: Rig, here: Path,
 def test_a_digital_sensors_rig_is_written_and_runs(rig: Rig, here: Path) -> None:
     for run, name in zip(recorded(backlash()), ("run", "run.locked"), strict=True):
         replace(run, units={"accelerometer": "g", "magnetometer": "uT"}).write(f"{name}.parquet")
-    result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o")
+    result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o", *only("backlash"))
     assert result.status == 0
     assert "better.toml: written" in result.out
     corrected = Calibration.read("o/run.calibration.json")
@@ -117,7 +117,7 @@ def test_a_rig_that_no_scenario_can_describe_does_not_cost_the_diagnosis(
 
     monkeypatch.setattr("scenarios.gap_report.batch.improved_rig", refused)
     write_small(here, backlash())
-    result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o")
+    result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o", *only("backlash"))
     assert result.status == 2
     assert result.err.startswith("rig: better.toml: not written, but the diagnosis is: ")
     assert result.err.endswith("arm mine cannot be written: expected one that was read from a file\n")
@@ -140,7 +140,7 @@ def test_bad_recordings_do_not_stop_the_others(rig: Rig, here: Path) -> None:
     replace(run, accelerometer=constant).write("constant.parquet")
     locked.write("constant.locked.parquet")
     files = sorted(path.name for path in here.glob("*.parquet"))  # as a shell expands *.parquet
-    result = rig("diagnose", *files, "missing.parquet", "--out", "deep/o", "--jobs", "2", "--json")
+    result = rig("diagnose", *files, "missing.parquet", "--out", "deep/o", "--jobs", "2", "--json", *only("backlash"))
     assert result.status == 2
     found = {"quiet.diagnosis.json", "quiet.calibration.json", "quiet.html", "fleet.csv", "fleet.json", "fleet.html"}
     assert listed("deep/o") == found
@@ -294,9 +294,9 @@ def test_only_the_next_maneuver_of_an_earlier_diagnosis_is_removed(rig: Rig, her
     write_small(here)
     (here / "o").mkdir()
     (here / "o" / "run.next.toml").write_text("mine")
-    rig.done("diagnose", "run.parquet", "--out", "o")
+    rig.done("diagnose", "run.parquet", "--out", "o", *only("backlash"))
     assert (here / "o" / "run.next.toml").read_text() == "mine"
-    rig.done("diagnose", "run.parquet", "--out", "o")
+    rig.done("diagnose", "run.parquet", "--out", "o", *only("backlash"))
     assert listed("o") == {"run.diagnosis.json", "run.calibration.json", "run.html"}
 
 

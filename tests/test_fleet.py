@@ -9,20 +9,18 @@ from pathlib import Path
 
 import pytest
 from cli_support import Rig
-from diagnosed_recordings import backlash, by_hand, cause, recorded
+from diagnosed_recordings import backlash, by_hand, cause, only, recorded
 from local_cluster import cluster
 
 from estimators.gap import Diagnosis
 from estimators.gap.reading import diagnosis_of, read_diagnosis
-from rig.effects import EFFECTS
 from rig.errors import RigError
 from rig.recording import read_recording
 from scenarios.gap_report.fleet import Entry, History, fleet_csv, fleet_json, histories
 from scenarios.gap_report.fleet_page import fleet_page
 from scenarios.gap_report.kept import About
 
-#: With but one effect to look for a diagnosis takes a second.
-QUICK = [word for name in EFFECTS if name != "backlash" for word in ("--without", name)]
+QUICK = only("backlash")
 FLEET = {"fleet.csv", "fleet.json", "fleet.html"}
 
 

@@ -17,7 +17,7 @@ from killing import SHORT, SIGNALS, Kill
 from killing import complaint_about as complaint_about_kill
 
 INPUTS = int(os.environ.get("RIG_FUZZ", "12"))
-KILLS = int(os.environ.get("RIG_KILLS", "3"))
+KILLS = int(os.environ.get("RIG_KILLS", "2"))
 
 
 @pytest.fixture(scope="module")
