@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,13 +10,17 @@ import pytest
 from scipy.optimize import least_squares
 
 import scenarios
+from estimators.gap import converge, posterior
 from estimators.gap.basefit import estimated_floor, set_up
 from estimators.gap.candidates import all_candidates
+from estimators.gap.considered import set_prior
 from estimators.gap.diagnosis import percent
 from estimators.gap.projection import project
+from estimators.gap.rebase import around, rebased, stepped
 from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
 from estimators.gap.scan import Scanner, ScoreTest
 from estimators.gap.score import ABSORBED, Explained, Score
+from estimators.gap.search import Search
 from estimators.gap.whitened import Columns, WhitenedData
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
@@ -126,3 +131,46 @@ def test_an_onset_that_changes_no_number_is_nothing(arm: Arm) -> None:
     still = Still(**vars(candidate))
     (tested,) = Scanner.of(data).scan([still], *2 * [Explained(data.absorbed, data.whitened)])
     assert (tested.score.statistic, tested.score.rank, tested.evidence) == (0.0, 0, 0.0)
+
+
+def test_a_calibration_that_gets_worse_is_not_followed(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each calibration is .1 V further off than the one before: one is tried, and the next ends it."""
+    data = whitened_data(1, arm, DIPOLE)
+    tried: list[WhitenedData] = []
+
+    def worse(data: WhitenedData, effects: Sequence[Effect]) -> WhitenedData:
+        fresh = rebased(data, effects)
+        off = np.zeros(data.tangent.shape[1])
+        off[1] = 0.1 * (len(tried) + 1)  # the first channel's offset
+        tried.append(around(fresh, stepped(fresh.pipeline, off)))
+        return tried[-1]
+
+    monkeypatch.setattr(converge, "rebased", worse)
+    found = converge.converged([first_fit(data, "base_dipole@base")], data)
+    assert len(tried) == 2
+    assert found.data is tried[0]
+
+
+@pytest.mark.parametrize(("promises", "searches"), [((200.0, 100.0), 1), ((200.0, 300.0), 2), ((10.0,), 0)])
+def test_sets_far_from_everything_are_followed_while_noise_is_likelier_beside_them(
+    promises: tuple[float, ...], searches: int, arm: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Log masses that noise without a name promises beside the set that leads; what was found has 0."""
+    data = whitened_data(1, arm, DIPOLE)
+    scanner = Scanner.of(data)
+    candidates = [each for each in all_candidates(data) if each.label in ("base_dipole@base", "scale_cubic@mag1")]
+    prior = set_prior(candidates, {}, data, {})
+    work = posterior._Weighing(data, scanner, candidates, prior, (), at_rest=True, progress=None)
+    nothing = Search(scanner, candidates, prior).fine(())
+    work.enter(posterior.Hypothesis(nothing, posterior.NoiseState(), (), 0.0))
+    told, run = iter(promises), Search.run
+    ran: list[Search] = []
+
+    def counted(search: Search, *args: object, **options: bool) -> list[object]:
+        ran.append(search)
+        return run(search, *args, **options)  # type: ignore[arg-type, return-value]
+
+    monkeypatch.setattr(posterior, "_relearned", lambda *_: [(next(told), None)])
+    monkeypatch.setattr(Search, "run", counted)
+    posterior._far_from_it(work, nothing)
+    assert len(ran) == searches

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
+
 from estimators.gap.rebase import around, rebased
 from estimators.gap.refine import Fitted, Refit, refit
 from estimators.gap.whitened import WhitenedData
@@ -26,12 +28,14 @@ def converged(fits: Sequence[Fitted], data: WhitenedData, rough: WhitenedData | 
         first = converged(fits, rough)
         fits, data = first.fits, data if first.data is rough else around(data, first.data.pipeline)
     found = refit(fits, data)
+    least = np.inf
     for _ in range(_ROUNDS if found.fits else 0):
         effects = [fit.effect for fit in found.fits]
         fresh = rebased(data, effects)
         left = fresh.whiten(fresh.residual - fresh.change(effects))
-        if abs(float(left @ left) - found.misfit) < _OFF:
+        misfit = float(left @ left)
+        if abs(misfit - found.misfit) < _OFF or misfit >= least:  # another calibration that is no better ends nothing
             break
-        data = fresh
+        data, least = fresh, misfit
         found = refit(found.fits, data, most=4)
     return found

@@ -335,13 +335,17 @@ def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
     """Where noise without a name is far likelier than all that was found, sets of effects that leave ever less.
 
     They are searched under white noise as large as what is left: a floor that everything misses a hundred times ranks
-    effects by what they do to the least of errors.
+    effects by what they do to the least of errors. Noise without a name that is no likelier beside the set that leads
+    then ends it: such sets leave less by their number alone.
     """
     found: list[Explanation] = []
+    reached = work.best + _FAR
     for _ in range(_OUTWARDS):
         data, linear = on_data(work.scanner.fine.data, each)
-        if max((promise for promise, *_ in _relearned(work, data, linear, each)), default=-np.inf) < work.best + _FAR:
+        promised = max((promise for promise, *_ in _relearned(work, data, linear, each)), default=-np.inf)
+        if promised < reached:
             break
+        reached = promised
         scanner = work.scanner.stepped(raised(data, Explained(data.absorbed, linear.left)))
         search = Search(scanner, work.candidates, work.prior, work.progress, wide=True)
         found += search.run(_seeds(each), deep=False)
