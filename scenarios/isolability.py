@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -33,12 +33,14 @@ class EffectsBound:
     Attributes:
         scenario: its name. here: of its maneuver. moving: of the other; None where every joint moves already.
         locked: numbers of the joints that its maneuver does not move.
+        names: the arm's own names of the places joint1..jointN, where they differ.
     """
 
     scenario: str
     here: Isolability
     moving: Isolability | None
     locked: tuple[int, ...]
+    names: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def gained(self) -> list[Key]:
@@ -102,7 +104,7 @@ def isolability_of(
 
     here = shown_by(scenario, scenario.maneuver, only, progress=share(0.0, 0.5 if locked else 1.0))
     moving = shown_by(scenario, moving_all(scenario), only, progress=share(0.5, 1.0)) if locked else None
-    return EffectsBound(scenario.name, here, moving, locked)
+    return EffectsBound(scenario.name, here, moving, locked, scenario.rig.arm.place_names)
 
 
 def _moved(scenario: Scenario) -> tuple[tuple[int, ...], tuple[int, ...]]:

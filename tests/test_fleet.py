@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from cli_support import Rig
 from diagnosed_recordings import backlash, by_hand, cause, only, recorded
 from local_cluster import cluster
+from rich.console import Console
 
 from estimators.gap import Diagnosis
 from estimators.gap.reading import diagnosis_of, read_diagnosis
@@ -19,6 +21,7 @@ from rig.recording import read_recording
 from scenarios.gap_report.fleet import Entry, History, fleet_csv, fleet_json, histories
 from scenarios.gap_report.fleet_page import fleet_page
 from scenarios.gap_report.kept import About
+from scenarios.gap_report.terminal import diagnosis_tables
 
 QUICK = only("backlash")
 FLEET = {"fleet.csv", "fleet.json", "fleet.html"}
@@ -187,6 +190,21 @@ def test_a_diagnosis_reads_back_as_it_was_written(tmp_path: Path, verdict: str) 
     assert again.to_json() == made.to_json()
     assert again.names == {"joint5": "wrist_2"}
     assert again.leading == made.leading
+
+
+def test_a_reader_is_told_the_arms_own_names() -> None:
+    made = replace(
+        by_hand("named", causes=(LASH,)),
+        names={"joint5": "wrist_2"},
+        next={"maneuver": "stops", "why": "joint 5 moves"},
+    )
+    shown = Console(width=200, record=True, file=io.StringIO())
+    shown.print(diagnosis_tables(made, {"accelerometer": "V", "magnetometer": "V"}))
+    for words in (shown.export_text(), fleet_page([Entry("01", made, None)])):
+        assert "wrist_2" in words
+        assert "joint5" not in words
+        assert "joint 5" not in words
+    assert '"joint5"' in made.to_text()  # other programs go by the catalogue's places
 
 
 @pytest.mark.parametrize(

@@ -94,6 +94,6 @@ def test_the_command_tells_it(rig: Rig, tmp_path: Path) -> None:
 
 
 def test_effects_are_named_with_their_places() -> None:
-    assert names([("joint_offset", "joint2"), ("base_dipole", "base"), ("joint_offset", "joint5")]) == (
-        "joint offset joint2, joint5; base dipole"
-    )
+    keys = [("joint_offset", "joint2"), ("base_dipole", "base"), ("joint_offset", "joint5")]
+    assert names(keys, {}) == "joint offset joint2, joint5; base dipole"
+    assert names(keys, {"joint5": "wrist_2"}) == "joint offset joint2, wrist_2; base dipole"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Final
@@ -14,6 +15,7 @@ from rich.text import Text
 
 from estimators.gap.diagnosis import chance
 from scenarios.gap_report.fleet import Entry, History, histories, in_order
+from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.page import document
 from scenarios.gap_report.svg import Drawing
 from scenarios.gap_report.words import VERDICTS, alike_words, and_words, cause_title, cause_words, closed_words
@@ -28,6 +30,7 @@ _SIGNS: Final = {"found": "k-found", "absent": "k-absent", "open": "k-open"}
 
 def fleet_page(entries: Sequence[Entry]) -> str:
     """One HTML file that needs nothing else; the recordings' own pages lie beside it."""
+    entries = _in_own_names(entries)
     ordered, told = in_order(entries), histories(entries)
     arms = list(dict.fromkeys(entry.arm for entry in ordered if entry.about is not None))
     parts = [
@@ -41,6 +44,13 @@ def fleet_page(entries: Sequence[Entry]) -> str:
         _recordings(ordered),
     ]
     return document("Fleet: which cause on which arm since when", parts)
+
+
+def _in_own_names(entries: Sequence[Entry]) -> list[Entry]:
+    return [
+        entry if entry.diagnosis is None else replace(entry, diagnosis=in_own_names(entry.diagnosis))
+        for entry in entries
+    ]
 
 
 def _headline(told: Sequence[History], arms: Sequence[str]) -> str:
@@ -152,7 +162,7 @@ def _recordings(entries: Sequence[Entry]) -> str:
 
 def fleet_tables(entries: Sequence[Entry]) -> Group:
     """The same for the terminal: which cause on which arm since when, then one line a verdict."""
-    told = histories(entries)
+    told = histories(_in_own_names(entries))
     result = table(*_HEADER)
     for row in _rows(told):
         result.add_row(*map(Text, row))

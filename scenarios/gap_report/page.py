@@ -8,6 +8,7 @@ from pathlib import Path
 
 from estimators.gap.diagnosis import Diagnosis, chance
 from scenarios.gap_report import sections
+from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import VERDICTS, alternatives, closed_words, consequences, headline
 from scenarios.version import package_version
@@ -23,6 +24,7 @@ def page(diagnosis: Diagnosis, residuals: GapResiduals | Sequence[GapResiduals],
         residuals: of the same recording, from ``gap_residuals``; or of each of several.
         without: effects that were left out of the catalogue.
     """
+    diagnosis = in_own_names(diagnosis)
     every = [residuals] if isinstance(residuals, GapResiduals) else list(residuals)
     title = f"{diagnosis.recording}: {VERDICTS[diagnosis.verdict].lower()}"
     parts = [

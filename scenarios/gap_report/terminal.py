@@ -11,6 +11,7 @@ from rich.text import Text
 
 from estimators.gap.diagnosis import Diagnosis, chance, percent
 from scenarios.gap_report.advice import next_steps
+from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (
     RIG_COLUMNS,
@@ -52,6 +53,7 @@ def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
     Args:
         units: sensor -> recorded unit.
     """
+    diagnosis = in_own_names(diagnosis)
     parts: list[RenderableType] = [
         Text(f"{diagnosis.recording}  ", style="bold").append(
             VERDICTS[diagnosis.verdict].lower(), style=_COLOURS[diagnosis.verdict]
@@ -159,7 +161,7 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
 def summary_table(diagnoses: Sequence[Diagnosis]) -> Table:
     """One line a recording: the verdict, its causes with their probabilities, how far the gap closes, what is left."""
     result = table("recording", "verdict", "causes", "closed", "left over")
-    for diagnosis in diagnoses:
+    for diagnosis in map(in_own_names, diagnoses):
         causes = "\n".join(
             f"{cause_words(cause)}: {chance(cause.probability)}"
             + (f"\n  the same here: {alike_words(cause)}" if cause.equivalent else "")

@@ -223,7 +223,7 @@ def make_plan(
     if tell is None:
         return made
     told = shown_by(made.scenario, made.maneuver, tell or None)
-    causes = "all effects that it can show" if not tell else names(tell)
+    causes = "all effects that it can show" if not tell else names(tell, arm.place_names)
     scenario = replace(made.scenario, description=f"Planned to tell apart: {causes}.")
     return replace(made, scenario=scenario, told=told)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
@@ -46,7 +46,7 @@ def _parts(plan: Plan) -> Iterable[RenderableType]:
             f" {readings} at rest ({SETTLE_S:g} s beside each move left out)\n"
         )
     if plan.told is not None:
-        yield from _told(plan.told)
+        yield from _told(plan.told, {} if plan.scenario.rig.arm is None else plan.scenario.rig.arm.place_names)
     moved = ("moved by acceleration",) if sweeps else ()
     columns = ("std", *moved, "over the reference's", f"most of it from {'tenth' if sweeps else 'pose'}")
     rows = table("sensor", "parameter", *columns, numbers=columns)
@@ -78,7 +78,7 @@ def _parts(plan: Plan) -> Iterable[RenderableType]:
         )
 
 
-def _told(found: Isolability) -> Iterable[RenderableType]:
+def _told(found: Isolability, own: Mapping[str, str]) -> Iterable[RenderableType]:
     """How far apart the causes are."""
     if len(found.effects) > _FEW:
         yield Text(
@@ -86,10 +86,10 @@ def _told(found: Isolability) -> Iterable[RenderableType]:
             " apart.\n"
         )
         return
-    rows = table("cause", "seen [σ]", *(names([key]) for key in found.effects), numbers=("seen [σ]",))
+    rows = table("cause", "seen [σ]", *(names([key], own) for key in found.effects), numbers=("seen [σ]",))
     for key, seen, row in zip(found.effects, found.seen, found.apart, strict=True):
         left = ["–" if key == other else f"{value:.3g}" for other, value in zip(found.effects, row, strict=True)]
-        rows.add_row(names([key]), f"{seen:.3g}", *left)
+        rows.add_row(names([key], own), f"{seen:.3g}", *left)
     yield rows
     yield Text("What is left of each beside another [σ].\n")
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from estimators.isolability import SEEN
 from scenarios.colours import BLUE, GREY
 from scenarios.isolability import EffectsBound
+from scenarios.isolability_report import names
 from scenarios.plots.style import new_figure, style
 
 #: Bounds of the classes [σ], and their colours: from not at all to well.
@@ -23,7 +24,7 @@ def isolability_figure(found: EffectsBound) -> Figure:
     """Rows are the truth, columns what explains it instead; seen effects only."""
     here = found.here
     shown = np.flatnonzero(here.visible)
-    labels = [f"{effect.replace('_', ' ')} {where}" for effect, where in (here.effects[place] for place in shown)]
+    labels = [names([here.effects[place]], found.names) for place in shown]
     side = max(4.5, 0.145 * len(shown))
     with style():
         figure = new_figure(side + 4.2, side + 2.6)

@@ -16,6 +16,7 @@ from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.errors import RigError
 from scenarios.colours import AXES_ON_DARK, SKY_BLUE, VERMILLION, rgb
 from scenarios.decimation import evenly
+from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.residuals import GapResiduals, mean_effects
 from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import cause_words
@@ -92,9 +93,8 @@ def _log_arm(
     size = float(np.ptp(reach, axis=0).max())
     log_sensor(stream, base, t, sweep, np.eye(3), (), 0.12 * size)
     held = [reach]
-    for cause in diagnosis.leading:
-        name = diagnosis.names.get(cause.where)
-        label = cause_words(cause) + (f" ({name})" if name else "")
+    for cause, spoken in zip(diagnosis.leading, in_own_names(diagnosis).leading, strict=True):
+        label = cause_words(spoken)
         held.append(log_fault(stream, base, cause, label, t, q, sweep, shown, arm, size))
     return base, np.vstack(held)
 
@@ -166,7 +166,7 @@ def _blueprint(
     """The arm with its fault and the vectors before and after; beside these what the causes do and what is left."""
     recording = residuals.recording
     start, end = float(recording.t[0]), float(recording.t[-1])
-    causes = "; ".join(cause_words(cause) for cause in diagnosis.leading) or "no cause"
+    causes = "; ".join(cause_words(cause) for cause in in_own_names(diagnosis).leading) or "no cause"
     fault = spatial_view(
         f"{diagnosis.verdict}: {causes}", [f"/{ARM}/**", f"/{PATH}/**", f"/{SENSOR}/**", f"/{FAULT}/**"], base, reach
     )
