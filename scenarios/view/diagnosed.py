@@ -70,9 +70,9 @@ def write_diagnosis_view(diagnosis: Diagnosis, residuals: GapResiduals, path: st
     with written_stream(path) as stream:
         stream.send_recording_name(f"{recording.name}: {diagnosis.verdict}")
         base, reach = _log_arm(stream, diagnosis, residuals, sweep)
-        scale = _log_vectors(stream, base, residuals, vectors, sweep)
+        scale, tips = _log_vectors(stream, base, residuals, vectors, sweep)
         _log_series(stream, residuals)
-        stream.send_blueprint(_blueprint(diagnosis, residuals, vectors, base, reach, scale))
+        stream.send_blueprint(_blueprint(diagnosis, residuals, vectors, base, (reach, tips), scale))
 
 
 def _log_arm(
@@ -123,8 +123,9 @@ def _vectors(residuals: GapResiduals) -> _Vectors:
 
 def _log_vectors(
     stream: rr.RecordingStream, base: str, residuals: GapResiduals, vectors: _Vectors, sweep: SensorMotion
-) -> float:
-    """Arrows along the path, before and after on one scale; returns what 0.1 m of arrow stand for [field unit]."""
+) -> tuple[float, Array]:
+    """Arrows along the path, before and after on one scale; returns what 0.1 m of arrow stand for [field unit], and
+    their tips (m, 3) [m]."""
     places = motion(residuals.recording, residuals.data.base.arm, vectors.middle)
     assert places is not None  # as there is a sweep
     lengths = np.linalg.norm(vectors.before, axis=1)
@@ -137,7 +138,7 @@ def _log_vectors(
         stream.log(f"{VECTORS}/{name}", rr.CoordinateFrame(base), arrows, static=True)
         path = rr.LineStrips3D([places.tip], colors=[(90, 96, 104)], radii=rr.Radius.ui_points(0.4))
         stream.log(f"{VECTORS}/{name}/path", rr.CoordinateFrame(base), path, static=True)
-    return 0.1 / per_unit
+    return 0.1 / per_unit, places.tip + per_unit * vectors.before
 
 
 def _log_series(stream: rr.RecordingStream, residuals: GapResiduals) -> None:
@@ -161,21 +162,30 @@ def _log_series(stream: rr.RecordingStream, residuals: GapResiduals) -> None:
 
 
 def _blueprint(
-    diagnosis: Diagnosis, residuals: GapResiduals, vectors: _Vectors, base: str, reach: Array, scale: float
+    diagnosis: Diagnosis,
+    residuals: GapResiduals,
+    vectors: _Vectors,
+    base: str,
+    reach: tuple[Array, Array],
+    scale: float,
 ) -> rrb.Blueprint:
-    """The arm with its fault and the vectors before and after; beside these what the causes do and what is left."""
+    """The arm with its fault and the vectors before and after; beside these what the causes do and what is left.
+
+    Args:
+        reach: points that the view of the arm must hold, and those of the vectors.
+    """
     recording = residuals.recording
     start, end = float(recording.t[0]), float(recording.t[-1])
     causes = "; ".join(cause_words(cause) for cause in in_own_names(diagnosis).leading) or "no cause"
     fault = spatial_view(
-        f"{diagnosis.verdict}: {causes}", [f"/{ARM}/**", f"/{PATH}/**", f"/{SENSOR}/**", f"/{FAULT}/**"], base, reach
+        f"{diagnosis.verdict}: {causes}", [f"/{ARM}/**", f"/{PATH}/**", f"/{SENSOR}/**", f"/{FAULT}/**"], base, reach[0]
     )
     pair = [
         spatial_view(
             f"{name.capitalize()}: {vectors.sensor}, 0.1 m is {scale:.2g} {vectors.unit}",
             [f"/{VECTORS}/{name}/**"],
             base,
-            reach,
+            reach[1],
         )
         for name in (BEFORE, AFTER)
     ]

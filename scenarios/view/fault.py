@@ -22,6 +22,7 @@ FAULT: Final = "fault"
 #: The ellipsoid about a stray magnet has so many standard deviations as half axes.
 SIGMAS: Final = 2.0
 _PLACE: Final = re.compile(r"(joint|link)(\d+)")
+_LIGHT: Final = (230, 232, 235)
 
 
 def log_fault(
@@ -57,10 +58,14 @@ def log_fault(
         positions = np.zeros((len(t), 3))
     else:  # the sensor, its mount, a channel, its board
         positions = sweep.tip
-    style = rr.Points3D.from_fields(radii=0.035 * size, colors=[rgb(VERMILLION)], labels=[label], show_labels=True)
-    stream.log(path, rr.CoordinateFrame(base), style, static=True)
-    stream.send_columns(path, indexes=at(t), columns=rr.Points3D.columns(positions=positions))
-    return positions[:: max(1, len(positions) // 50)]
+    ball = rr.Points3D.from_fields(radii=0.035 * size, colors=[rgb(VERMILLION)])
+    # A label has its point's colour: its own point stands above the part, which is as vermillion as the ball.
+    words = rr.Points3D.from_fields(radii=0.002 * size, colors=[_LIGHT], labels=[label], show_labels=True)
+    above = positions + np.array([0.0, 0.0, 0.1 * size])
+    for entity, style, places in ((path, ball, positions), (f"{path}/label", words, above)):
+        stream.log(entity, rr.CoordinateFrame(base), style, static=True)
+        stream.send_columns(entity, indexes=at(t), columns=rr.Points3D.columns(positions=places))
+    return np.vstack([positions, above])[:: max(1, len(positions) // 50)]
 
 
 def _log_magnet(stream: rr.RecordingStream, path: str, base: str, cause: Cause, label: str, size: float) -> Array:
