@@ -22,7 +22,7 @@ from rig.effects import EFFECTS
 from rig.files import write_text
 from rig.recording.metadata import FORMAT as RECORDING_FORMAT
 from rig.recording.metadata import Metadata
-from scenarios.comparison import Apart, Compared
+from scenarios.command_schemas import checked, compared, imported, live
 from scenarios.documented import attribute_texts
 from scenarios.gap_report.fleet import FORMAT as FLEET_FORMAT
 from scenarios.gap_report.kept import ABOUT, CORRECTED, ORIGIN, About
@@ -45,7 +45,6 @@ from scenarios.json_schema import (
     said,
     table_of,
 )
-from scenarios.simulated import ChannelApart
 from scenarios.studies.store import FORMAT as STUDY_FORMAT
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
@@ -64,9 +63,10 @@ def schemas() -> dict[str, Schema]:
         "bound": _bound(),
         "isolability": _isolability(),
         "plan": _plan(),
-        "compare": _compare(),
-        "check": _check(),
-        "import": _import(),
+        "compare": compared(),
+        "check": checked(),
+        "import": imported(),
+        "live": live(_calibration()["properties"]["sensors"]),
         "study": _study(),
         "study-tables": table_of(TEXT),
     }
@@ -345,33 +345,6 @@ def _plan() -> Schema:
             "links_as_capsules": YES,
         },
         {"file": TEXT_OR_NONE},
-    )
-
-
-def _compare() -> Schema:
-    head = {"first": TEXT, "second": TEXT, "alike": YES}
-    two = {"parameters": list_of(of_class(Compared)), "together": table_of(of_class(Apart), *SENSORS)}
-    beside = {"averaged": WHOLE, "channels": list_of(of_class(ChannelApart))}
-    return {"anyOf": [object_of({**head, **two}), object_of({**head, **beside})]}
-
-
-def _check() -> Schema:
-    return object_of({"file": TEXT, "kind": TEXT, "holds": table_of(ANY), "findings": list_of(TEXT)})
-
-
-def _import() -> Schema:
-    return object_of(
-        {
-            "recording": TEXT_OR_NONE,
-            "map": TEXT_OR_NONE,
-            "samples": WHOLE,
-            "duration_s": NUMBER,
-            "pose": one_of("joints", "tool", "none"),
-            "units": table_of(TEXT, *SENSORS),
-            "columns": table_of(TEXT),
-            "said": list_of(TEXT),
-            "findings": list_of(TEXT),
-        }
     )
 
 

@@ -136,9 +136,17 @@ def test_commands(rig: Rig, check: Callable[[str, Any], None], tmp_path: Path, s
     check("check", told(rig, "check", run))
     check("import", told(rig, "import", run, "-o", tmp_path / "again.parquet"))
     told(rig, "calibrate", run, "-o", tmp_path / "cal.json")
-    check("calibration", json.loads((tmp_path / "cal.json").read_text()))
+    made = json.loads((tmp_path / "cal.json").read_text())
+    check("calibration", made)
+    made["sensors"]["accelerometer"]["axes"][0]["offset"] += 1.0
+    (tmp_path / "other.json").write_text(json.dumps(made))
     check("compare", told(rig, "compare", tmp_path / "cal.json", scenario))
     check("compare", told(rig, "compare", run, scenario))
+    heard = ("live", run, "--idle", "0.2", "--keep-going")
+    check("live", told(rig, *heard, "-o", tmp_path / "live.csv"))
+    watched = told(rig, *heard, "-o", tmp_path / "watched.csv", "--calibration", tmp_path / "other.json")
+    check("live", watched)
+    assert watched["alarms"]
 
 
 def test_the_folders_of_studies(check: Callable[[str, Any], None]) -> None:
