@@ -17,7 +17,7 @@ from estimators.gap.considered import set_prior
 from estimators.gap.diagnosis import percent
 from estimators.gap.projection import project
 from estimators.gap.rebase import around, rebased, stepped
-from estimators.gap.refine import Fitted, explained_by, refit, started, tangents
+from estimators.gap.refine import Fitted, _Point, _Problem, _Slopes, explained_by, refit, started, tangents
 from estimators.gap.scan import Scanner, ScoreTest
 from estimators.gap.score import ABSORBED, Explained, Score
 from estimators.gap.search import Search
@@ -131,6 +131,17 @@ def test_an_onset_that_changes_no_number_is_nothing(arm: Arm) -> None:
     still = Still(**vars(candidate))
     (tested,) = Scanner.of(data).scan([still], *2 * [Explained(data.absorbed, data.whitened)])
     assert (tested.score.statistic, tested.score.rank, tested.evidence) == (0.0, 0, 0.0)
+
+
+def test_what_nothing_shows_is_not_moved(arm: Arm) -> None:
+    """A phase of what has no amplitude: its derivative is rounding, and a step along it was one of 1e135 rad."""
+    columns, left = np.array([[2.0, 0.0], [0.0, 1e-130]]), np.array([1.0, 1e5])
+    slopes = _Slopes(np.zeros(2), columns, columns.T @ columns, np.zeros((2, 1)), np.zeros(2))
+    step = slopes.step(_Point(np.zeros(2), [], left, 0.0), 0.0)
+    np.testing.assert_allclose(step, [0.5, 0.0], rtol=1e-9, atol=0.0)
+    data = whitened_data(1, arm)
+    fit = Fitted(next(each for each in all_candidates(data) if each.label == "scale_cubic@mag1"), np.zeros(1), {})
+    assert _Problem([fit], data, np.zeros(1)).at(np.array([1e70])).misfit == np.inf
 
 
 def test_a_calibration_that_gets_worse_is_not_followed(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:

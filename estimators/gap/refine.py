@@ -17,6 +17,7 @@ from estimators.gap.score import ABSORBED, Explained
 from estimators.gap.whitened import WhitenedData
 from rig.effects import Effect
 from rig.effects.parameters import Parameter, Value
+from rig.environment import MAGNITUDES
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 _HELD = 1e-2
 #: Damping of the first step; the least and the largest.
 _DAMPED, _LEAST, _LARGEST = 1e-3, 1e-8, 1e4
+#: Squared signal-to-noise of a typical size below which a parameter is not moved: a phase of what has no amplitude.
+_UNFELT = 1e-9
 #: Chi-square that a step must promise, and the share of the promise that must come for the derivatives to stay.
 _FLAT, _STRAIGHT = 0.02, 0.8
 #: Chi-square gained since the derivatives were taken, up to which they are still those of the point.
@@ -57,7 +60,7 @@ class Fitted:
         """(p,) typical sizes."""
         return np.concatenate([np.full(item.size, item.typical) for item in self.free])
 
-    @property
+    @cached_property
     def effect(self) -> Effect:
         """The effect itself; values beyond their bounds are moved to them."""
         numbers = iter(self.values)
@@ -232,7 +235,7 @@ class _Slopes:
 
     def step(self, here: _Point, damping: float) -> Array:
         """(p,), in the directions that the calibration does not absorb."""
-        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + self.prior + 1e-300)
+        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + self.prior + _UNFELT)
         values, vectors = np.linalg.eigh(self.gram / np.outer(length, length))
         free = values > ABSORBED**2
         along = vectors[:, free].T @ (self.moment(here) / length)
@@ -252,12 +255,14 @@ class _Problem:
     prior: Array
 
     def at(self, point: Array) -> _Point:
-        """The misfit (chi-square) with the calibration's tangent projected out."""
+        """The misfit (chi-square) with the calibration's tangent projected out; infinite beyond what can be said."""
         numbers = iter(point)
         fits = [
             replace(each, values=np.array(list(itertools.islice(numbers, len(each.values)))) * each.scale)
             for each in self.fits
         ]
+        if not all((np.abs(each.values) <= MAGNITUDES[1]).all() for each in fits):
+            return _Point(point, fits, np.zeros(0), np.inf)
         left = self.data.whiten(self.data.residual - self.data.change([each.effect for each in fits]))
         absorbed = self.data.absorbed.T @ left
         misfit = float(left @ left - absorbed @ absorbed + self.prior @ point**2)
