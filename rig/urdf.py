@@ -221,13 +221,18 @@ class _Load:
 
 
 def _parse(path: Path) -> Any:
-    content = etree.tostring(urdf_root(path))
+    root = urdf_root(path)
+    if "name" not in root.attrib:
+        root.set("name", path.stem)
+    content = etree.tostring(root)
     try:
         # An infinite origin is refused below; what yourdfpy prints of an odd file is for nobody.
         with np.errstate(invalid="ignore"), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             urdf = yourdfpy.URDF.load(
                 io.BytesIO(content), build_scene_graph=False, load_meshes=False, load_collision_meshes=False
             )
+    except KeyError as error:
+        raise RigError(f"{path}: not a valid URDF: an element lacks its attribute {error}") from error
     except Exception as error:  # yourdfpy checks little and fails in many ways on a URDF that breaks the rules
         raise RigError(f"{path}: not a valid URDF: {type(error).__name__}: {error}") from error
     return urdf.robot

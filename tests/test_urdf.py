@@ -122,7 +122,7 @@ def test_urdf_masses_load_the_joints_as_in_mujocos_own_reader(tmp_path: Path) ->
 
 def test_urdf_without_masses_still_moves(tmp_path: Path) -> None:
     joint = '<joint name="one" type="continuous"><parent link="root"/><child link="a"/><axis xyz="0 0 1"/></joint>'
-    arm = Arm.from_urdf(write_urdf(tmp_path, f"<robot name='r'>{LINKS}{joint}</robot>"), "a")
+    arm = Arm.from_urdf(write_urdf(tmp_path, f"<robot>{LINKS}{joint}</robot>"), "a")  # nor a name
     assert arm.model.body_mass.sum() < 1e-6
     np.testing.assert_allclose(arm.poses([[np.pi / 2]]).R_base_tool[0] @ [1, 0, 0], [0, 1, 0], atol=ROUNDING)
 
@@ -157,6 +157,7 @@ AXIS = '<axis xyz="0 0 1"/>'
         (joints(f'k revolute root a {AXIS}<limit lower="2" upper="1"/>'), "a", "limits are 2 to 1 rad"),
         (joints(f'k continuous root a {AXIS}<origin xyz="one 0 0"/>'), "a", "not a valid URDF"),
         (joints(f"k continuous root a {AXIS}").replace('<parent link="root"/>', ""), "a", "not a valid URDF"),
+        (ODD.replace("</link>", "<visual><geometry><sphere/></geometry></visual></link>"), "tip", "attribute 'radius'"),
         (ODD.replace('<mass value="2.0"/>', '<mass value="-2"/>'), "tip", "link 'a': <inertial> needs a mass"),
         (ODD.replace('ixx="0.03"', 'ixx="-3"'), "tip", "not a valid arm"),
         ("", "tip", "not well-formed XML"),
