@@ -166,6 +166,13 @@ def test_the_floor_is_white_where_it_is_white_and_coloured_where_it_is_not() -> 
     assert 0.4 < tau_s < 2.5  # three segments of 100 correlation times: a factor of 2.5 is 5 sigma
 
 
+def test_poses_of_two_samples_tell_how_loud_the_noise_is() -> None:
+    """They have no frequencies; the variance of 400 differences is known to 1 / sqrt(200), five of which are 35 %."""
+    pairs = 0.02 * np.random.default_rng(0).standard_normal((400, 2))
+    (found,) = fit_floor([held(list(pairs), 0.1)])
+    assert abs(found.variance / 0.02**2 - 1.0) < 0.35
+
+
 def test_the_score_is_the_projected_chi_square() -> None:
     rng = np.random.default_rng(13)
     basis = np.linalg.qr(rng.standard_normal((500, 4)))[0]

@@ -55,7 +55,8 @@ class Periodogram:
         return cls(length, frequency, _sums(group, power.sum(axis=0)), many * len(pieces))
 
     def loss(self, parts: Sequence[tuple[float, float]]) -> float:
-        """Minus twice the log likelihood, up to a constant, at the most likely variance.
+        """Minus twice the log likelihood, up to a constant, at the most likely variance; 0 of segments without a frequency,
+        which have less than three samples.
 
         Args:
             parts: of the exponentially correlated noise, the share of the variance and the correlation from sample to
@@ -64,6 +65,8 @@ class Periodogram:
         expected = sum((share * self.exponential(decay) for share, decay in parts), start=np.zeros_like(self.power))
         expected = expected + (1.0 - sum(share for share, _ in parts))
         total = float(self.counts.sum())
+        if total == 0.0:
+            return 0.0
         scale = float(np.sum(self.power / expected)) / total
         return 2.0 * (total * float(np.log(max(scale, 1e-300))) + float(self.counts @ np.log(expected)))
 
