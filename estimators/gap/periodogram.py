@@ -55,8 +55,9 @@ class Periodogram:
         return cls(length, frequency, _sums(group, power.sum(axis=0)), many * len(pieces))
 
     def loss(self, parts: Sequence[tuple[float, float]]) -> float:
-        """Minus twice the log likelihood, up to a constant, at the most likely variance; 0 of segments without a frequency,
-        which have less than three samples.
+        """Minus twice the log likelihood, up to a constant, at the most likely variance.
+
+        0 of segments of less than three samples, which have no frequency.
 
         Args:
             parts: of the exponentially correlated noise, the share of the variance and the correlation from sample to
