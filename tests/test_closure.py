@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import binom
 
-from estimators.gap.closure import Way, drawn, share
+from estimators.gap.closure import Way, drawn, held_out, share
 from estimators.gap.evidence import Linear
 
 TIMES, ROWS, SNR = 400, 300, 20.0
@@ -41,3 +43,16 @@ def test_the_interval_of_the_closed_share_holds_the_truth(count: int) -> None:
         held += closed.low <= really <= closed.high
     # the bounds are order statistics of 400 draws, known to a percent or so: anything from 93 to 97 % will do
     assert binom.ppf(1e-5, TIMES, 0.93) <= held <= binom.ppf(1.0 - 1e-5, TIMES, 0.97)
+
+
+def test_what_acts_in_one_block_alone_is_judged_there_as_it_was_fitted() -> None:
+    """No other block can fit it."""
+    tangent = np.zeros((ROWS, 1))
+    tangent[ROWS // 2 + 2] = 1.0  # amid a block
+    change = 3.0 * tangent[:, 0]
+    linear = Linear(
+        np.zeros(ROWS), tangent, np.full(1, 3.0), np.ones(1, dtype=bool), np.ones(1), np.zeros(1, dtype=np.intp)
+    )
+    data = SimpleNamespace(count=ROWS, columns=[0], size=ROWS)
+    found = held_out(linear, change, data)  # type: ignore[arg-type]
+    assert 9.0 <= found < 18.0  # scaled to all samples from those that are not at a block's end

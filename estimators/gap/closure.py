@@ -127,7 +127,8 @@ def held_out(linear: Linear, change: Array, data: WhitenedData) -> float:
         test = np.tile((block % _FOLDS == fold) & ~guard, channels)
         gram = linear.tangent[train].T @ linear.tangent[train]
         size = 1e-6 * np.trace(gram) / max(len(gram), 1)
-        move = np.linalg.solve(gram + size * np.eye(len(gram)), linear.tangent[train].T @ linear.left[train])
+        moment = linear.tangent[train].T @ linear.left[train]
+        move = np.linalg.lstsq(gram + size * np.eye(len(gram)), moment)[0]  # 0 of what acts in no block that fits
         fitted = change[test] + linear.tangent[test] @ move
         total += float(2.0 * residual[test] @ fitted - fitted @ fitted)
         used += int(test.sum())
