@@ -66,6 +66,15 @@ def test_locked_poses_show_every_axis_other_fields(arm: Arm) -> None:
     assert apart.min() > 60.0
 
 
+def test_a_sweep_keeps_to_limits_that_are_no_round_numbers(tmp_path: Path) -> None:
+    arm = Arm.from_file(written(tmp_path, "ur5e"))
+    for low, high in np.random.default_rng(4).uniform((-3.0, 0.4), (-0.4, 3.0), (20, 2)):
+        lower, upper = arm.lower.copy(), arm.upper.copy()
+        lower[[0, 5]], upper[[0, 5]] = low, high
+        narrow = replace(arm, lower=lower, upper=upper)
+        narrow.check_limits(fitted(SHORT, narrow).trajectory().q, "sweep")
+
+
 def test_a_sweep_of_any_arm_is_calibrated(arm: Arm) -> None:
     """Twenty-eight parameters within five sigma on three arms: fails by chance once in 20,000 runs."""
     scenario = replace(scenarios.load("ann-arbor"), maneuver=SHORT).with_arm(arm)

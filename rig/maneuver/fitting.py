@@ -113,29 +113,32 @@ def torus_sweep(arm: Arm, sweep: TorusSweep) -> TorusSweep:
     q = torus.q
     low, high = (np.degrees(values) for values in reach(arm))
     ranges = {
-        yaw: min(sweep.yaw_range_deg, _SHARE * float(high[yaw] - low[yaw])),
-        pitch: min(sweep.pitch_range_deg, _SHARE * torus.room_deg),
+        yaw: _down(min(sweep.yaw_range_deg, _SHARE * float(high[yaw] - low[yaw]))),
+        pitch: _down(min(sweep.pitch_range_deg, _SHARE * torus.room_deg)),
+        roll: _down(min(sweep.roll_range_deg, _SHARE * float(high[roll] - low[roll]))),
     }
-    centre_yaw = float(np.clip(0.0, low[yaw] + ranges[yaw] / 2, high[yaw] - ranges[yaw] / 2))
+
+    def centre(joint: int, wanted: float) -> float:
+        return _neat(wanted, low[joint] + ranges[joint] / 2, high[joint] - ranges[joint] / 2)
+
     speed = np.degrees(arm.speed) * _SHARE
     rolls = not np.isfinite(arm.lower[roll]) and not np.isfinite(arm.upper[roll])
-    roll_range = min(sweep.roll_range_deg, _SHARE * float(high[roll] - low[roll]))
     slides = slide_numbers(arm)
     locked = [joint for joint in range(arm.dof) if joint not in torus.joints]
     return replace(
         sweep,
         joints=(yaw + 1, pitch + 1, roll + 1),
         locked_deg=tuple(float(q[j]) if j + 1 in slides else _neat(np.degrees(q[j]), low[j], high[j]) for j in locked),
-        yaw_range_deg=_down(ranges[yaw]),
-        yaw_centre_deg=round(centre_yaw, 1),
+        yaw_range_deg=ranges[yaw],
+        yaw_centre_deg=centre(yaw, 0.0),
         yaw_passes=_passes(sweep.yaw_passes, ranges[yaw], sweep, float(speed[yaw])),
-        pitch_range_deg=_down(ranges[pitch]),
-        pitch_centre_deg=round(torus.centre_deg, 1),
+        pitch_range_deg=ranges[pitch],
+        pitch_centre_deg=centre(pitch, torus.centre_deg),
         pitch_passes=_passes(sweep.pitch_passes, ranges[pitch], sweep, float(speed[pitch])),
         roll=sweep.roll if rolls else "sweep",
         roll_deg_per_s=min(abs(sweep.roll_deg_per_s), float(speed[roll]) / 2.0),
-        roll_range_deg=_down(roll_range),
-        roll_centre_deg=round(float(np.clip(0.0, low[roll] + roll_range / 2, high[roll] - roll_range / 2)), 1),
+        roll_range_deg=ranges[roll],
+        roll_centre_deg=centre(roll, 0.0),
         limits_deg=None,
         slides=slides,
     )
