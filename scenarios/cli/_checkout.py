@@ -51,3 +51,4 @@ BLIND: Final = CheckoutCommand("blind", "blind", "The check on sealed recordings
 PAPER: Final = CheckoutCommand("paper", "papers", "Every table of both papers beside the rig.")
 GAP: Final = CheckoutCommand("gap", "papers", "A rig whose gap looks like the paper's.")
 LOOP: Final = CheckoutCommand("loop", "loop", "Does what the diagnosis proposes end in the right name?")
+GATE: Final = CheckoutCommand("gate", "gate", "Is a fitted rig called better only where it is?")

@@ -1,0 +1,104 @@
+"""A wrong cause forced in: of all others the one that takes up the most of a gap and still leaves some."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from rig.effects import Effect
+from rig.errors import RigError
+from scenarios.loader import load
+from validation.blind.draws import draw_effect
+from validation.blind.likeness import candidates
+from validation.blind.settings import Setting, draw_setting
+from validation.blind.strength import strength_for
+from validation.loop.rigs import SCENARIO, STRENGTHS, drawn
+
+#: Signal-to-noise that a wrong cause leaves at least, and the share of the truth's that it leaves at most.
+LEFT: Final = 5.0
+SHARE: Final = 0.9
+_STEP: Final = 1e-3  # of the typical strength, for derivatives
+_DRAWS: Final = 300
+
+
+@dataclass(frozen=True)
+class ForcedRig:
+    """A rig with one cause, and the wrong cause that is put into its model.
+
+    Attributes:
+        setting: everything but the cause. truth, wrong: the two. snr: of the truth. left: signal-to-noise that the
+            wrong one leaves of it, calibration refitted.
+    """
+
+    setting: Setting
+    truth: Effect
+    wrong: Effect
+    snr: float
+    left: float
+
+
+def forced_rig(seed: int, number: int, samples: int) -> ForcedRig:
+    """Draw rigs until one has a gap of which a wrong cause takes up a part, and leaves what could be seen.
+
+    Args:
+        seed: of the study. number: of the rig. samples: of a recording, at 4 Hz.
+
+    Raises:
+        RigError: no draw had one.
+    """
+    rng = np.random.default_rng([seed, number])
+    for _ in range(_DRAWS):
+        setting = draw_setting(load(SCENARIO), samples, rng)
+        name = str(rng.choice(drawn()))
+        wanted = float(np.exp(rng.uniform(*np.log(STRENGTHS))))
+        try:
+            truth, snr = strength_for(draw_effect(name, rng, setting), wanted, setting)
+        except RigError:  # a cause that cannot be so strong here
+            continue
+        found = [each for each in _others(setting, truth) if LEFT <= each[0] <= SHARE * snr]
+        if found:
+            left, wrong = min(found, key=lambda each: each[0])
+            return ForcedRig(setting, truth, wrong, snr, left)
+    raise RigError(f"rig {number}: none of {_DRAWS} draws has a gap of which a wrong cause takes up a part")
+
+
+def _others(setting: Setting, truth: Effect) -> list[tuple[float, Effect]]:
+    """What each other effect leaves at its best strengths [signal-to-noise], and the effect so."""
+    change = setting.change((truth,))
+    found = []
+    for effect, fixed in candidates(setting.ideal):
+        steps_in = any(each.name == "at_s" for each in effect.parameters())
+        if (effect.name, fixed["where"]) == (truth.name, truth.where) or steps_in or effect.tone:
+            continue
+        try:
+            fitted = _fitted(setting, effect, {**next(iter(effect.spanning())), **fixed}, change)
+            left = setting.projection.snr(change - setting.change((fitted,)))
+        except RigError:  # its best strength is beyond its bounds
+            continue
+        found.append((left, fitted))
+    return found
+
+
+def _fitted(setting: Setting, effect: type[Effect], shape: dict[str, Any], change: np.ndarray) -> Effect:
+    """The effect with the strengths that leave the least of a change (n, 6) [V], to first order."""
+    strengths = [each for each in effect.parameters() if each.strength]
+    zero = {each.name: np.zeros(each.size) for each in strengths}
+
+    def made(values: dict[str, np.ndarray]) -> Effect:
+        plain = {name: float(each[0]) if each.size == 1 else tuple(map(float, each)) for name, each in values.items()}
+        return effect.from_mapping({**shape, **plain})
+
+    start = setting.change((made(zero),)) if effect.acts_at_zero else 0.0
+    columns = []
+    for each in strengths:
+        for part in range(each.size):
+            step = zero[each.name].copy()
+            step[part] = _STEP * each.typical
+            columns.append((setting.change((made({**zero, each.name: step}),)) - start) / step[part])
+    design = setting.projection(np.stack(columns, axis=2))
+    size = np.maximum(np.linalg.norm(design, axis=0), np.finfo(float).tiny)
+    best = np.linalg.lstsq(design / size, setting.projection(change), rcond=1e-6)[0] / size
+    cuts = np.cumsum([each.size for each in strengths])[:-1]
+    return made({each.name: part for each, part in zip(strengths, np.split(best, cuts), strict=True)})
