@@ -24,6 +24,8 @@ from rig.units import UNITS
 
 PRACTICE = Path(__file__).parents[1].parent / "shared" / "practice"
 NUMBERS = st.floats(-1e59, 1e59)
+#: [s]; no two are closer than 1e-60.
+TIMES = NUMBERS.map(lambda time: round(time, 20))
 
 
 @st.composite
@@ -33,9 +35,7 @@ def recordings(draw: st.DrawFn) -> Recording:
     def array(*shape: int) -> Any:
         return hnp.arrays(np.float64, (n, *shape), elements=NUMBERS)
 
-    t = draw(
-        st.lists(NUMBERS, min_size=n, max_size=n, unique=True).map(sorted).filter(lambda t: not 1e11 < t[0] < 1e19)
-    )
+    t = draw(st.lists(TIMES, min_size=n, max_size=n, unique=True).map(sorted).filter(lambda t: not 1e11 < t[0] < 1e19))
     sensors = draw(st.sets(st.sampled_from(sorted(UNITS)), min_size=1))
     tool = draw(st.booleans())
     turns = draw(hnp.arrays(np.float64, (n, 4), elements=st.floats(-1.0, 1.0)))

@@ -67,6 +67,7 @@ BAD_COLUMNS = [
     (with_value("current5_A", 8, math.nan), "current5_A in row 8"),
     (with_value("t_s", 9, math.nan), "t_s in row 9"),
     (with_value("t_s", 21, 5.0), "t_s does not increase: row 21 (first row 0) has 5.0 after 5.0"),
+    (with_value("t_s", 1, 1e-303), "row 1 (first row 0) has 1e-303 after 0.0, expected at least 1e-60 s more"),
     (with_value("t_s", 22, -1.0), "row 22 (first row 0) has -1.0 after 5.25"),
 ]
 

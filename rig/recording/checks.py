@@ -69,8 +69,8 @@ def check_finite(array: Array, names: Sequence[str], where: str, first_row: int 
 
 
 def check_increasing(t: Array, where: str, first_row: int = 0) -> None:
-    """Raise a RigError that names the first time [s] that is not later than the one before."""
-    later = t[1:] > t[:-1]
+    """Raise a RigError that names the first time [s] that is not later than the one before, or by next to nothing."""
+    later = t[1:] - t[:-1] > 1.0 / _LARGEST
     if not later.all():
         row = int(np.argmin(later)) + 1
         _refuse_order(float(t[row - 1]), float(t[row]), first_row + row, where)
@@ -107,4 +107,5 @@ def check_unit(quaternion: Array, names: Sequence[str], where: str, first_row: i
 
 
 def _refuse_order(before: float, after: float, row: int, where: str) -> None:
-    raise RigError(f"{where}: t_s does not increase: row {row} (first row 0) has {after!r} after {before!r}")
+    by = f", expected at least {1.0 / _LARGEST:g} s more" if after > before else ""
+    raise RigError(f"{where}: t_s does not increase: row {row} (first row 0) has {after!r} after {before!r}{by}")
