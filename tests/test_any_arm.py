@@ -84,6 +84,23 @@ def test_a_sweep_of_any_arm_is_calibrated(arm: Arm) -> None:
     assert max(abs(row.error_sigmas or 0.0) for row in rows) < 5.0
 
 
+def test_what_does_the_same_at_several_joints_has_the_size_of_the_one_that_is_named(tmp_path: Path) -> None:
+    """Joint 2's axis is turned about: of joints 2, 4 and 6 some point against each other, and offsets differ in sign."""
+    path = written(tmp_path, "iiwa")
+    first, second, rest = path.read_text().split('<axis xyz="0 0 1"/>', 2)
+    path.write_text(f'{first}<axis xyz="0 0 1"/>{second}<axis xyz="0 0 -1"/>{rest}')
+    arm = Arm.from_file(path)
+    truth = make_effect("joint_offset", {"where": "joint6", "offset_rad": 0.007})
+    scenario = replace(scenarios.load("ann-arbor"), maneuver=SHORT).with_arm(arm).with_effects([truth])
+    others = [name for name in EFFECTS if name not in ("joint_offset", "backlash")]
+    found = estimators.diagnose(scenario.simulate(1), scenario.simulate_locked(1), without=others, arm=arm)
+    (cause,) = found.causes
+    assert (cause.effect, cause.where) == ("joint_offset", "joint6")
+    assert {each["where"] for each in cause.equivalent} >= {"joint2", "joint4"}
+    size = cause.parameters["offset_rad"]
+    assert abs(size.value - 0.007) < 5.0 * size.std  # fails by chance once in a million
+
+
 def test_a_scenario_names_its_arm_and_keeps_what_its_author_decides(tmp_path: Path) -> None:
     path = written(tmp_path, "ur5e")
     text = scenarios.load("ann-arbor").to_toml().replace('model = "a465"', f'file = "{path.name}"')

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,10 +18,12 @@ import estimators
 import scenarios
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.colour import fit_floor, held
+from estimators.gap.prior import Prior
 from estimators.gap.projection import project
 from estimators.gap.score import Explained, evidence
+from estimators.gap.search import _alike
 from estimators.gap.whitened import Columns
-from rig.effects import make_effect
+from rig.effects import EFFECTS, make_effect
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import LockedPoses
 from rig.recording import Recording
@@ -114,6 +117,17 @@ def test_twins_are_one_explanation_and_the_moving_joint_comes_first(locked: Reco
     assert (cause.effect, cause.where) == ("joint_offset", "joint5")
     assert ("joint_offset", "joint2") in {(each["effect"], each["where"]) for each in cause.equivalent}
     assert sum(each["probability"] for each in cause.equivalent) < cause.probability
+
+
+def test_of_places_that_do_the_same_the_likeliest_is_fitted() -> None:
+    """What is stated is the size of the one that is named, whichever was scored first."""
+    labels = ("joint_offset@joint2", "joint_offset@joint6")
+    of_effect = {"effect": EFFECTS["joint_offset"]}
+    tests = [SimpleNamespace(candidate=SimpleNamespace(label=label, **of_effect)) for label in labels]
+    for each in tests:
+        each.score = SimpleNamespace(statistic=9.0)
+    (group,) = _alike(tests, Prior({"joint_offset": dict(zip(labels, (0.2, 1.0), strict=True))}))  # type: ignore[arg-type]
+    assert group == tests[::-1]
 
 
 def test_without_a_locked_recording_the_floor_is_marked_as_estimated() -> None:

@@ -19,6 +19,7 @@ from rig.maneuver import TorusSweep
 from rig.recording import Recording, read_recording
 from scenarios.importing import Imported, Mapping, import_logs
 from scenarios.importing.mapping import Conventions, Stated, read_mapping
+from scenarios.importing.quantities import unit_word
 from tests.arm_files import UR5E_NAMES, written
 from tests.bag_examples import write_bag
 from tests.cli_support import Rig
@@ -95,6 +96,17 @@ def test_a_text_table_with_foreign_names_is_read_by_itself(
     assert not [line for line in found.findings if line.startswith("poses")]
     calibration = estimators.calibrate(found.recording, arm=arm)
     assert np.isfinite(calibration["accelerometer"].covariance[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        *(("joint1 [Grad]", "deg"), ("giunto1 (gradi)", "deg"), ("q1 (Deg)", "deg"), ("q1_rad", "rad")),
+        *(("gradient_1", ""), ("comrade", ""), ("winkel_grad", "deg"), ("q1 [degrés]", "deg"), ("q1 [Rad]", "rad")),
+    ],
+)
+def test_the_unit_of_an_angle_is_a_word_of_its_own(name: str, unit: str) -> None:
+    assert unit_word(name, ("deg", "rad")) == unit
 
 
 def test_a_time_of_another_language_is_known_by_its_unit(tmp_path: Path, run: Recording, arm: Arm) -> None:

@@ -135,7 +135,7 @@ def _alternatives(
     members, data = hypothesis.explanation.members, hypothesis.explanation.data
     fits = [member.fit for member in members]
     shares = [
-        {label: posterior.weight(member.fit.candidate.effect.name, label) for label in member.labels}
+        {label: posterior.prior.weight(member.fit.candidate.effect.name, label) for label in member.labels}
         for member in members
     ]
     moved: list[tuple[list[Fitted], WhitenedData, float]] = []

@@ -81,7 +81,10 @@ def _distance(one: Hypothesis, two: Hypothesis) -> float:
 
 
 def places(posterior: Posterior, same: Mapping[str, str]) -> dict[str, Place]:
-    """Every label that stands for itself, with all that does the same, shares by their prior or their mass."""
+    """Every label that stands for itself, with all that does the same, shares by their prior or their mass.
+
+    What was fitted comes first: its parameters are those that are stated.
+    """
     shares: dict[str, dict[str, float]] = {}
     members: dict[str, Member] = {}
     for hypothesis in posterior.hypotheses:
@@ -92,11 +95,11 @@ def places(posterior: Posterior, same: Mapping[str, str]) -> dict[str, Place]:
     for label, member in members.items():
         own = shares.setdefault(same.get(label, label), {})
         for each in member.labels:
-            own[each] = own.get(each, 0.0) + posterior.weight(member.drawn[0], each)
+            own[each] = own.get(each, 0.0) + posterior.prior.weight(member.drawn[0], each)
     found = {}
     for label, own in shares.items():
         total = sum(own.values())
-        ranked = sorted(own.items(), key=lambda item: (-item[1], item[0] != label, _order(item[0])))
+        ranked = sorted(own.items(), key=lambda item: (item[0] != label, -item[1], _order(item[0])))
         merged: dict[tuple[str, str], float] = {}
         for each, weight in ranked:
             merged[split(each)] = merged.get(split(each), 0.0) + weight / total

@@ -99,10 +99,6 @@ class Posterior:
     candidates: tuple[Candidate, ...] = ()
     absorbed: tuple[Candidate, ...] = ()
 
-    def weight(self, effect: str, label: str) -> float:
-        """Prior weight of one place of an effect."""
-        return self.prior.places.get(effect, {}).get(label, 1.0)
-
     @cached_property
     def probabilities(self) -> Array:
         """(h,) of the hypotheses."""

@@ -72,6 +72,10 @@ class Prior:
     places: Mapping[str, Mapping[str, float]]
     weights: Mapping[str, float] = field(default_factory=dict)
 
+    def weight(self, effect: str, label: str) -> float:
+        """Of one place of an effect, beside its other places."""
+        return self.places.get(effect, {}).get(label, 1.0)
+
     def log_single(self, drawn: Drawn) -> float:
         """log probability that a cause is this effect at one of these places."""
         effect, labels = drawn

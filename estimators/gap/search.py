@@ -203,7 +203,7 @@ class Search:
         tests = self.score_tests(parent)
         held = {label for member in parent.members for label in member.labels}
         grouped: list[tuple[float, list[ScoreTest]]] = []
-        for group in _alike(tests):
+        for group in _alike(tests, self.prior):
             tested = group[0]
             searched = tested.candidate.effect.searched(self.rough.base) != [{}]
             if tested.score.rank and tested.score.strengths.size and (searched or tested.candidate.label not in held):
@@ -344,8 +344,11 @@ class Search:
         return self.found[key]
 
 
-def _alike(tests: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
-    """Score tests in groups of one effect that does the same at several places, the likeliest place first."""
+def _alike(tests: Sequence[ScoreTest], prior: Prior) -> list[list[ScoreTest]]:
+    """Score tests in groups of one effect that does the same at several places, the likeliest place first.
+
+    The first is fitted, and what is said of the group has its size: axes that point against each other differ in sign.
+    """
     groups: list[list[ScoreTest]] = []
     of_effect: dict[str, list[list[ScoreTest]]] = {}
     for tested in tests:
@@ -359,4 +362,6 @@ def _alike(tests: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
             own.append(group)
             groups.append(group)
         group.append(tested)
+    for group in groups:
+        group.sort(key=lambda tested: -prior.weight(tested.candidate.effect.name, tested.candidate.label))
     return groups
