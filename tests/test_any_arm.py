@@ -85,7 +85,7 @@ def test_a_sweep_of_any_arm_is_calibrated(arm: Arm) -> None:
 
 
 def test_what_does_the_same_at_several_joints_has_the_size_of_the_one_that_is_named(tmp_path: Path) -> None:
-    """Joint 2's axis is turned about: of joints 2, 4 and 6 some point against each other, and offsets differ in sign."""
+    """Joint 2's axis is turned about: some of joints 2, 4 and 6 point against each other, so offsets differ in sign."""
     path = written(tmp_path, "iiwa")
     first, second, rest = path.read_text().split('<axis xyz="0 0 1"/>', 2)
     path.write_text(f'{first}<axis xyz="0 0 1"/>{second}<axis xyz="0 0 -1"/>{rest}')
