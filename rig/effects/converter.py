@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammainc, ndtr
+from typing_extensions import override
 
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects.base import Effect, Kind, Stage, register
@@ -56,6 +57,7 @@ class Saturation(Effect):
 
     level: float = parameter("V", 3.8, lower=-_OUT_OF_REACH, upper=_OUT_OF_REACH, neutral=_OUT_OF_REACH)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         volts = signals.volts.copy()
         clip = np.minimum if self.level >= mid_scale(volts[:, self.columns]) else np.maximum
@@ -108,6 +110,7 @@ class AdcQuantisation(Effect):
 
     lsb_V: float = parameter("V", 10e-3, lower=0.0, upper=_OUT_OF_REACH)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.lsb_V == 0.0:
             return signals
@@ -149,6 +152,7 @@ class Outliers(Effect):
     share: float = parameter("relative", 3e-4, lower=0.0, upper=1.0)
     size_V: float = parameter("V", 0.5, lower=0.0, upper=_OUT_OF_REACH, strength=False)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         shape = signals.volts.shape
         sign = np.where(rng.random(shape) < 0.5, -1.0, 1.0)
@@ -197,6 +201,7 @@ class Dropouts(Effect):
 
     share: float = parameter("relative", 1e-3, lower=0.0, upper=1.0)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         rows = np.arange(len(signals))
         rows[rng.random(len(signals)) < self.share] = 0  # the first reading has none before it

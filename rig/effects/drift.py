@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from rig.channels import CHANNELS, SENSORS
 from rig.effects.base import Effect, Stage, register
@@ -46,6 +47,7 @@ class BiasWarmup(Effect):
         "s", 300.0, lower=1.0, upper=1e5, strength=False, grid=(30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 1920.0)
     )
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         decay = np.exp(-(signals.t - signals.t[0]) / self.tau_s)
         return with_volts(signals, self.columns, np.outer(decay, self.coefficient))
@@ -66,6 +68,7 @@ class BiasTemperature(Effect):
 
     coefficient_per_degC: tuple[float, ...] = parameter("V/degC", 1e-3, size=3)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         warmth = signals.temperatures - REFERENCE_TEMPERATURE
         return with_volts(signals, self.columns, np.outer(warmth, self.coefficient_per_degC))
@@ -86,6 +89,7 @@ class ScaleTemperature(Effect):
 
     coefficient_per_degC: tuple[float, ...] = parameter("1/degC", 1e-3, lower=-0.1, upper=0.1, size=3)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         warmth = signals.temperatures - REFERENCE_TEMPERATURE
         factor = 1.0 + np.outer(warmth, self.coefficient_per_degC)
@@ -108,8 +112,10 @@ class BiasStep(Effect):
     at_s: float = parameter("s", 600.0, strength=False)
 
     @classmethod
+    @override
     def searched(cls, signals: Signals) -> list[dict[str, Value]]:
         return instants(signals)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         return with_volts(signals, self.columns, self.volts * (signals.t >= self.at_s)[:, None].astype(float))

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.polynomial.chebyshev import chebval
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from rig.channels import CHANNELS
 from rig.effects.base import Effect, Stage, register
@@ -54,6 +55,7 @@ class SupplyRatiometric(Effect):
     waveform: tuple[float, ...] = parameter("relative", 1e-3, lower=-0.5, upper=0.5, size=_COSINES)
     supply_V: float = parameter("relative", 1.0, lower=-10.0, upper=10.0)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         elapsed = (signals.t - signals.t[0]) / max(float(signals.t[-1] - signals.t[0]), np.finfo(float).tiny)
         change = chebval(np.cos(np.pi * elapsed), (0.0, *self.waveform))  # cos k x is the k-th Chebyshev polynomial
@@ -84,6 +86,7 @@ class ChannelCrosstalk(Effect):
                 f"effect channel_crosstalk.source: found {self.source}, expected another channel than its own"
             )
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         source = signals.volts[:, [CHANNELS.index(self.source)]]
         coupled = self.coefficient * (source - mid_scale(source))
@@ -112,6 +115,7 @@ class MainsHum(Effect):
         "rad", np.pi, size=6, strength=False, default=0.0, spanned=((0.0,) * 6, (np.pi / 2.0,) * 6)
     )
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         turns = 2.0 * np.pi * self.freq_Hz * signals.t
         # A sin(x + p) = A cos p sin x + A sin p cos x: two columns of sines for six channels.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from rig.channels import COLUMNS_OF, MAGNETOMETER
 from rig.effects.base import LINKS, SWEPT_JOINTS, Effect, Stage, register
@@ -59,6 +60,7 @@ class FieldGradient(Effect):
         xx, yy, xy, xz, yz = self.gradient_per_m
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, -xx - yy]])
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         return with_field(signals, signals.position @ self.matrix)
 
@@ -84,6 +86,7 @@ class BaseDipole(Effect):
     moment: tuple[float, ...] = parameter("m^3", 2e-4, size=3)
 
     @classmethod
+    @override
     def searched(cls, signals: Signals) -> list[dict[str, Value]]:
         path = signals.position[:: max(1, len(signals) // 256)]
         low, high = path.min(axis=0) - DIPOLE_REACH, path.max(axis=0) + DIPOLE_REACH
@@ -94,6 +97,7 @@ class BaseDipole(Effect):
         kept = points[nearest > DIPOLE_CLEARANCE**2]
         return [{"position_m": tuple(float(x) for x in point)} for point in kept]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         moment = np.asarray(self.moment)
         way = signals.position - np.asarray(self.position_m)
@@ -117,6 +121,7 @@ class LinkHardIron(Effect):
 
     field: tuple[float, ...] = parameter("relative", 0.01, size=3)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         return with_field(signals, signals.link_rotation(self.joint) @ np.asarray(self.field))
 
@@ -142,6 +147,7 @@ class LinkSoftIron(Effect):
         xx, yy, zz, xy, xz, yz = self.chi
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         rotation = signals.link_rotation(self.joint)
         in_link = np.einsum("nij,ni->nj", rotation, np.broadcast_to(signals.magnetic, (len(signals), 3)))
@@ -167,6 +173,7 @@ class MotorCurrentField(Effect):
 
     field: tuple[float, ...] = parameter("relative", 5e-3, size=3)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         current = signals.currents.get(self.joint + 1)
         drive = smooth_sign(signals.joint_velocity[:, self.joint]) if current is None else current

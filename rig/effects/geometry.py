@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from typing_extensions import override
 
 from rig.effects._numerics import turned
 from rig.effects.base import Effect, Stage, register
@@ -70,6 +71,7 @@ class AxisMisalignment(Effect):
         """The joints with another one after them."""
         return super().places_on(signals)[:-1]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         axis = signals.links.rotation[:, self.joint] @ twist_axis(signals, self.joint)
         lever = signals.position - signals.links.position[:, self.joint]
@@ -99,6 +101,7 @@ class BaseRocking(Effect):
         "rad", np.pi, strength=False, default=0.0, spanned=(0.0, np.pi / 3.0, 2.0 * np.pi / 3.0)
     )
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         axis = (-np.sin(self.phase_rad), np.cos(self.phase_rad), 0.0)
         angle = self.tilt_rad * np.cos(signals.q[:, 0] - self.phase_rad)
@@ -126,9 +129,11 @@ class MountingSlip(Effect):
     at_s: float = parameter("s", 600.0, strength=False)
 
     @classmethod
+    @override
     def searched(cls, signals: Signals) -> list[dict[str, Value]]:
         return instants(signals)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if not any(self.rotation_rad):
             return signals

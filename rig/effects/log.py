@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
+from typing_extensions import override
 
 from rig.effects._numerics import exponential_spectrum, recursion, turned
 from rig.effects.base import Effect, Kind, Stage, register
@@ -52,6 +53,7 @@ class PoseInterpolation(Effect):
         "s", 3e-3, lower=0.0, upper=10.0, strength=False, default=0.0, grid=(0.0,), scatter=True
     )
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         nodes = signals.pose_nodes
         if nodes is None or self.node_interval_s == 0.0:
@@ -64,6 +66,7 @@ class PoseInterpolation(Effect):
             position = position + share * (path - position)
         return replace(signals, R_base_tool=rotation, position=position, known_nodes=(nodes,))
 
+    @override
     def log(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.node_interval_s == 0.0 or len(signals) < 4:
             return signals
@@ -116,6 +119,7 @@ class PoseNoise(Effect):
     sigma_rad: float = parameter("rad", 1e-3, lower=0.0, upper=1.0)
     tau_s: float = parameter("s", 1.0, lower=0.0, upper=1e6, strength=False, default=0.0, grid=(0.0, 0.1, 1.0, 10.0))
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.sigma_rad == 0.0:
             return signals
@@ -127,6 +131,7 @@ class PoseNoise(Effect):
         turns = Rotation.from_rotvec(drive).as_matrix()
         return replace(signals, R_base_tool=signals.R_base_tool @ turns)
 
+    @override
     def log(self, signals: Signals, rng: np.random.Generator) -> Signals:
         return self.apply(signals, rng)
 
@@ -140,5 +145,6 @@ class PoseNoise(Effect):
             result[:, :, axis] = (pipeline.carried(base, rng, moved, first=Stage.FIELD).volts - base.volts) / _TURN
         return result
 
+    @override
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
         return exponential_spectrum(frequency, interval_s, self.tau_s)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from typing_extensions import override
 
 from rig.effects._numerics import curvature
 from rig.effects.base import Effect, Stage, register
@@ -37,6 +38,7 @@ class MotionAcceleration(Effect):
 
     lever_m: tuple[float, ...] = parameter("m", 0.02, lower=-1.0, upper=1.0, size=3)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         quasi_static = signals.acceleration.ndim == 1
         nodes = signals.pose_nodes
@@ -84,6 +86,7 @@ class Vibration(Effect):
         if not any(self.direction):
             raise RigError("effect vibration.direction: found zero, expected a vector of any length above it")
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         fixed = self.amplitude_m_s2 / np.linalg.norm(self.direction) * np.asarray(self.direction)
         if self.frame == "base":

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from rig.channels import CHANNELS, SENSORS
 from rig.effects._numerics import exponential_spectrum, recursion
@@ -32,6 +33,7 @@ class NoiseExcess(Effect):
 
     extra_sigma: float = parameter("V", 5e-3, lower=0.0)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         return with_volts(signals, self.columns, self.extra_sigma * rng.standard_normal((len(signals), 1)))
 
@@ -54,9 +56,11 @@ class NoiseColoured(Effect):
     sigma_V: tuple[float, ...] = parameter("V", 5e-3, lower=0.0, size=3)
     tau_s: float = parameter("s", 1.0, lower=1e-6, upper=1e6, strength=False, grid=(0.25, 0.5, 1.0, 2.0, 4.0, 8.0))
 
+    @override
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
         return exponential_spectrum(frequency, interval_s, self.tau_s)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         lags = np.diff(signals.t) / self.tau_s
         drive = rng.standard_normal((len(signals), 3)) * np.asarray(self.sigma_V)
@@ -79,9 +83,11 @@ class BiasRandomWalk(Effect):
 
     rate: tuple[float, ...] = parameter("V/sqrt(s)", 3e-4, lower=0.0, size=3)
 
+    @override
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
         return interval_s / (2.0 * np.sin(np.pi * frequency)) ** 2
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         steps = np.sqrt(np.diff(signals.t, prepend=signals.t[0]))[:, None] * self.rate
         return with_volts(signals, self.columns, np.cumsum(steps * rng.standard_normal(steps.shape), axis=0))

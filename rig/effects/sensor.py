@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from rig.channels import CHANNELS, SENSORS
 from rig.effects._numerics import low_passed, play
@@ -37,6 +38,7 @@ class ScaleQuadratic(Effect):
 
     fraction_of_full: float = parameter("relative", 3e-3, lower=-0.5, upper=0.5)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         x = signals.inputs[:, self.columns]
         return with_inputs(signals, self.columns, x + self.fraction_of_full * x**2 / signals.references[self.columns])
@@ -56,6 +58,7 @@ class ScaleCubic(Effect):
 
     fraction_of_full: float = parameter("relative", 3e-3, lower=-0.5, upper=0.5)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         x = signals.inputs[:, self.columns]
         change = (
@@ -80,6 +83,7 @@ class Hysteresis(Effect):
 
     half_width: float = parameter("relative", 1e-3, lower=0.0, upper=0.5)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         width = self.half_width * signals.references[self.columns]
         if self.half_width == 0.0:
@@ -105,6 +109,7 @@ class SensorLag(Effect):
 
     tau_s: float = parameter("s", 0.05, lower=0.0, upper=20.0)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         ideal = signals.volts[:, self.columns]
         if self.tau_s == 0.0 or not np.isfinite(ideal[0]).all():

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from rig.channels import SENSORS
 from rig.effects._numerics import shifted
@@ -36,6 +37,7 @@ class Latency(Effect):
 
     delay_s: float = parameter("s", 0.02, lower=-5.0, upper=5.0)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.delay_s == 0.0:
             return signals
@@ -65,6 +67,7 @@ class TimingJitter(Effect):
         """(n, 6, 1) [recorded unit/s]: the slope of the readings; all channels are read at the same wrong time."""
         return np.gradient(base.volts, base.t, axis=0)[:, :, None]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.sigma_s == 0.0:
             return signals

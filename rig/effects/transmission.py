@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from rig.effects._gravity import is_loaded, relative_gravity_torque
 from rig.effects._numerics import play
@@ -60,6 +61,7 @@ class JointOffset(Effect):
 
     offset_rad: float = parameter("rad", 5e-3, lower=-0.5, upper=0.5)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         return turn_joint(signals, self.joint, self.offset_rad)
 
@@ -80,6 +82,7 @@ class JointScale(Effect):
 
     scale: float = parameter("relative", 1e-3, lower=-0.1, upper=0.1)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         return turn_joint(signals, self.joint, self.scale * signals.encoder_angles[:, self.joint])
 
@@ -101,6 +104,7 @@ class JointEccentricity(Effect):
     amplitude_rad: float = parameter("rad", 1e-3, lower=-0.5, upper=0.5)
     phase_rad: float = phase()
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         angle = signals.encoder_angles[:, self.joint] + self.phase_rad
         return turn_joint(signals, self.joint, self.amplitude_rad * np.sin(angle))
@@ -140,6 +144,7 @@ class HarmonicDriveError(Effect):
             object.__setattr__(self, "order", 2.0 * GEAR_RATIO.get(self.where, 100))
         super().__post_init__()
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         angle = self.order * signals.encoder_angles[:, self.joint] + self.phase_rad
         return turn_joint(signals, self.joint, self.amplitude_rad * np.sin(angle))
@@ -164,6 +169,7 @@ class Backlash(Effect):
 
     width_rad: float = parameter("rad", 3e-3, lower=-0.5, upper=0.5)
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.width_rad == 0.0:
             return signals
@@ -204,6 +210,7 @@ class JointCompliance(Effect):
             return cls.places if signals.q_encoder is not None else ()
         return tuple(place for place in super().places_on(signals) if is_loaded(signals.arm, int(place[5:]) - 1))
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if self.where == "joint5" and is_a465(signals):
             load = np.cos(signals.encoder_angles[:, self.joint])

@@ -32,23 +32,27 @@ _COMPLAINTS: Final = (
 
 
 class Table(Protocol):
-    """A table on disk.
-
-    Attributes:
-        path: the file.
-        names: of all columns, in order.
-        metadata: the JSON text, None where there is none.
-        rows: how many there are; None where the file has to be read to know.
-    """
+    """A table on disk."""
 
     @property
-    def path(self) -> Path: ...
+    def path(self) -> Path:
+        """The file."""
+        ...
+
     @property
-    def names(self) -> tuple[str, ...]: ...
+    def names(self) -> tuple[str, ...]:
+        """Of all columns, in order."""
+        ...
+
     @property
-    def metadata(self) -> str | None: ...
+    def metadata(self) -> str | None:
+        """The JSON text; None where there is none."""
+        ...
+
     @property
-    def rows(self) -> int | None: ...
+    def rows(self) -> int | None:
+        """How many there are; None where the file has to be read to know."""
+        ...
 
     def batches(self, names: Sequence[str], batch_rows: int) -> Iterator[dict[str, Array]]:
         """The named columns, at most ``batch_rows`` rows at a time, as float64; a missing value is a NaN.

@@ -59,6 +59,7 @@ class _Spoken:
         self._words: list[str] = []
 
     def words(self) -> list[str]:
+        """What there is to say since the last call."""
         said, self._words = self._words, []
         return said
 
@@ -76,6 +77,7 @@ class PipeSource(_Spoken):
                 fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, CHUNK)
 
     def read(self, timeout_s: float) -> bytes | None:
+        """What waits in the pipe, ``CHUNK`` bytes at most; None once its writers have closed it."""
         ready, _, _ = select.select([self._descriptor], [], [], timeout_s)
         if not ready:
             return b""
@@ -101,6 +103,7 @@ class FileSource(_Spoken):
         self._inode = os.fstat(self._file.fileno()).st_ino
 
     def read(self, timeout_s: float) -> bytes | None:
+        """What was written behind what has been read; never None, as the file may grow."""
         if data := self._file.read(CHUNK):
             return data
         time.sleep(min(timeout_s, 0.02))
@@ -116,6 +119,7 @@ class FileSource(_Spoken):
         return b""
 
     def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
 
@@ -138,6 +142,7 @@ class PortSource(_Spoken):
         self._sender: socket.socket | None = None
 
     def read(self, timeout_s: float) -> bytes | None:
+        """What the sender sent; never None, as another one may connect."""
         if self._sender is None:
             ready, _, _ = select.select([self._server], [], [], timeout_s)
             if not ready:
@@ -158,6 +163,7 @@ class PortSource(_Spoken):
         return data
 
     def close(self) -> None:
+        """Hang up on the sender and give the port back."""
         for one in (self._sender, self._server):
             if one is not None:
                 one.close()
@@ -185,6 +191,7 @@ class DialledSource(_Spoken):
             raise RigError(f"{name}: cannot be opened: {error.strerror or error}") from error
 
     def read(self, timeout_s: float) -> bytes | None:
+        """What the device sent; never None, as it may come back."""
         if self._device is None:
             time.sleep(min(timeout_s, 0.05))
             if time.monotonic() - self._tried < _RETRY_S:
@@ -206,6 +213,7 @@ class DialledSource(_Spoken):
         return data
 
     def close(self) -> None:
+        """Close the device, whether or not it is still there."""
         if self._device is not None:
             with suppress(OSError):
                 self._device.close()

@@ -230,6 +230,13 @@ class Search:
         self._noise = {name: _NOISIER * rms[COLUMNS_OF[name]] for name in self._sensors}
 
     def best(self, recorded: Joint) -> NextManeuver | None:
+        """The allowed maneuver that tells best apart the pair of explanations it tells worst, by a local search.
+
+        Only pairs count that some maneuver separates. None where none is allowed, or separates any.
+
+        Args:
+            recorded: the maneuver from whose family the search starts.
+        """
         allowed = [each for each in family(self.room, recorded) if self.allowed(each)]
         if not allowed:
             return None

@@ -61,6 +61,11 @@ class SubsetsOfSensor:
         floor: Array | None,
         where: str,
     ) -> SubsetsOfSensor:
+        """Fit all samples and each subset, separately for each channel.
+
+        Raises:
+            RigError: samples that do not determine the fit.
+        """
         fit = fit_sensor(whole, magnitude, method="separate", noise=floor, name=f"{where}: {name}")
         fits = _fit(parts, fit.parameters, fit.noise, "separate")
         return cls(name, unit, magnitude, where, whole, parts, floor, fit, fits)
@@ -118,6 +123,7 @@ class SubsetsOfSensor:
         return 6 * (len(self.parts) - 1)
 
     def channels(self, levels: Array) -> list[SubsetChannel]:
+        """The fit error of each channel, divided into noise and the rest by ``levels`` (3,) of ``noise_like``."""
         low, high = _spread_interval(self._freedom)
         found = []
         for k, channel in enumerate(CHANNELS_OF[self.name]):
@@ -146,6 +152,7 @@ class SubsetsOfSensor:
         return found
 
     def agreement(self, levels: Array) -> FieldAgreement:
+        """Whether the channels' field directions agree, with noise of ``levels`` (3,) [recorded unit]."""
         scale = levels / self.fit.noise
         found = common_field(self.fit.parameters, _scaled(self.fit.covariance, scale))
         fields = self.fit.parameters.fields
