@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 from io import BytesIO
 from xml.etree import ElementTree
 
@@ -14,7 +15,7 @@ from estimators.gap.channel_noise import ChannelNoise
 from rig.effects import make_effect
 from scenarios.gap_report.curves import block_error, density, floor_density, named_density
 from scenarios.gap_report.maps import Axis, cells, shape_of
-from scenarios.gap_report.svg import Drawing, Scale, png
+from scenarios.gap_report.svg import Drawing, Scale
 
 #: Two readings of the same voltage differ by the converter's rounding: sqrt(2) 1.2207 mV / sqrt(12).
 ROUNDING_V = np.sqrt(2.0 / 12.0) * 20.0 / 2**14
@@ -88,9 +89,12 @@ def test_noise_alone_leaves_maps_within_two_standard_errors() -> None:
     assert (redder == (score > 0)).mean() > 0.97  # the palest cells are as red as blue
 
 
-def test_pixels_survive_as_png() -> None:
+def test_pixels_survive_in_a_drawing() -> None:
     pixels = np.random.default_rng(3).integers(0, 256, (5, 7, 4), dtype=np.uint8)
-    read = matplotlib.image.imread(BytesIO(png(pixels)), format="png")
+    drawing = Drawing(70.0, 50.0, "pixels")
+    drawing.image(0.0, 0.0, 70.0, 50.0, pixels)
+    data = str(drawing).partition("data:image/png;base64,")[2].partition('"')[0]
+    read = matplotlib.image.imread(BytesIO(b64decode(data)), format="png")
     np.testing.assert_array_equal(np.round(255 * read).astype(np.uint8), pixels)
 
 

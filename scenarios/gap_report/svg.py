@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import base64
+import io
 import math
-import struct
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -113,8 +112,12 @@ class Drawing:
             self._parts.append(f'<path d="{"".join(pieces)}" class="{css}"/>')
 
     def image(self, x: float, y: float, width: float, height: float, pixels: NDArray[np.uint8]) -> None:
-        """Pixels (rows, columns, 4), stretched without smoothing."""
-        data = base64.b64encode(png(pixels)).decode("ascii")
+        """Pixels (rows, columns, 4): red, green, blue and opacity; stretched without smoothing."""
+        from PIL import Image
+
+        file = io.BytesIO()
+        Image.fromarray(pixels).save(file, "png", optimize=True)
+        data = base64.b64encode(file.getvalue()).decode("ascii")
         self._parts.append(
             f'<image x="{_px(x)}" y="{_px(y)}" width="{_px(width)}" height="{_px(height)}" class="pixels" '
             f'preserveAspectRatio="none" href="data:image/png;base64,{data}"/>'
@@ -136,20 +139,6 @@ class Drawing:
             y = scale.at(value)
             self.line(x - 4, y, x, y, "axis")
             self.text(x - 7, y + 3.5, tick_label(value), "tick", "end")
-
-
-def png(pixels: NDArray[np.uint8]) -> bytes:
-    """Pixels (rows, columns, 4), red, green, blue and opacity, as a PNG file (ISO/IEC 15948)."""
-    rows, columns, _ = pixels.shape
-    lines = np.zeros((rows, 1 + 4 * columns), dtype=np.uint8)  # each line begins with its filter: none
-    lines[:, 1:] = pixels.reshape(rows, -1)
-
-    def chunk(kind: bytes, content: bytes) -> bytes:
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-
-    header = struct.pack(">IIBBBBB", columns, rows, 8, 6, 0, 0, 0)
-    body = zlib.compress(lines.tobytes(), 9)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
 
 
 def _px(value: float) -> str:
