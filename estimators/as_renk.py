@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -50,22 +49,18 @@ class SearchEnd:
 
 
 def as_renk(
-    source: Recording | RecordingScan,
-    calibration: Calibration,
-    arm: Arm | None = None,
-    progress: Callable[[int], None] | None = None,
+    source: Recording | RecordingScan, calibration: Calibration, arm: Arm | None = None
 ) -> dict[str, SearchEnd]:
     """Sensor -> where quasi-Newton minimisation from the paper's start ends.
 
     Args:
-        source: a recording with a pose. calibration: of it, simultaneous or separate. arm, progress: as of
-            ``calibrate``.
+        source: a recording with a pose. calibration: of it, simultaneous or separate. arm: as of ``calibrate``.
 
     Raises:
         RigError: as ``estimators.calibrate``.
     """
     names = list(calibration.sensors)
-    summed = summarise(source, names, arm, progress)
+    summed = summarise(source, names, arm)
     found = {}
     for place, name in enumerate(names):
         sensor = calibration.sensors[name]

@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 #: The format of a calibration, version included.
 FORMAT: Final = "rig-calibration/1"
 _NO_NUMBERS: Final = np.empty(0)
-_PAIRS: Final = ("1-2", "1-3", "2-3")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

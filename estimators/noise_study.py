@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from estimators._json import nullable
 from estimators.allan import FEWEST_SAMPLES, AllanDeviation, allan_deviation
 from estimators.allan_terms import TERMS, NoiseTerms, fit_terms
-from estimators.noise import FULL_SCALE_V, NoiseFloor, held_poses, noise_floor
+from estimators.noise import NoiseFloor, held_poses, noise_floor
 from estimators.spectrum import (
     Autoregression,
     PowerSpectrum,
@@ -141,17 +141,17 @@ def _refuse_motion(readings: Array, where: str) -> None:
         )
 
 
-def study_noise(locked: Recording, poses: ArrayLike | None = None, full_scale_V: float = FULL_SCALE_V) -> NoiseStudy:
+def study_noise(locked: Recording, poses: ArrayLike | None = None) -> NoiseStudy:
     """Study a locked-arm recording.
 
     Args:
-        locked, poses, full_scale_V: as of ``noise_floor``.
+        locked, poses: as of ``noise_floor``.
 
     Raises:
         RigError: as of ``noise_floor``, or no pose is held for ``FEWEST`` samples.
     """
     labels = held_poses(locked) if poses is None else np.asarray(poses)
-    floor = noise_floor(locked, labels, full_scale_V)
+    floor = noise_floor(locked, labels)
     where = locked.origin or locked.name
     rows = [np.flatnonzero(labels == number) for number in np.unique(labels[labels >= 0])]
     rows = [held for held in rows if len(held) >= max(FEWEST, FEWEST_SAMPLES)]

@@ -79,11 +79,7 @@ class Workers:
         return max(1, min(max(threads.values(), default=1), count))
 
     def completed(
-        self,
-        trial: Trial[Settings, Result],
-        settings: Settings,
-        numbers: Collection[int],
-        lost: Lost[Result] | None = None,
+        self, trial: Trial[Settings, Result], settings: Settings, numbers: Collection[int]
     ) -> Iterator[tuple[int, Result]]:
         """Every number with the result of its trial, as they are done.
 
@@ -93,18 +89,21 @@ class Workers:
             trial: a function of a module that the workers can import.
             settings: the same for all; small, as it is sent with every trial.
             numbers: of the trials to be made.
-            lost: what stands for a trial whose worker dies even then, which ends all else by default.
 
         Raises:
             RigError: a trial's worker died twice, the cluster cannot be reached, its workers have another version, or
                 what the trial itself raises.
         """
-        yield from self._run(_Work(trial, lambda number: (settings, number), lost), numbers)
+        yield from self._run(_Work(trial, lambda number: (settings, number)), numbers)
 
     def each(
         self, work: Callable[[Item], Result], items: Sequence[Item], lost: Lost[Result] | None = None
     ) -> Iterator[tuple[int, Result]]:
-        """The number of every item with what is made of it, as they are done; as ``completed``, each item sent once."""
+        """The number of every item with what is made of it, as they are done; as ``completed``, each item sent once.
+
+        Args:
+            lost: what stands for an item whose worker dies even alone, which ends all else by default.
+        """
         yield from self._run(_Work(work, lambda number: (items[number],), lost), range(len(items)))
 
     def _run(self, work: _Work[Result], numbers: Collection[int]) -> Iterator[tuple[int, Result]]:
@@ -123,12 +122,12 @@ class _Work(Generic[Result]):
 
     Attributes:
         function: that workers can import. arguments: what it is called with.
-        lost: as of ``Workers.completed``.
+        lost: as of ``Workers.each``.
     """
 
     function: Callable[..., Result]
     arguments: Callable[[int], tuple[Any, ...]]
-    lost: Lost[Result] | None
+    lost: Lost[Result] | None = None
 
     def given_up(self, number: int, why: str) -> Result:
         if self.lost is None:

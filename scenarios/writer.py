@@ -44,7 +44,7 @@ def toml_document(tables: Iterable[tuple[str, Mapping[str, Any]]]) -> str:
     return "\n".join(toml_table(header, values) for header, values in tables)
 
 
-def set_fields(item: Any, leave_out: Sequence[str] = ()) -> dict[str, Any]:
+def set_fields(item: Any) -> dict[str, Any]:
     """The fields of a dataclass that differ from their defaults, in the order of the class."""
     kept = {}
     for field in dataclasses.fields(item):
@@ -52,6 +52,6 @@ def set_fields(item: Any, leave_out: Sequence[str] = ()) -> dict[str, Any]:
         default = field.default
         if default is dataclasses.MISSING and field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
-        if field.init and field.name not in leave_out and (default is dataclasses.MISSING or value != default):
+        if field.init and (default is dataclasses.MISSING or value != default):
             kept[field.name] = value
     return kept

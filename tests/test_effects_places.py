@@ -28,13 +28,3 @@ def test_places_are_those_of_the_recordings_arm() -> None:
     assert np.array_equal(np.flatnonzero((turned.q != nine.encoder_angles).any(axis=0)), [8])
     with pytest.raises(RigError, match="joint9: the arm has 6 joints, expected joint1 to joint6"):
         volts(made("joint_offset", "joint9"))
-
-
-def test_sizes_of_readings_go_with_their_unit() -> None:
-    (size,) = [item for item in EFFECTS["noise_excess"].parameters() if item.strength]
-    in_mV = size.in_unit("mV", 1400.0)
-    assert (in_mV.unit, in_mV.typical) == ("mV", pytest.approx(1e3 * size.typical))
-    (per_degree,) = EFFECTS["bias_temperature"].parameters()
-    assert per_degree.in_unit("g", 1.0).unit == "g/degC"
-    (angle,) = EFFECTS["backlash"].parameters()
-    assert angle.in_unit("g", 1.0) is angle

@@ -21,9 +21,7 @@ from estimators.goodness import (
     is_it_good,
     residuals_of,
 )
-from rig.errors import RigError
 from rig.recording import Metadata, Recording
-from scenarios.plots import residual_map_figure
 
 Array = NDArray[np.float64]
 
@@ -183,26 +181,6 @@ def test_parameters_that_cannot_be_told_are_no_good() -> None:
     untold = replace(own, identifiable={**own.identifiable, "offset2": "the poses leave it open"})
     found = good(run, Calibration({"accelerometer": untold}))
     assert found.verdict.startswith("not good: because offset2 cannot be told")
-
-
-# The picture
-
-
-def test_the_map_shows_residuals_by_direction() -> None:
-    run = known(4000, np.random.default_rng(19))
-    volts = np.array(run.accelerometer)
-    volts[:, 2] += 0.02 * ((volts[:, 2] - 2.1) / 1.4) ** 3
-    found = is_it_good(replace(run, accelerometer=volts), calibrated(replace(run, accelerometer=volts)))
-    figure = residual_map_figure(found)
-    figure.canvas.draw()
-    maps = [axis for axis in figure.axes if axis.name == "mollweide"]
-    assert [axis.get_title(loc="left").split(",")[0] for axis in maps] == ["accelerometer: accel1", "accel2", "accel3"]
-    result = found["accelerometer"].by_direction
-    assert result is not None
-    shown = np.asarray(maps[2].collections[0].get_array())
-    assert set(np.round(shown, 9)) == set(np.round(result.score[result.counts > 0, 2], 9))
-    with pytest.raises(RigError, match="24 readings or more"):
-        residual_map_figure({})
 
 
 def test_metadata_that_are_no_counts_are_ignored() -> None:

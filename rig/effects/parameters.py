@@ -42,27 +42,6 @@ class Parameter:
     grid: tuple[Value, ...] = ()
     scatter: bool = False
 
-    @property
-    def of_readings(self) -> bool:
-        """Whether it is in the unit of the readings, volts in the simulator and the recorded unit in a diagnosis."""
-        return self.unit == "V" or self.unit.startswith("V/")
-
-    def in_unit(self, unit: str, full: float) -> Parameter:
-        """The parameter of readings in another unit; itself where it does not depend on that.
-
-        Args:
-            unit: of the readings.
-            full: the reading of a full reference, sensitivity times magnitude [unit]; typical sizes go with it.
-        """
-        if not self.of_readings:
-            return self
-        factor = abs(full) / FULL_V
-        return dataclasses.replace(self, unit=unit + self.unit[1:], typical=self.typical * factor)
-
-
-#: The reading of a full reference [V] for which sizes in volts are typical: 0.14 V/(m/s^2) at 9.8 m/s^2 (Renk et al.).
-FULL_V: Final = 1.4
-
 
 def parameter(
     unit: str,

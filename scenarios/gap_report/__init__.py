@@ -3,6 +3,6 @@
 from scenarios.gap_report.improved_rig import improved_rig
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import GapResiduals, gap_residuals
-from scenarios.gap_report.terminal import diagnosis_tables, summary_table
+from scenarios.gap_report.terminal import diagnosis_tables
 
-__all__ = ["GapResiduals", "diagnosis_tables", "gap_residuals", "improved_rig", "page", "summary_table"]
+__all__ = ["GapResiduals", "diagnosis_tables", "gap_residuals", "improved_rig", "page"]

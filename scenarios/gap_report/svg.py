@@ -123,14 +123,13 @@ class Drawing:
             f'preserveAspectRatio="none" href="data:image/png;base64,{data}"/>'
         )
 
-    def x_axis(self, scale: Scale, y: float, ticks: Sequence[float] | None = None, labels: bool = True) -> None:
+    def x_axis(self, scale: Scale, y: float) -> None:
         """Ticks and their values below a horizontal axis at height y."""
         self.line(scale.start, y, scale.end, y, "axis")
-        for value in scale.ticks() if ticks is None else ticks:
+        for value in scale.ticks():
             x = scale.at(value)
             self.line(x, y, x, y + 4, "axis")
-            if labels:
-                self.text(x, y + 15, tick_label(value), "tick", "middle")
+            self.text(x, y + 15, tick_label(value), "tick", "middle")
 
     def y_axis(self, scale: Scale, x: float, ticks: Sequence[float] | None = None) -> None:
         """Ticks and their values left of a vertical axis at x."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -18,7 +18,6 @@ from scenarios.gap_report.words import (
     VERDICTS,
     alike_words,
     cause_title,
-    cause_words,
     closed_words,
     estimate_for_people,
     estimate_words,
@@ -156,18 +155,3 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
     for why, effects in grouped_untold(diagnosis.cannot_tell).items():
         lines.append(f"cannot tell  {', '.join(effects)}: {why}")
     return lines
-
-
-def summary_table(diagnoses: Sequence[Diagnosis]) -> Table:
-    """One line a recording: the verdict, its causes with their probabilities, how far the gap closes, what is left."""
-    result = table("recording", "verdict", "causes", "closed", "left over")
-    for diagnosis in map(in_own_names, diagnoses):
-        causes = "\n".join(
-            f"{cause_words(cause)}: {chance(cause.probability)}"
-            + (f"\n  the same here: {alike_words(cause)}" if cause.equivalent else "")
-            for cause in diagnosis.causes
-        )
-        verdict = Text(VERDICTS[diagnosis.verdict].lower(), style=_COLOURS[diagnosis.verdict])
-        left = "\n".join((*rig_words(diagnosis), *left_words(diagnosis)[:2])) or diagnosis.remainder.verdict
-        result.add_row(Text(diagnosis.recording), verdict, Text(causes), closed_words(diagnosis), Text(left))
-    return result

@@ -15,7 +15,6 @@ from rig.recording import Recording, RecordingScan
 from rig.recording.table import from_float64
 
 Form = Literal["csv", "json"]
-FORMS: Final[tuple[Form, ...]] = ("csv", "json")
 
 #: Lines are handed over at least so often [s], and at most so many at once.
 _SLICE_S: Final = 0.01

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from scenarios.plots.coverage import coverage_figure
 from scenarios.plots.coverage_projection import projection_figure
-from scenarios.plots.coverage_residuals import residual_map_figure
 from scenarios.plots.errors import errors_figure
 from scenarios.plots.residuals import residuals_figure
 from scenarios.plots.style import save
@@ -14,7 +13,6 @@ __all__ = [
     "coverage_figure",
     "errors_figure",
     "projection_figure",
-    "residual_map_figure",
     "residuals_figure",
     "save",
     "sweep_figure",

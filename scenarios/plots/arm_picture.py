@@ -43,7 +43,6 @@ def arm_picture(
     pose: int = 0,
     bristles: int = 900,
     size: tuple[int, int] = (1400, 1050),
-    camera: str = "overview",
 ) -> None:
     """Draw the arm at one sample of its motion, and the bristles of all, as a PNG.
 
@@ -52,7 +51,6 @@ def arm_picture(
         pose: row of ``q`` at which the arm is drawn.
         bristles: how many to draw at most, from wrist to sensor, blue first and yellow last.
         size: width and height [pixels], at most the model's off-screen buffer.
-        camera: of the model; a model without it is seen from the usual side.
 
     Raises:
         RigError: there is no OpenGL to draw with, or the file cannot be written.
@@ -71,7 +69,7 @@ def arm_picture(
             colour=elapsed(rows / max(len(q) - 1, 1)) / 255.0,
             size=np.array(size),
         )
-        _run(folder, [str(model), str(scene), str(temporary.absolute()), camera])
+        _run(folder, [str(model), str(scene), str(temporary.absolute()), "overview"])
 
 
 def _run(folder: Path, arguments: list[str]) -> None:
