@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from benchmarks._measure import Column, Goal, Report, Settings, Table
-from estimators.live.blocks import Blocks
+from estimators.live.residual_blocks import Blocks
 from estimators.live.sensor_watch import SensorWatch
 
 TITLE = "rig live: throughput, memory, delays, and the monitor beside CUSUM"

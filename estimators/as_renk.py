@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration, SensorCalibration
+from estimators.from_recording import summarise
 from estimators.model import Method, SensorParameters
-from estimators.pipeline import summarise
 from estimators.quasi_newton import QuasiNewton, quasi_newton
 from rig.directions import angles_from_direction
 from rig.recording import Recording, RecordingScan

@@ -2,8 +2,8 @@
 
 V = A h + b + noise with |h| known and its direction not, A symmetric. A reading then tells one number, its distance
 from the ellipsoid, and the information is that of the model with every direction unknown: sum of g g^T / v, with g the
-derivative of |A^-1 (V - b)| and v the variance that the noise gives it: that of ``estimators.coverage.information`` in
-the sensor's own parameters.
+derivative of |A^-1 (V - b)| and v the variance that the noise gives it: that of
+``estimators.coverage.attitude_free_information`` in the sensor's own parameters.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators._json import nullable
-from estimators.coverage.information import design_rows
+from estimators.coverage.attitude_free_information import design_rows
 from estimators.identifiability import Told, is_open
 from estimators.refusal import UNCERTAINTY_LIMIT
 

@@ -18,7 +18,7 @@ from scipy.special import ndtri, stdtrit
 
 from estimators._json import Reader, dump, nullable
 from estimators.calibration_parts import AxisCalibration, FieldDirection, Quality
-from estimators.summary import summary
+from estimators.calibration_table import summary
 from rig.channels import READS, SENSORS
 from rig.documents import parse_json, read_bytes
 from rig.errors import RigError, shown, unknown_name

@@ -11,9 +11,7 @@ from estimators.assemble import assemble
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage import with_missing_directions
 from estimators.ellipsoid import Options, calibrate_attitude_free
-from estimators.kinematic import Weighting, fit_sensor
-from estimators.model import Method
-from estimators.pipeline import (
+from estimators.from_recording import (
     FieldPoints,
     Noise,
     PathLike,
@@ -27,6 +25,8 @@ from estimators.pipeline import (
     scanned,
     summarise,
 )
+from estimators.kinematic import Weighting, fit_sensor
+from estimators.model import Method
 from estimators.together import calibrate_together
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, RecordingScan, thinned

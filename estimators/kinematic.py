@@ -8,10 +8,10 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimators.global_minimum import Compressed, Solution, explained, local_minima, reweighted
 from estimators.identifiability import Information
 from estimators.model import METHODS, PARAMETERS_AT_ONCE, PARAMETERS_OF, Method, SensorParameters
 from estimators.refusal import Rival, why_not
-from estimators.search import Compressed, Solution, explained, local_minima, reweighted
 from estimators.statistics import Statistics
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.threads import one_blas_thread
@@ -74,7 +74,7 @@ def fit_sensor(
 ) -> SensorFit:
     """Calibrate one sensor.
 
-    The global minimum is found without an initial guess (``estimators.search``).
+    The global minimum is found without an initial guess (``estimators.global_minimum``).
 
     Args:
         statistics: of three channels.

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.global_minimum import Compressed
 from estimators.identifiability import Information
 from estimators.model import PARAMETERS_AT_ONCE, SensorParameters, columns_of_channels
-from estimators.search import Compressed
 from rig.directions import tangent_basis
 
 Array = NDArray[np.float64]

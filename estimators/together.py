@@ -18,10 +18,7 @@ from scipy.special import chdtrc
 
 from estimators.assemble import assemble
 from estimators.calibration import Calibration, SensorCalibration
-from estimators.identifiability import Information
-from estimators.kinematic import SensorFit, Weighting, fit_sensor
-from estimators.model import Method
-from estimators.pipeline import (
+from estimators.from_recording import (
     FieldPoints,
     Floors,
     Noise,
@@ -33,6 +30,9 @@ from estimators.pipeline import (
     scanned,
     summarise,
 )
+from estimators.identifiability import Information
+from estimators.kinematic import SensorFit, Weighting, fit_sensor
+from estimators.model import Method
 from estimators.statistics import Statistics
 from rig.channels import SENSORS
 from rig.errors import RigError, in_short

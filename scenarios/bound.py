@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimators._json import nullable
 from estimators.attitude_free_bound import FreePrediction, FreeSensor
 from estimators.identifiability import Told, is_open
-from estimators.information import Growth, Prediction, growth, predict
+from estimators.maneuver_bound import Growth, Prediction, growth, predict
 from estimators.model import Method, SensorParameters
 from estimators.statistics import Statistics
 from rig.channels import ACCELEROMETER, COLUMNS_OF

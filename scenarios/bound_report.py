@@ -12,10 +12,10 @@ from rich.table import Table
 from rich.text import Text
 
 from estimators.attitude_free_bound import FreePrediction
-from estimators.information import Growth, Prediction
+from estimators.maneuver_bound import Growth, Prediction
 from scenarios.bound import FreeGrowth, ScenarioBound, SensorBound
 from scenarios.calibration_report import symbol
-from scenarios.report import plus_minus, table
+from scenarios.terminal_tables import plus_minus, table
 
 #: Minutes from the start whose bound is shown, and the end.
 _SHOWN: Final = (1, 2, 3, 5, 10, 20, 30, 60)

@@ -13,7 +13,7 @@ from rich.text import Text
 from estimators.calibration import Calibration, SensorCalibration
 from rig.channels import ACCELEROMETER
 from scenarios.comparison import Compared, units
-from scenarios.report import plus_minus, table, with_sigma
+from scenarios.terminal_tables import plus_minus, table, with_sigma
 
 _SYMBOLS = {"sensitivity": "S", "offset": "δ", "beta": "β", "gamma": "γ", "phi": "φ", "psi": "ψ"}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rig.channels import SENSORS
 from rig.effects import EFFECTS
+from scenarios.beside_simulation import ChannelApart
 from scenarios.comparison import Apart, Compared
 from scenarios.json_schema import (
     ANY,
@@ -20,7 +21,6 @@ from scenarios.json_schema import (
     one_of,
     table_of,
 )
-from scenarios.simulated import ChannelApart
 
 
 def compared() -> Schema:

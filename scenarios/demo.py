@@ -23,8 +23,8 @@ from scenarios.calibration_report import calibration_report, comparison_table
 from scenarios.comparison import Compared, compare
 from scenarios.gap_report.terminal import diagnosis_tables
 from scenarios.loader import load
-from scenarios.report import plus_minus
 from scenarios.scenario import Scenario
+from scenarios.terminal_tables import plus_minus
 
 if TYPE_CHECKING:
     from scenarios.gap_report.residuals import GapResiduals

@@ -26,7 +26,7 @@ from scenarios.importing.mapping import FORMAT as MAPPING_FORMAT
 from scenarios.importing.mapping import Conventions, Stated
 from scenarios.importing.quantities import TARGETS
 from scenarios.schema import described
-from scenarios.tables import ArmTable, EarthTable, EnvironmentTable, RunTable, SensorTable
+from scenarios.toml_tables import ArmTable, EarthTable, EnvironmentTable, RunTable, SensorTable
 
 _HEAD: Final = """# Formats
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from estimators.isolability import SEEN, Isolability, Key
 from scenarios.isolability import EffectsBound
-from scenarios.report import table
+from scenarios.terminal_tables import table
 
 #: Effects that leave each other less than this are one line.
 _SAME: Final = 1.0

@@ -23,7 +23,7 @@ from rig.simulate import Rig
 from scenarios.catalogue import built_in, names
 from scenarios.scenario import Scenario
 from scenarios.schema import Built, Table, build
-from scenarios.tables import ArmTable, EarthTable, EnvironmentTable, FieldUnit, RunTable, SensorTable
+from scenarios.toml_tables import ArmTable, EarthTable, EnvironmentTable, FieldUnit, RunTable, SensorTable
 
 Made = TypeVar("Made")
 

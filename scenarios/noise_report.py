@@ -13,7 +13,7 @@ from estimators.calibration import Calibration
 from estimators.noise_study import NoiseStudy
 from estimators.spectrum import Whiteness
 from rig.channels import CHANNELS_OF
-from scenarios.report import plus_minus, table
+from scenarios.terminal_tables import plus_minus, table
 
 #: Readings are shown in these: a factor and a unit.
 _SHOWN = {"V": (1e3, "mV")}

@@ -19,7 +19,7 @@ from rig.maneuver.fitting import fitted, unlimited
 from rig.recording import Recording
 from rig.sensor import TriaxialSensor
 from rig.simulate import Engine, Motion, Progress, Rig
-from scenarios.tables import ArmTable, FieldUnit
+from scenarios.toml_tables import ArmTable, FieldUnit
 from scenarios.writer import set_fields, toml_document
 
 

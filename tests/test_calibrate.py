@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import estimators
 from estimators.fields import apply_file, field_of
+from estimators.from_recording import summarise
 from estimators.model import METHODS, Method
-from estimators.pipeline import summarise
 from rig.arm import Arm
 from rig.channels import COLUMNS_OF
 from rig.errors import RefusedFit, RigError

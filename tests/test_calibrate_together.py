@@ -12,8 +12,8 @@ from scipy.special import chdtri
 
 import estimators
 import scenarios
+from estimators.from_recording import statistics_of
 from estimators.kinematic import fit_sensor
-from estimators.pipeline import statistics_of
 from estimators.together import Part, contributions, fit_together
 from rig.arm import Arm
 from rig.errors import RefusedFit, RigError

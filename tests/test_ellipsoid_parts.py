@@ -10,6 +10,7 @@ import pytest
 
 from estimators.ellipsoid import Start, fit_ellipsoid
 from estimators.ellipsoid.algebraic import adjusted, constrained
+from estimators.ellipsoid.distances import Residuals
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import (
     FREE,
@@ -21,10 +22,9 @@ from estimators.ellipsoid.monomials import (
     symmetric,
     table,
 )
-from estimators.ellipsoid.residuals import Residuals
-from estimators.ellipsoid.robust import heavy_tailed
-from estimators.ellipsoid.rows import spread_rows
+from estimators.ellipsoid.outliers import heavy_tailed
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
+from estimators.ellipsoid.used_rows import spread_rows
 from rig.errors import RefusedFit, RigError
 
 Array = example.Array

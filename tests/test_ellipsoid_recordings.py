@@ -12,7 +12,7 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from estimators.calibration import Calibration
-from estimators.ellipsoid import Options, Start, align, calibrate_attitude_free, fit_ellipsoid, pipeline
+from estimators.ellipsoid import Options, Start, align, calibrate, calibrate_attitude_free, fit_ellipsoid
 from estimators.fields import apply
 from estimators.stillness import average_poses, find_still
 from rig.acquisition import Acquisition
@@ -275,7 +275,7 @@ def test_a_file_is_read_in_constant_memory(tmp_path: Path, monkeypatch: pytest.M
     memory = calibrate_attitude_free(run, run.sensors, options=Options(rest="all"))
     assert whole.sensors["accelerometer"].values.tolist() == memory.sensors["accelerometer"].values.tolist()
     assert sum(seen) == len(run)
-    monkeypatch.setattr(pipeline, "MOST_SAMPLES", 2000)
+    monkeypatch.setattr(calibrate, "MOST_SAMPLES", 2000)
     part = calibrate_attitude_free(scan_recording(tmp_path / "run.parquet", batch_rows=700), run.sensors)
     every = calibrate_attitude_free(run.decimate(4), run.sensors)
     assert part.sensors["magnetometer"].values.tolist() == every.sensors["magnetometer"].values.tolist()

@@ -17,7 +17,7 @@ from scipy.stats import binom, chi2
 import estimators
 import scenarios
 from estimators.calibration import Calibration
-from estimators.ellipsoid.pipeline import calibrate_attitude_free
+from estimators.ellipsoid.calibrate import calibrate_attitude_free
 from estimators.goodness import (
     clipped,
     efficiency,

@@ -17,8 +17,8 @@ from scipy.special import chdtri
 import estimators
 import scenarios
 from estimators.attitude_free_bound import FreeSensor
-from estimators.information import growth, predict
 from estimators.kinematic import fit_sensor
+from estimators.maneuver_bound import growth, predict
 from estimators.model import METHODS, Method, parameter_names
 from estimators.statistics import Statistics
 from rig.directions import angles_from_direction, direction_from_angles

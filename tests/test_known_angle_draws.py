@@ -15,7 +15,7 @@ from kinematic_examples import TRUTHS, sweep_statistics, unit_vectors
 from scipy.special import bdtr, chdtr, chdtrc, stdtrit
 
 from estimators.batch import ManyFits, ManyParameters, draw_many, fit_many
-from estimators.batch.search import Problems, descend
+from estimators.batch.global_minima import Problems, descend
 from estimators.identifiability import bound
 from estimators.model import METHODS, PARAMETERS_OF, Method, SensorParameters, columns_of_channels, parameter_names
 from estimators.reported import ANGLE_LIMIT_DEG, NORMAL_95, report

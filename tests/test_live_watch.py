@@ -16,8 +16,8 @@ import scenarios
 from estimators.calibration import Calibration
 from estimators.live import Calibrator, Options
 from estimators.live.alarm import Alarm
-from estimators.live.blocks import Blocks
-from estimators.live.memory import Memory
+from estimators.live.noise_memory import Memory
+from estimators.live.residual_blocks import Blocks
 from estimators.live.sensor_watch import SensorWatch
 from estimators.live.stuck import Stuck
 from estimators.live.watch import Watch

@@ -15,9 +15,9 @@ from rig.effects import EFFECTS, make_effect
 from rig.errors import RigError
 from rig.maneuver import FourierSweep, HandTumble, Maneuver, StaticPoses, TorusSweep
 from scenarios.loader import from_toml
-from scenarios.report import example
 from scenarios.scenario import Scenario
-from scenarios.tables import EarthTable
+from scenarios.terminal_tables import example
+from scenarios.toml_tables import EarthTable
 
 RENK_TABLE_5 = {  # sensitivity, offset, beta, gamma
     1: (0.14259, 2.3754, 85.3089, 89.8537),

@@ -12,8 +12,8 @@ import pytest
 from kinematic_examples import MAGNETOMETER_NOISE, TRUTHS, readings, sweep_angles, sweep_rotations
 
 from estimators import Calibration, calibrate, noise_floor
+from estimators.from_recording import summarise
 from estimators.kinematic import SensorFit, fit_sensor
-from estimators.pipeline import summarise
 from estimators.statistics import Statistics
 from rig.arm import Arm
 from rig.recording import Metadata, Recording, RecordingWriter, scan_recording

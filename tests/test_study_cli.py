@@ -20,9 +20,9 @@ import scenarios
 from rig.files import file_hash
 from scenarios.plots.study_consistency import consistency_figure
 from scenarios.plots.study_subsets import subsets_figure
+from scenarios.studies.error_summary import RATES, Summary
 from scenarios.studies.settings import Settings
 from scenarios.studies.subsets import study
-from scenarios.studies.summary import RATES, Summary
 
 COMMANDS = ("consistency", "subsets", "paper")
 CONSISTENCY = ("study", "consistency", "small.toml", "-o", "st", "--draws", "30", "--counts", "3", "--workers", "0")

@@ -18,9 +18,9 @@ from rig.errors import RigError
 from scenarios.scenario import Scenario
 from scenarios.studies import consistency
 from scenarios.studies.coordinates import Coordinates
+from scenarios.studies.error_summary import Cell, Summary, clopper_pearson
 from scenarios.studies.settings import Settings, expected, increments
 from scenarios.studies.store import StudyFolder
-from scenarios.studies.summary import Cell, Summary, clopper_pearson
 from scenarios.studies.verdict import COARSEST, departures, verdicts
 from scenarios.workers import Workers
 

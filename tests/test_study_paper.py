@@ -16,7 +16,7 @@ from rig.channels import SENSORS
 from rig.errors import RigError
 from scenarios.plots.style import save
 from scenarios.studies import consistency
-from scenarios.studies.summary import Summary
+from scenarios.studies.error_summary import Summary
 from validation.paper.camps import two_sided
 from validation.paper.camps_rotations import told
 from validation.paper.compare import Comparison, compare, findings

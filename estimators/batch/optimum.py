@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.batch.search import Minima, Problems, descend, local_minima
+from estimators.batch.global_minima import Minima, Problems, descend, local_minima
+from estimators.global_minimum import RANK_TOLERANCE
 from estimators.kinematic import Weighting
 from estimators.model import PARAMETERS_OF
-from estimators.search import RANK_TOLERANCE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -20,7 +20,7 @@ Indices = NDArray[np.intp]
 #: As in ``estimators.kinematic``: relative change of the weights that ends their iteration.
 _SETTLED: Final = 1e-6
 _MOST_WEIGHTS: Final = 50
-#: As in ``estimators.search``: fields whose product is within this of one are the same minimum.
+#: As in ``estimators.global_minimum``: fields whose product is within this of one are the same minimum.
 _SAME: Final = 1e-10
 
 

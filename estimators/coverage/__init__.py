@@ -1,9 +1,9 @@
 """Coverage: which directions of the field a sensor has seen, which are missing, and when it has seen enough."""
 
+from estimators.coverage.attitude_free_information import AttitudeFreeInformation
 from estimators.coverage.cells import SphereCells
 from estimators.coverage.directions import direction_name, directions_of, spherical
 from estimators.coverage.enough import Enough, Targets, enough_attitude_free, enough_known_angles
-from estimators.coverage.information import AttitudeFreeInformation
 from estimators.coverage.refusal import with_missing_directions
 from estimators.coverage.seen import Coverage, coverage
 

@@ -14,9 +14,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimators.coverage.attitude_free_information import AttitudeFreeInformation, Parameters
 from estimators.coverage.cells import SphereCells
 from estimators.coverage.directions import direction_name
-from estimators.coverage.information import AttitudeFreeInformation, Parameters
 from estimators.coverage.seen import Coverage, coverage
 from estimators.identifiability import Information
 from estimators.model import columns_of_channels

@@ -2,9 +2,9 @@
 
 from estimators.ellipsoid.alignment import Alignment, align
 from estimators.ellipsoid.assembly import assemble
+from estimators.ellipsoid.calibrate import AttitudeFree, Options, calibrate_attitude_free, read_thinned
 from estimators.ellipsoid.fit import EllipsoidFit, fit_ellipsoid
 from estimators.ellipsoid.levenberg import Start
-from estimators.ellipsoid.pipeline import AttitudeFree, Options, calibrate_attitude_free, read_thinned
 
 __all__ = [
     "Alignment",

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.monomials import PAIRS
-from estimators.ellipsoid.rows import spread_rows
+from estimators.ellipsoid.used_rows import spread_rows
 from rig.channels import READS
 from rig.errors import RefusedFit
 from rig.threads import one_blas_thread

@@ -8,14 +8,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.ellipsoid import robust
+from estimators.ellipsoid import outliers
 from estimators.ellipsoid.algebraic import first_ellipsoid
+from estimators.ellipsoid.distances import Residuals
 from estimators.ellipsoid.likelihood import Optimum, solve
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import FREE, quadratic_form, symmetric, table
-from estimators.ellipsoid.residuals import Residuals
-from estimators.ellipsoid.rows import spread_rows
 from estimators.ellipsoid.shape import Ellipsoid
+from estimators.ellipsoid.used_rows import spread_rows
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def estimate(readings: Readings, resist: bool) -> Estimate | None:
         again = plain(readings.pick(np.flatnonzero(kept)), variances)
         return None if again is None else (again.optimum.ellipsoid, again.leverage(readings))
 
-    mask = robust.inliers(readings.values, variances, readings.parameters, readings.counts, refit)
+    mask = outliers.inliers(readings.values, variances, readings.parameters, readings.counts, refit)
     if mask is None:
         return None
     kept = np.flatnonzero(mask)
@@ -161,11 +161,11 @@ def _clean(readings: Readings, found: Estimate) -> bool:
     variance, freedom = found.optimum.variance, n - readings.parameters
     if found.optimum.exact:
         return True
-    if robust.heavy_tailed(n, found.moments.fourth, variance):
+    if outliers.heavy_tailed(n, found.moments.fourth, variance):
         return False
-    if n > robust.EXACT_ROWS:
-        return found.moments.largest <= robust.limit(n) ** 2 * variance
+    if n > outliers.EXACT_ROWS:
+        return found.moments.largest <= outliers.limit(n) ** 2 * variance
     if freedom < 3:
         return True
     squares = Residuals.of(readings.values, found.optimum.ellipsoid, readings.counts).over(found.variances)
-    return not robust.any_outlying(squares, found.leverage(readings), variance, freedom)
+    return not outliers.any_outlying(squares, found.leverage(readings), variance, freedom)

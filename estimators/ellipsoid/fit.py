@@ -13,7 +13,7 @@ from estimators.ellipsoid.levenberg import Start, levenberg_marquardt
 from estimators.ellipsoid.likelihood import Optimum, parameter_names
 from estimators.ellipsoid.monomials import FREE, packed
 from estimators.ellipsoid.refusal import Spread, problem_of, without_ellipsoid
-from estimators.ellipsoid.rows import Dropped, as_readings, check_finite, usable
+from estimators.ellipsoid.used_rows import Dropped, as_readings, check_finite, usable
 from rig.errors import RefusedFit, RigError
 from rig.threads import one_blas_thread
 

@@ -14,7 +14,7 @@ from estimators._small import eigh
 from estimators.ellipsoid.likelihood import Optimum
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import FREE, symmetric, table
-from estimators.ellipsoid.rows import spread_rows
+from estimators.ellipsoid.used_rows import spread_rows
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.ellipsoid import robust
+from estimators.ellipsoid import outliers
+from estimators.ellipsoid.distances import Residuals
 from estimators.ellipsoid.estimate import STEP
 from estimators.ellipsoid.fit import EllipsoidFit, fit_of
 from estimators.ellipsoid.likelihood import solve
 from estimators.ellipsoid.moments import Moments
-from estimators.ellipsoid.residuals import Residuals
-from estimators.ellipsoid.rows import Dropped, usable
+from estimators.ellipsoid.used_rows import Dropped, usable
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def brought_up(fit: EllipsoidFit, readings: Array) -> EllipsoidFit | None:
     rows, again = usable(readings)
     new = readings[1:] if rows is None else readings[rows[rows > 0]]
     squares = Residuals.of(new, found.optimum.ellipsoid).over(found.variances)
-    inside = squares <= robust.limit(fit.samples + len(new)) ** 2 * found.optimum.variance
+    inside = squares <= outliers.limit(fit.samples + len(new)) ** 2 * found.optimum.variance
     dropped = Dropped(
         fit.dropped.repeated + again.repeated,
         fit.dropped.zero + again.zero,

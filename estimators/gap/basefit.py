@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.dispatch import calibrate
+from estimators.from_recording import arm_of
 from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.colour import fit_floor, held
 from estimators.gap.rounded import COARSE, rounded_floor
 from estimators.gap.whitened import WhitenedData, known
 from estimators.goodness.residuals import residuals_of
 from estimators.noise import held_poses
-from estimators.pipeline import arm_of
 from estimators.turned import turned
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from estimators.assemble import assemble
 from estimators.calibration import Calibration
+from estimators.from_recording import magnitude_of, reads_of, summarise
 from estimators.gap.basefit import cleared
 from estimators.gap.common import is_common
 from estimators.gap.converge import converged
@@ -29,7 +30,6 @@ from estimators.gap.whitened import WhitenedData
 from estimators.identifiability import Told
 from estimators.kinematic import fit_sensor
 from estimators.model import SensorParameters
-from estimators.pipeline import magnitude_of, reads_of, summarise
 from estimators.turned import turned
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, READS
 from rig.directions import tangent_basis

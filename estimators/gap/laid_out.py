@@ -28,7 +28,7 @@ from estimators.gap.channel_noise import ChannelNoise
 from estimators.gap.defects import lattice
 from estimators.gap.stack import Anchor, Stack, restricted, running_on
 from estimators.gap.whitened import WhitenedData
-from estimators.goodness.readings import copies
+from estimators.goodness.raw_readings import copies
 from estimators.goodness.words import copied
 from estimators.together import calibrate_together, check_alike
 from rig.channels import ACCELEROMETER, MAGNETOMETER

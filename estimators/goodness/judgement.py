@@ -19,7 +19,7 @@ from estimators.goodness.cross_terms import SIX, CrossTerms, cross_terms
 from estimators.goodness.hold_out import HoldOut, hold_out
 from estimators.goodness.optimum import Transfer, at_optimum
 from estimators.goodness.outliers import Outliers, outliers
-from estimators.goodness.readings import Clipped, Repeats, clipped, copies, repeats
+from estimators.goodness.raw_readings import Clipped, Repeats, clipped, copies, repeats
 from estimators.goodness.residuals import Residuals, residuals_of, selected
 from estimators.goodness.whiteness import Whiteness, whiteness
 from estimators.goodness.words import reasons, remarks

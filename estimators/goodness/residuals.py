@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import SensorCalibration
-from estimators.coverage.information import design_rows
+from estimators.coverage.attitude_free_information import design_rows
 from estimators.model import METHODS, Method, SensorParameters
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError

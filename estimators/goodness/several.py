@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from estimators.calibration import Calibration
+from estimators.from_recording import arm_of
 from estimators.goodness.judgement import MOST_SAMPLES, judged
-from estimators.pipeline import arm_of
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.recording import Recording, RecordingScan, joined, thinned
 from rig.units import conversion_factor

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.calibration import SensorCalibration
-from estimators.goodness.readings import summary_of
+from estimators.goodness.raw_readings import summary_of
 from rig.channels import CHANNELS_OF
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ _EQUAL: Final = 1e-6
 
 
 def copied(sensor: str, copies: Sequence[tuple[int, int, float]]) -> list[str]:
-    """A sensor's channels that are another one's readings, as of ``estimators.goodness.readings.copies``, in words."""
+    """A sensor's channels that are another one's readings, as of ``raw_readings.copies``, in words."""
     names = CHANNELS_OF[sensor]
     told = []
     for one, other, factor in copies:

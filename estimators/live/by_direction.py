@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.coverage import SphereCells, direction_name
-from estimators.live.blocks import Blocks
+from estimators.live.residual_blocks import Blocks
 
 Array = NDArray[np.float64]
 

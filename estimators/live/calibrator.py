@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.coverage import Enough, direction_name
+from estimators.ellipsoid.calibrate import Options as EllipsoidOptions
 from estimators.ellipsoid.fit import Parameters
-from estimators.ellipsoid.pipeline import Options as EllipsoidOptions
 from estimators.ellipsoid.thinned import Thinned
+from estimators.from_recording import arm_of, has_pose, magnitude_of, points_of, statistics_of
 from estimators.live.estimate import AttitudeFree, AttitudeKnown, SensorEstimate
 from estimators.live.stillness import StillStream
-from estimators.pipeline import arm_of, has_pose, magnitude_of, points_of, statistics_of
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.recording import Recording

@@ -15,8 +15,8 @@ from scipy.special import stdtrit
 
 from estimators.coverage import Enough, Targets, enough_attitude_free, enough_known_angles
 from estimators.ellipsoid.assembly import sensitivities_and_angles
+from estimators.ellipsoid.calibrate import Options, fit_attitude_free
 from estimators.ellipsoid.fit import EllipsoidFit
-from estimators.ellipsoid.pipeline import Options, fit_attitude_free
 from estimators.ellipsoid.running import brought_up
 from estimators.ellipsoid.thinned import Thinned
 from estimators.kinematic import SensorFit, fit_sensor

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.coverage.attitude_free_information import AttitudeFreeInformation, Parameters
 from estimators.coverage.directions import direction_name
-from estimators.coverage.information import AttitudeFreeInformation, Parameters
 from rig.errors import unknown_name
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from estimators.live.memory import exceeded
+from estimators.live.noise_memory import exceeded
 from estimators.live.reference import Reference
 from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.effects import EFFECTS

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import SensorCalibration
-from estimators.coverage.information import AttitudeFreeInformation, design_rows
+from estimators.coverage.attitude_free_information import AttitudeFreeInformation, design_rows
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.goodness.residuals import fitted_parameters
 from estimators.kinematic import SensorFit

@@ -7,7 +7,7 @@ so that there are fewer than stated.
 
 Real noise has a memory, and its variance is not quite the calibration's. Both are learnt from the first minute, and the
 memory until enough independent windows have shown it, of a running estimate ever on. Each window is held against what
-the others were (``estimators.live.memory``): the tests begin at once, hardly sensitive, and gain with what is known.
+the others were (``noise_memory``): the tests begin at once, hardly sensitive, and gain with what is known.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.live.alarm import Alarm
-from estimators.live.blocks import LEAST, Blocks, Rested, within
 from estimators.live.by_direction import PART, PARTS, ByDirection
-from estimators.live.memory import CERTAIN, Memory, exceeded
 from estimators.live.naming import Likeness, Span, likenesses
+from estimators.live.noise_memory import CERTAIN, Memory, exceeded
 from estimators.live.reference import Reference, Residuals
+from estimators.live.residual_blocks import LEAST, Blocks, Rested, within
 from estimators.live.stuck import Stuck
 from rig.recording import Recording
 

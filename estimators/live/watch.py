@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from estimators.calibration import Calibration
+from estimators.from_recording import arm_of, has_pose
 from estimators.live.alarm import Alarm
 from estimators.live.estimate import SensorEstimate
 from estimators.live.reference import Reference
 from estimators.live.sensor_watch import WINDOWS, SensorWatch
-from estimators.pipeline import arm_of, has_pose
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.recording import Recording

@@ -34,7 +34,7 @@ from rig.recording.metadata import Metadata
 from rig.recording.numbered_table import NumberedTable
 from rig.recording.samples import Recording
 from rig.recording.table import SUFFIXES, Table
-from rig.recording.tables import TableWriter, open_table
+from rig.recording.table_io import TableWriter, open_table
 
 Array = NDArray[np.float64]
 

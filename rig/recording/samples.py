@@ -17,7 +17,7 @@ from rig.errors import RigError, unknown_name
 from rig.recording.checks import as_columns, check_finite, check_increasing, check_seconds, check_shape, check_unit
 from rig.recording.columns import POSITION, QUATERNION, SUPPLY, TEMPERATURE, TIME, Columns
 from rig.recording.metadata import Metadata
-from rig.recording.tables import TableWriter
+from rig.recording.table_io import TableWriter
 from rig.threads import one_blas_thread
 from rig.units import UNITS
 

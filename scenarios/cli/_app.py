@@ -23,8 +23,8 @@ DONE, BAD, USAGE, BUG, INTERRUPTED, UNREAD = 0, 1, 2, 70, 130, 141
 
 #: The commands and the modules that hold them, in the order of the help.
 _COMMANDS: Final = {
-    "demo": "run",
-    "sweep": "run",
+    "demo": "demo_sweep",
+    "sweep": "demo_sweep",
     "import": "importing",
     "check": "importing",
     "calibrate": "calibrate",

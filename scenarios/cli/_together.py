@@ -11,8 +11,8 @@ from rig.errors import RigError
 
 if TYPE_CHECKING:
     from estimators import Calibration
+    from estimators.from_recording import FieldPoints, Noise
     from estimators.kinematic import Weighting
-    from estimators.pipeline import FieldPoints, Noise
     from rig.arm import Arm
     from rig.recording import Recording
 
@@ -33,9 +33,9 @@ def calibrated(
         RigError: as of ``estimators.calibrate``, or a recording without a pose.
     """
     import estimators
+    from estimators.from_recording import has_pose
     from estimators.goodness import as_one
     from estimators.noise import noise_floor
-    from estimators.pipeline import has_pose
     from estimators.together import calibrate_together
     from rig.recording import locked_beside, scan_recording, whole_or_beginning
 

@@ -80,7 +80,7 @@ def bound(
         print_json(found.to_json())
         return
     from scenarios.bound_report import bound_report
-    from scenarios.report import show
+    from scenarios.terminal_tables import show
 
     show(bound_report(found))
     if output is not None:
@@ -102,7 +102,7 @@ def _effects(scenario: Scenario, output: Path | None, as_json: bool) -> None:
         print_json(found.to_json())
         return
     from scenarios.isolability_report import isolability_report
-    from scenarios.report import show
+    from scenarios.terminal_tables import show
 
     show(isolability_report(found))
     if output is not None:

@@ -124,7 +124,7 @@ def calibrate(
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
     from estimators.ellipsoid import Options
-    from estimators.pipeline import has_pose
+    from estimators.from_recording import has_pose
     from rig.files import atomic_path
     from rig.recording import Recording, locked_beside, scan_recording, whole_or_thinned
     from scenarios.cli._start import parsed_start
@@ -214,7 +214,7 @@ def calibrate(
         click.echo(calibration.to_text())
         return _status(calibration)
     from scenarios.calibration_report import calibration_report
-    from scenarios.report import show
+    from scenarios.terminal_tables import show
 
     if method is None and attitude_free:
         click.echo(f"{run}: has no pose: calibrated by the magnitude of the fields, as by --method ellipsoid\n")

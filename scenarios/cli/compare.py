@@ -52,7 +52,7 @@ def compare(first: Path, second: Path, output: Path | None, as_json: bool) -> in
     if output is not None:
         check_output(output, (".png", ".svg", ".pdf"), first, second)
     found = (_recording if kinds[first] == _RECORDING else _calibrations)(first, second, kinds[second])
-    from scenarios.report import show
+    from scenarios.terminal_tables import show
 
     if output is not None:
         from scenarios.plots import save
@@ -130,10 +130,10 @@ def _recording(first: Path, second: Path, kind: str) -> _Found:
     from rich.text import Text
 
     from rig.recording import whole_or_means
+    from scenarios.beside_simulation import beside_simulation
     from scenarios.loader import load
     from scenarios.plots import residuals_figure
-    from scenarios.report import table
-    from scenarios.simulated import beside_simulation
+    from scenarios.terminal_tables import table
 
     scenario = load(second)
     arm = scenario.rig.arm

@@ -243,7 +243,7 @@ def _list_procedures(as_json: bool) -> None:
         return
     from rich.text import Text
 
-    from scenarios.report import show, table
+    from scenarios.terminal_tables import show, table
 
     listed = table("procedure", "steps", "what it is", "what it lacks", numbers=("steps",))
     for row in rows:
@@ -377,7 +377,7 @@ def _report(session: Session, made: Path, cal: Path, calibration: Calibration | 
     if calibration is None:
         return
     from scenarios.calibration_report import calibration_report
-    from scenarios.report import show
+    from scenarios.terminal_tables import show
 
     show(calibration_report(calibration))
     click.echo(f"{cal}: written")

@@ -49,7 +49,7 @@ def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: 
         print_json(study.to_json())
         return
     from scenarios.noise_report import noise_report
-    from scenarios.report import show
+    from scenarios.terminal_tables import show
 
     show(noise_report(study, found, recording.metadata.magnetic_field_unit))
     if output is not None:

@@ -24,7 +24,7 @@ from scenarios.cli._options import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from scenarios.studies.summary import Summary
+    from scenarios.studies.error_summary import Summary
 
 
 @click.group(short_help="Consistency, subsets, and both papers table by table.")
@@ -93,10 +93,10 @@ def consistency(
     """
     from scenarios.loader import load
     from scenarios.studies import consistency as consistency_study
+    from scenarios.studies.error_summary import RATES, Summary
     from scenarios.studies.settings import Settings
     from scenarios.studies.store import SUMMARY, StudyFolder
-    from scenarios.studies.summary import RATES, Summary
-    from scenarios.studies.tables import fitting_together
+    from scenarios.studies.table_files import fitting_together
     from scenarios.workers import Workers
 
     where = Workers(workers, cluster)
@@ -124,8 +124,8 @@ def consistency(
         if as_json:
             _print_consistency(summary, output, files)
             return
-        from scenarios.report import show
         from scenarios.studies.report import consistency_report
+        from scenarios.terminal_tables import show
 
         show(consistency_report(summary, shown))
     click.echo(f"\n{output}: {errors.num_rows:,} fits; look at them: rig view {output}")
@@ -255,8 +255,8 @@ def subsets(
     if as_json:
         print_json({**asdict(found), "study": output, "plots": files})
         return
-    from scenarios.report import show
     from scenarios.studies.report import subsets_report
+    from scenarios.terminal_tables import show
 
     show(subsets_report(found))
     if output is not None:

@@ -13,7 +13,7 @@ from estimators.gap.basefit import set_up
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.separation import Explanation, Separation, Trial, contest, rivals
 from estimators.gap.whitened import WhitenedData
-from estimators.information import predict
+from estimators.maneuver_bound import predict
 from estimators.model import SensorParameters
 from estimators.statistics import Statistics
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER

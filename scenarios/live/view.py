@@ -23,7 +23,7 @@ from scenarios.live.finish import joined
 from scenarios.live.layout import GUIDE, INTERVALS, NOW, READINGS, RESIDUALS, SPHERES, live_blueprint
 from scenarios.live.session import Event, Snapshot
 from scenarios.motion import arm_of
-from scenarios.report import plus_minus
+from scenarios.terminal_tables import plus_minus
 from scenarios.view.arm import ArmView
 from scenarios.view.timeline import TIMELINE, at
 from scenarios.view.viewer import start_viewer

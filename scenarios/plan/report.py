@@ -18,7 +18,7 @@ from scenarios.isolability_report import names
 from scenarios.plan.plan import REFERENCE, Plan
 from scenarios.plan.sweeps import SweepPlan
 from scenarios.plots.style import new_figure, style
-from scenarios.report import table
+from scenarios.terminal_tables import table
 
 #: More causes than these are summed up.
 _FEW: Final = 6

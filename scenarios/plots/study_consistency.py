@@ -18,7 +18,7 @@ from rig.errors import RigError, unknown_name
 from scenarios.colours import BLACK, BLUE, GREEN, GREY, VERMILLION
 from scenarios.plots.errors import NORMAL_95
 from scenarios.plots.style import new_figure, style
-from scenarios.studies.summary import Cell, Summary
+from scenarios.studies.error_summary import Cell, Summary
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
-from scenarios.report import table, with_sigma
+from scenarios.studies.error_summary import Cell, Summary
 from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetStudy
-from scenarios.studies.summary import Cell, Summary
 from scenarios.studies.verdict import verdicts
+from scenarios.terminal_tables import table, with_sigma
 
 _SHOWN_COUNTS: Final = 3
 

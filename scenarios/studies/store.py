@@ -27,7 +27,7 @@ import pyarrow.parquet as pq
 from rig.documents import read_json
 from rig.errors import RigError, nearest, shown
 from rig.files import atomic_path, file_hash, made_folder, own_folder, sync_folder, write_text
-from scenarios.studies.tables import opened_table, read_table, write_table
+from scenarios.studies.table_files import opened_table, read_table, write_table
 from scenarios.version import package_version
 from scenarios.workers import Settings, Trial, Workers
 

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
 from scenarios.studies.subset_results import FieldAgreement, SubsetChannel, SubsetParameter, SubsetStudy
-from scenarios.studies.tables import rows_of
+from scenarios.studies.table_files import rows_of
 
 CHANNELS: Final = "channels.parquet"
 FIELDS: Final = "fields.parquet"

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.from_recording import Summed, magnitude_of, summarise
 from estimators.model import Method
-from estimators.pipeline import Summed, magnitude_of, summarise
 from estimators.statistics import Statistics
 from rig.arm import Arm
 from rig.errors import RigError

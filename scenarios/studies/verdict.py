@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import binom, chi2, norm, t
 
 from estimators.model import Method
-from scenarios.studies.summary import LEVEL, SMALL_BOUND, Cell, Rate, Summary
+from scenarios.studies.error_summary import LEVEL, SMALL_BOUND, Cell, Rate, Summary
 
 #: A bias beyond so many standard errors is given a reason.
 BIAS_SIGMAS: Final = 3.5

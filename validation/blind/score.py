@@ -22,7 +22,7 @@ from rig.errors import RigError
 from rig.files import child, file_hash, write_text
 from rig.recording import read_recording
 from rig.threads import one_blas_thread
-from scenarios.studies.tables import fitting_together
+from scenarios.studies.table_files import fitting_together
 from scenarios.workers import Workers
 from validation.blind.answers import Answers
 from validation.blind.baselines import BASELINES, baseline_answers

@@ -16,7 +16,7 @@ from rig.files import child, made_folder, write_text
 from rig.threads import one_blas_thread
 from scenarios.gap_report.words import cause_title
 from scenarios.studies.store import StudyFolder
-from scenarios.studies.tables import fitting_together, rows_of
+from scenarios.studies.table_files import fitting_together, rows_of
 from scenarios.workers import Workers
 from validation.blind.intervals import Rate
 from validation.gate.forced import LEFT, forced_rig

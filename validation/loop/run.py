@@ -9,7 +9,7 @@ from typing import Final
 
 from rig.files import child, made_folder, write_text
 from scenarios.studies.store import StudyFolder
-from scenarios.studies.tables import fitting_together, rows_of
+from scenarios.studies.table_files import fitting_together, rows_of
 from scenarios.workers import Workers
 from validation.loop.page import PICTURE, page
 from validation.loop.play import Settings, Step, trial

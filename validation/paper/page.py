@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from scenarios.studies.summary import Summary
+from scenarios.studies.error_summary import Summary
 from scenarios.studies.verdict import verdicts
 from validation.paper.compare import BASES, Comparison, early_stop_words, findings
 from validation.paper.dip import ALLOWED, EXCLUDED, dip_words

@@ -17,9 +17,9 @@ from rig.channels import ACCELEROMETER
 from rig.files import child, made_folder, write_text
 from scenarios.loader import load
 from scenarios.studies.consistency import run, trial
+from scenarios.studies.error_summary import RATES, Summary
 from scenarios.studies.settings import Settings
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder, is_study
-from scenarios.studies.summary import RATES, Summary
 from scenarios.workers import Workers
 from validation.paper.compare import Comparison, compare
 from validation.paper.data import FILE, document

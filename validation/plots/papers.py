@@ -19,7 +19,7 @@ from scenarios.overlay import overlays
 from scenarios.plots.coverage_projection import projection_figure
 from scenarios.plots.errors import NORMAL_95
 from scenarios.plots.style import new_figure, style
-from scenarios.studies.summary import Cell, Summary
+from scenarios.studies.error_summary import Cell, Summary
 from validation.paper.camps import readings, scenario_of, truth, tumbles
 from validation.paper.figures_text import OneDraw
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from estimators.ellipsoid.algebraic import adjusted
+from estimators.ellipsoid.distances import Residuals
 from estimators.ellipsoid.monomials import FREE, TERMS, noise_in_products, table
-from estimators.ellipsoid.residuals import Residuals
-from estimators.ellipsoid.rows import spread_rows
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
+from estimators.ellipsoid.used_rows import spread_rows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

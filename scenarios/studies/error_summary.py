@@ -18,7 +18,7 @@ from scenarios.studies.coordinates import Coordinates
 from scenarios.studies.orders import Order
 from scenarios.studies.second_order import second_order_bias
 from scenarios.studies.settings import Expected, Settings, expected, increments
-from scenarios.studies.tables import rows_of
+from scenarios.studies.table_files import rows_of
 
 Array = NDArray[np.float64]
 

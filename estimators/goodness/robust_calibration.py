@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.dispatch import calibrate
+from estimators.from_recording import FieldPoints, Noise, magnitude_of
 from estimators.goodness.outliers import CUT, efficiency, robust_scale
 from estimators.kinematic import Weighting, fit_sensor
 from estimators.model import Method
-from estimators.pipeline import FieldPoints, Noise, magnitude_of
 from estimators.statistics import Statistics
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
