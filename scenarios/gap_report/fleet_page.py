@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +15,8 @@ from rich.console import Group
 from rich.text import Text
 
 from estimators.gap.diagnosis import chance
-from scenarios.gap_report.fleet import Entry, History, histories, in_order
+from rig.files import made_folder, write_text
+from scenarios.gap_report.fleet import Entry, History, fleet_csv, fleet_json, histories, in_order
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.page import document
 from scenarios.gap_report.svg import Drawing
@@ -177,11 +179,6 @@ def write_fleet(entries: Sequence[Entry], out: Path) -> tuple[Path, Path, Path]:
     Raises:
         RigError: a file cannot be written.
     """
-    import json
-
-    from rig.files import made_folder, write_text
-    from scenarios.gap_report.fleet import fleet_csv, fleet_json
-
     made = (out / "fleet.csv", out / "fleet.json", out / "fleet.html")
     texts = (fleet_csv(entries), json.dumps(fleet_json(entries), indent=1, allow_nan=False) + "\n", fleet_page(entries))
     with made_folder(out):

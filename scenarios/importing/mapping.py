@@ -12,7 +12,7 @@ from rig.documents import parse_toml, read_toml
 from rig.errors import RigError, nearest
 from scenarios.importing.quantities import TARGETS, parse_target
 from scenarios.schema import Table, build
-from scenarios.writer import toml_document
+from scenarios.writer import toml_document, toml_value
 
 FORMAT: Final = "rig-mapping/1"
 
@@ -89,19 +89,12 @@ class Mapping:
         """The mapping file, with every convention written out."""
         tables = [
             ("", {"format": FORMAT}),
-            ("[columns]", {_key(name): target for name, target in self.columns.items()}),
+            ("[columns]", {toml_value(name): target for name, target in self.columns.items()}),
             ("[conventions]", dataclasses.asdict(self.conventions)),
             ("[metadata]", {k: v for k, v in dataclasses.asdict(self.metadata).items() if v not in (None, "")}),
         ]
         lines = "".join(f"# {line}\n" for line in comments or [])
         return lines + toml_document(tables)
-
-
-def _key(name: str) -> str:
-    """A column's name as a TOML key."""
-    from scenarios.writer import toml_value
-
-    return toml_value(name)
 
 
 def read_mapping(path: Path) -> Mapping:

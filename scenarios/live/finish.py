@@ -17,7 +17,7 @@ from estimators.live import Options
 from estimators.live.alarm import Alarm
 from estimators.live.calibrator import MOST_SAMPLES
 from rig.errors import RefusedFit
-from rig.recording import Recording, scan_recording
+from rig.recording import Recording, joined, scan_recording
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -81,15 +81,6 @@ def _run(path: Path, options: Options, forgotten_s: float) -> Recording | Path:
     if not forgotten_s > -np.inf:
         return path
     return joined([batch.select(batch.t > forgotten_s) for batch in scan if float(batch.t[-1]) > forgotten_s])
-
-
-def joined(parts: Sequence[Recording]) -> Recording:
-    """Successive batches of a recording as one."""
-    from rig.recording.files import recording_of
-
-    first, tables = parts[0], [part.table() for part in parts]
-    table = {name: np.concatenate([each[name] for each in tables]) for name in first.columns.names}
-    return recording_of(table, first.columns, first.metadata, first.name, first.origin)
 
 
 def _alarmed(calibration: Calibration, run: Recording | Path, alarms: Sequence[Alarm]) -> Calibration:

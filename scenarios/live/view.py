@@ -15,11 +15,10 @@ from estimators.coverage import direction_name
 from estimators.live import SensorState
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
-from rig.recording import Recording
+from rig.recording import Recording, joined
 from scenarios.calibration_report import symbol
 from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rgb
 from scenarios.decimation import extremes
-from scenarios.live.finish import joined
 from scenarios.live.layout import GUIDE, INTERVALS, NOW, READINGS, RESIDUALS, SPHERES, live_blueprint
 from scenarios.live.session import Event, Snapshot
 from scenarios.motion import arm_of
