@@ -1,14 +1,18 @@
 """Volts in, answers out.
 
-- ``calibrate(run)``: sensitivities, offsets and axes of the sensors of one recording or several, with their covariance.
-- ``is_it_good(..)``, ``judged(..)``: whether a calibration is good, and if not, why.
-- ``robust_calibrate(run)``: the same without outliers.
-- ``diagnose(run)``: where a recording disagrees with the model, and which unmodelled effects cause it.
-- ``noise_floor(locked)``: the noise of a recording at rest.
-- ``still_poses(run)``: when the sensor stood still, and what it read.
-- ``apply(calibration, run)``: readings as fields.
+``run`` is a ``rig.Recording``; ``calibrate``, ``diagnose``, ``is_it_good`` and ``judged`` also take the path of one.
 
-``estimators.coverage``, ``estimators.ellipsoid`` and ``estimators.stillness`` hold what else a user may want of them.
+- ``calibrate(run)``: a ``Calibration``: for each sensor sensitivities, offsets and axes with their covariance, and what
+  the run cannot tell. ``.write(path)``, ``Calibration.read(path)``; a list of runs makes one calibration.
+- ``robust_calibrate(run)``: the same without outliers, and which these are.
+- ``is_it_good(run, calibration)``: ``Goodness`` of each sensor, and the reasons; ``judged(run, calibration)`` writes it
+  into the calibration, ``judged_together(runs, calibration)`` into that of several.
+- ``apply(calibration, run)``: readings as fields [m/s^2, unit of the magnetic field].
+- ``diagnose(run)``: a ``Diagnosis``: where a run disagrees with the model, and which unmodelled effects cause it.
+- ``noise_floor(locked)``: the noise of a recording at rest, a ``NoiseFloor``.
+- ``still_poses(run)``: when the sensor stood still, and what it read.
+
+``estimators.ellipsoid`` (no attitude), ``estimators.coverage`` (directions seen) and ``estimators.stillness``: more.
 The diagnosis is imported when it is first asked for: that takes as long as everything else together.
 """
 

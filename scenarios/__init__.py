@@ -1,7 +1,8 @@
 """What a user runs: named scenarios, the command line, reports and pictures.
 
 - ``names()``: the scenarios that come with the rig.
-- ``load(name or file)``: a ``Scenario``; its ``simulate(seed)`` is a recording, its ``truth`` what made it.
+- ``load(name or file)``: a ``Scenario``; its ``simulate(seed)`` is a ``rig.Recording``, its ``truth`` what made it.
+- ``compare(truth, calibration)``: how far every parameter is off, in its own standard deviations.
 
 The console command ``rig`` is ``scenarios.cli``.
 """
@@ -11,12 +12,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from scenarios.comparison import compare
     from scenarios.loader import load, names
     from scenarios.scenario import Scenario, Truth
 
-__all__ = ["Scenario", "Truth", "load", "names"]
+__all__ = ["Scenario", "Truth", "compare", "load", "names"]
 
-_MODULES = {"load": "loader", "names": "loader", "Scenario": "scenario", "Truth": "scenario"}
+_MODULES = {"compare": "comparison", "load": "loader", "names": "loader", "Scenario": "scenario", "Truth": "scenario"}
 
 
 def __getattr__(name: str) -> Any:
