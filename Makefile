@@ -84,7 +84,7 @@ lock: .venv/.installed
 
 clean:
 	rm -rf out dist build docs/_build docs/reference/effects .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	find benchmarks docs estimators rig scenarios tests validation -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+	find benchmarks docs documenting estimators rig scenarios tests validation -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 distclean: clean
 	rm -rf .venv .venv-bench

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from documenting.formats_page import page
 from rig.effects import EFFECTS
 from rig.maneuver import MANEUVERS
 from rig.units import UNITS
-from scenarios.formats_page import page
 
 PAGE = Path(__file__).parents[1] / "docs" / "formats.md"
 
 
 def test_the_page_is_not_stale() -> None:
-    assert PAGE.read_text(encoding="utf-8") == page(), "run python -m scenarios.formats_page docs/formats.md"
+    assert PAGE.read_text(encoding="utf-8") == page(), "run python -m documenting.formats_page docs/formats.md"
 
 
 def test_every_name_has_its_place() -> None:

@@ -18,6 +18,8 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 import estimators
 import scenarios
+from documenting.arm_picture import arm_picture
+from documenting.arm_picture import main as arm_picture_command
 from rig.arm import Arm
 from rig.channels import CHANNELS, SENSORS
 from rig.errors import RigError
@@ -26,8 +28,6 @@ from scenarios.colours import AXES_ON_DARK, AXES_ON_PAPER, BLUE, VERMILLION, ela
 from scenarios.comparison import Compared, compare
 from scenarios.overlay import Overlay, overlays
 from scenarios.plots import coverage_figure, errors_figure, residuals_figure, save, sweep_figure
-from scenarios.plots.arm_picture import arm_picture
-from scenarios.plots.arm_picture import main as arm_picture_command
 
 Make = Callable[[], Figure]
 

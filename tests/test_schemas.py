@@ -14,6 +14,7 @@ from jsonschema.exceptions import ValidationError
 
 import estimators
 import scenarios
+from documenting.schemas import schemas, text_of
 from estimators.export import export
 from estimators.noise_study import study_noise
 from rig.effects import make_effect
@@ -25,7 +26,6 @@ from scenarios.isolability import isolability_of
 from scenarios.plan import poses
 from scenarios.plan.plan import make_plan
 from scenarios.scenario import Scenario
-from scenarios.schemas import schemas, text_of
 from tests.cli_support import Rig
 
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
@@ -57,7 +57,7 @@ def check() -> Callable[[str, Any], None]:
 def test_the_schemas_are_not_stale() -> None:
     written = {path.stem: path.read_text(encoding="utf-8") for path in FOLDER.glob("*.json")}
     made = {name: text_of(schema) for name, schema in schemas().items()}
-    assert written == made, "run python -m scenarios.schemas docs/schemas"
+    assert written == made, "run python -m documenting.schemas docs/schemas"
     for schema in schemas().values():
         Draft202012Validator.check_schema(schema)
 

@@ -13,11 +13,11 @@ import pytest
 from matplotlib.image import imread
 from view_examples import calibration, recording, tool_poses, view  # noqa: F401  (fixtures)
 
+from documenting.photograph import _headless_viewer, photograph
+from documenting.photograph import main as photograph_command
 from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.view import open_view
-from scenarios.view.photograph import _headless_viewer, photograph
-from scenarios.view.photograph import main as photograph_command
 
 SECOND_NS = 1_000_000_000
 #: Poses are stored in single precision: seven rotations and offsets of at most 1 m multiplied up, half an ulp each.

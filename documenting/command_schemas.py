@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from rig.channels import SENSORS
-from rig.effects import EFFECTS
-from scenarios.beside_simulation import ChannelApart
-from scenarios.comparison import Apart, Compared
-from scenarios.json_schema import (
+from documenting.json_schema import (
     ANY,
     NUMBER,
     TEXT,
@@ -21,6 +17,10 @@ from scenarios.json_schema import (
     one_of,
     table_of,
 )
+from rig.channels import SENSORS
+from rig.effects import EFFECTS
+from scenarios.beside_simulation import ChannelApart
+from scenarios.comparison import Apart, Compared
 
 
 def compared() -> Schema:

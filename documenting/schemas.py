@@ -1,7 +1,7 @@
 """JSON Schemas (draft 2020-12) of every JSON format that the commands write, from the classes behind them.
 
-As a command: ``python -m scenarios.schemas docs/schemas``. What cannot be told is null; objects hold what is listed and
-nothing else, but where a class keeps further keys.
+As a command: ``python -m documenting.schemas docs/schemas``. What cannot be told is null; objects hold what is listed
+and nothing else, but where a class keeps further keys.
 """
 
 from __future__ import annotations
@@ -11,22 +11,9 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
-from estimators import calibration as calibrations
-from estimators import calibration_parts as parts
-from estimators import export as exports
-from estimators.gap import diagnosis as diagnoses
-from estimators.gap.diagnosis import Cause, Channel, Closed, Estimate, Remainder
-from estimators.isolability import Isolability
-from rig.channels import CHANNELS, READS, SENSORS
-from rig.effects import EFFECTS
-from rig.files import write_text
-from rig.recording.metadata import FORMAT as RECORDING_FORMAT
-from rig.recording.metadata import Metadata
-from scenarios.command_schemas import checked, compared, imported, live
-from scenarios.documented import attribute_texts
-from scenarios.gap_report.fleet import FORMAT as FLEET_FORMAT
-from scenarios.gap_report.kept import ABOUT, CORRECTED, ORIGIN, About
-from scenarios.json_schema import (
+from documenting.command_schemas import checked, compared, imported, live
+from documenting.documented import attribute_texts
+from documenting.json_schema import (
     ANY,
     NUMBER,
     TEXT,
@@ -45,6 +32,19 @@ from scenarios.json_schema import (
     said,
     table_of,
 )
+from estimators import calibration as calibrations
+from estimators import calibration_parts as parts
+from estimators import export as exports
+from estimators.gap import diagnosis as diagnoses
+from estimators.gap.diagnosis import Cause, Channel, Closed, Estimate, Remainder
+from estimators.isolability import Isolability
+from rig.channels import CHANNELS, READS, SENSORS
+from rig.effects import EFFECTS
+from rig.files import write_text
+from rig.recording.metadata import FORMAT as RECORDING_FORMAT
+from rig.recording.metadata import Metadata
+from scenarios.gap_report.fleet import FORMAT as FLEET_FORMAT
+from scenarios.gap_report.kept import ABOUT, CORRECTED, ORIGIN, About
 from scenarios.studies.store import FORMAT as STUDY_FORMAT
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"

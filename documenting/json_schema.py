@@ -8,7 +8,7 @@ import typing
 from collections.abc import Mapping
 from typing import Any, Final, Literal, Union
 
-from scenarios.documented import attribute_texts
+from documenting.documented import attribute_texts
 
 Schema = dict[str, Any]
 

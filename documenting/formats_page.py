@@ -1,6 +1,6 @@
 """The reference page of all formats, made from the registries that the code itself reads.
 
-As a command: ``python -m scenarios.formats_page docs/formats.md``, with the drawing of the angles beside it.
+As a command: ``python -m documenting.formats_page docs/formats.md``, with the drawing of the angles beside it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
+from documenting.documented import attribute_texts
 from estimators.calibration import SensorCalibration
 from rig.acquisition import Acquisition
 from rig.channels import READS
@@ -21,7 +22,6 @@ from rig.maneuver import MANEUVERS
 from rig.recording.columns import POSITION, QUATERNION, SUPPLY, TEMPERATURE, TIME
 from rig.recording.metadata import FORMAT, Metadata
 from rig.units import UNITS
-from scenarios.documented import attribute_texts
 from scenarios.importing.mapping import FORMAT as MAPPING_FORMAT
 from scenarios.importing.mapping import Conventions, Stated
 from scenarios.importing.quantities import TARGETS
@@ -30,7 +30,7 @@ from scenarios.toml_tables import ArmTable, EarthTable, EnvironmentTable, RunTab
 
 _HEAD: Final = """# Formats
 
-Made by `python -m scenarios.formats_page docs/formats.md` from the code's own registries; a test finds it stale.
+Made by `python -m documenting.formats_page docs/formats.md` from the code's own registries; a test finds it stale.
 
 ## Frames, angles and signs
 
@@ -150,12 +150,12 @@ def _diagnosis() -> str:
 
 
 def _schemas() -> str:
-    from scenarios.schemas import schemas
+    from documenting.schemas import schemas
 
     links = ", ".join(f"[{name}](schemas/{name}.json)" for name in schemas())
     return (
         "## JSON Schemas\n\nOf the JSON formats that are written to files, and of what `--json` prints of them, made"
-        " from the code by `python -m scenarios.schemas docs/schemas` (draft 2020-12). What cannot be told is null."
+        " from the code by `python -m documenting.schemas docs/schemas` (draft 2020-12). What cannot be told is null."
         f"\n\n{links}.\n"
     )
 
@@ -200,8 +200,8 @@ def main() -> None:
     """Write the page and the drawing beside it."""
     path = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/formats.md")
     write_text(path, page())
+    from documenting.angles import angles_figure
     from scenarios.plots import save
-    from scenarios.plots.angles import angles_figure
 
     save(angles_figure(), path.with_suffix(".png"))
 

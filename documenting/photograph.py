@@ -1,6 +1,6 @@
 """A picture of what a view looks like when it opens, taken without a window.
 
-As a command: ``python -m scenarios.view.photograph FILE.rrd PICTURE.png [SECONDS]``.
+As a command: ``python -m documenting.photograph FILE.rrd PICTURE.png [SECONDS]``.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def _seen(state: ViewerState) -> Photograph:
 def main(arguments: Sequence[str]) -> int:
     """The command; returns its exit status."""
     if len(arguments) not in (2, 3):
-        print("usage: python -m scenarios.view.photograph FILE.rrd PICTURE.png [SECONDS]", file=sys.stderr)
+        print("usage: python -m documenting.photograph FILE.rrd PICTURE.png [SECONDS]", file=sys.stderr)
         return 2
     try:
         seen = photograph(arguments[0], arguments[1], float(arguments[2]) if len(arguments) == 3 else None)

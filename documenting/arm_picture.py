@@ -1,6 +1,6 @@
 """A photograph-like picture of the arm in its sweep, by MuJoCo, with the bristles of the sweep around it.
 
-As a command, ``python -m scenarios.plots.arm_picture docs/sweep.png``: the README's picture.
+As a command, ``python -m documenting.arm_picture docs/sweep.png``: the README's picture.
 
 MuJoCo draws with whatever OpenGL it was told to use before it was imported, and some ways abort the process on machines
 that lack them. So the picture is drawn in a process of its own, which is handed the scene as a file.
@@ -101,7 +101,7 @@ def main(arguments: Sequence[str]) -> int:
     from rig.maneuver import TorusSweep
 
     if len(arguments) != 1:
-        print("usage: python -m scenarios.plots.arm_picture PICTURE.png", file=sys.stderr)
+        print("usage: python -m documenting.arm_picture PICTURE.png", file=sys.stderr)
         return 2
     arm = Arm.a465()
     q = TorusSweep().trajectory().q
