@@ -43,8 +43,8 @@ from rig.effects import EFFECTS
 from rig.files import write_text
 from rig.recording.metadata import FORMAT as RECORDING_FORMAT
 from rig.recording.metadata import Metadata
-from scenarios.gap_report.fleet import FORMAT as FLEET_FORMAT
-from scenarios.gap_report.kept import ABOUT, CORRECTED, ORIGIN, About
+from scenarios.diagnosing.fleet import FORMAT as FLEET_FORMAT
+from scenarios.diagnosing.kept import ABOUT, CORRECTED, ORIGIN, About
 from scenarios.studies.store import FORMAT as STUDY_FORMAT
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"

@@ -23,8 +23,8 @@ from rig.effects import make_effect
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, read_recording
 from scenarios.causes import read_causes
-from scenarios.gap_report import batch
-from scenarios.gap_report.batch import Outcome, Task, outcomes
+from scenarios.diagnosing import batch
+from scenarios.diagnosing.batch import Outcome, Task, outcomes
 from scenarios.workers import Workers
 
 KEYS = {"format", "recordings", "samples", "seconds", "verdict", "causes", "where", "closed", "remainder"}
@@ -115,7 +115,7 @@ def test_a_rig_that_no_scenario_can_describe_does_not_cost_the_diagnosis(
     def refused(*_: object) -> None:
         raise RigError("arm mine cannot be written: expected one that was read from a file")
 
-    monkeypatch.setattr("scenarios.gap_report.batch.improved_rig", refused)
+    monkeypatch.setattr("scenarios.diagnosing.batch.improved_rig", refused)
     write_small(here, backlash())
     result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o", *only("backlash"))
     assert result.status == 2

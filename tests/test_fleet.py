@@ -18,9 +18,9 @@ from estimators.gap import Diagnosis
 from estimators.gap.reading import diagnosis_of, read_diagnosis
 from rig.errors import RigError
 from rig.recording import read_recording
-from scenarios.gap_report.fleet import Entry, History, fleet_csv, fleet_json, histories
+from scenarios.diagnosing.fleet import Entry, History, fleet_csv, fleet_json, histories
+from scenarios.diagnosing.kept import About
 from scenarios.gap_report.fleet_page import fleet_page
-from scenarios.gap_report.kept import About
 from scenarios.gap_report.terminal import diagnosis_tables
 
 QUICK = only("backlash")
@@ -85,7 +85,7 @@ def test_a_cluster_with_a_worker_killed_gives_the_same_table(
 ) -> None:
     """With a recording that is missing among them; nothing is made again afterwards."""
     pytest.importorskip("distributed", reason="Dask is not installed (the extra torusrig[cluster])")
-    from scenarios.gap_report import kept
+    from scenarios.diagnosing import kept
 
     runs = [*lab, "missing.parquet"]
     rig("diagnose", *runs, "--out", "here", "--jobs", "1", *QUICK)

@@ -15,9 +15,10 @@ from rig.effects import make_effect
 from rig.maneuver import HandTumble, StaticPoses, TorusSweep
 from rig.recording import Recording
 from rig.simulate import quaternions
-from scenarios.gap_report import gap_residuals, improved_rig
-from scenarios.gap_report.closest_maneuver import closest_maneuver
+from scenarios.diagnosing.improved_rig import improved_rig
+from scenarios.gap_report import gap_residuals
 from scenarios.loader import from_toml
+from scenarios.plan.closest_maneuver import closest_maneuver
 
 SWEEPS = {
     "the paper's": TorusSweep(),

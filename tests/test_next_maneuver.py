@@ -26,14 +26,14 @@ from rig.clearance import Clearance
 from rig.effects import Effect, make_effect
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
+from scenarios.diagnosing.improved_rig import improved_rig
 from scenarios.gap_report import gap_residuals
-from scenarios.gap_report.closest_maneuver import closest_maneuver
-from scenarios.gap_report.improved_rig import improved_rig
-from scenarios.gap_report.maneuver_family import Family, family
 from scenarios.gap_report.maneuver_words import described
-from scenarios.gap_report.next_maneuver import NextManeuver, Search, next_maneuver
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.loader import from_toml
+from scenarios.plan.closest_maneuver import closest_maneuver
+from scenarios.plan.maneuver_family import Family, family
+from scenarios.plan.next_maneuver import NextManeuver, Search, next_maneuver
 from scenarios.scenario import Scenario
 
 #: 4.5 standard deviations over the 1.96 of the interval.

@@ -20,8 +20,8 @@ from estimators.noise_study import study_noise
 from rig.effects import make_effect
 from rig.maneuver import LockedPoses, TorusSweep
 from scenarios.bound import bound_of
-from scenarios.gap_report.fleet import Entry, fleet_json
-from scenarios.gap_report.kept import About
+from scenarios.diagnosing.fleet import Entry, fleet_json
+from scenarios.diagnosing.kept import About
 from scenarios.isolability import isolability_of
 from scenarios.plan import poses
 from scenarios.plan.plan import make_plan

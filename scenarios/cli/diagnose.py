@@ -24,9 +24,9 @@ from scenarios.cli._options import (
 )
 
 if TYPE_CHECKING:
-    from scenarios.gap_report.batch import Outcome, Task
-    from scenarios.gap_report.fleet import Entry
-    from scenarios.gap_report.kept import About
+    from scenarios.diagnosing.batch import Outcome, Task
+    from scenarios.diagnosing.fleet import Entry
+    from scenarios.diagnosing.kept import About
     from scenarios.workers import Workers
 
 
@@ -123,9 +123,9 @@ def diagnose(
     )
     from estimators.gap.prior import read_prior
     from rig.recording import scan_recording
-    from scenarios.gap_report.batch import Outcome, Task, outcomes
-    from scenarios.gap_report.improved_rig import read_fitted_rig
-    from scenarios.gap_report.kept import document_of, write_outcome
+    from scenarios.diagnosing.batch import Outcome, Task, outcomes
+    from scenarios.diagnosing.improved_rig import read_fitted_rig
+    from scenarios.diagnosing.kept import document_of, write_outcome
     from scenarios.workers import Workers
 
     weights = None if prior is None else read_prior(prior)
@@ -173,10 +173,10 @@ def diagnose(
 
 def _fleet(tasks: Sequence[Task], workers: Workers, out: Path, as_json: bool) -> int:
     """Diagnose what is not in the folder yet, then write the table and the page of all."""
-    from scenarios.gap_report.batch import Outcome, outcomes
-    from scenarios.gap_report.fleet import Entry
+    from scenarios.diagnosing.batch import Outcome, outcomes
+    from scenarios.diagnosing.fleet import Entry
+    from scenarios.diagnosing.kept import kept, write_outcome
     from scenarios.gap_report.fleet_page import fleet_tables, write_fleet
-    from scenarios.gap_report.kept import kept, write_outcome
 
     entries: dict[int, Entry] = {}
     errors: dict[int, Exception] = {}
@@ -238,7 +238,7 @@ def _check(
     """
     from rig.effects import EFFECTS
     from rig.recording import locked_beside
-    from scenarios.gap_report.kept import paths
+    from scenarios.diagnosing.kept import paths
 
     for name in without:
         if name not in EFFECTS:
@@ -270,7 +270,7 @@ def _check(
 
 
 def _tell(outcome: Outcome, out: Path, saved: Path | None) -> None:
-    from scenarios.gap_report.kept import paths
+    from scenarios.diagnosing.kept import paths
     from scenarios.gap_report.terminal import diagnosis_tables
     from scenarios.terminal_tables import show
 

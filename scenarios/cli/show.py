@@ -192,8 +192,8 @@ def _draw_diagnosis(run: Path, diagnosis: Path, arm: Arm | None, target: Path) -
     from estimators.gap.reading import read_diagnosis
     from rig.files import in_utf8
     from rig.recording import locked_beside, whole_or_means
+    from scenarios.diagnosing.task import BYTES_A_SAMPLE
     from scenarios.gap_report import gap_residuals
-    from scenarios.gap_report.task import BYTES_A_SAMPLE
     from scenarios.view import write_diagnosis_view
 
     found = read_diagnosis(diagnosis)

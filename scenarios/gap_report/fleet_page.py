@@ -16,7 +16,7 @@ from rich.text import Text
 
 from estimators.gap.diagnosis import chance
 from rig.files import made_folder, write_text
-from scenarios.gap_report.fleet import Entry, History, fleet_csv, fleet_json, histories, in_order
+from scenarios.diagnosing.fleet import Entry, History, fleet_csv, fleet_json, histories, in_order
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.page import document
 from scenarios.gap_report.svg import Drawing

@@ -9,7 +9,7 @@ from estimators.gap.diagnose import examined
 from estimators.gap.diagnosis import Diagnosis
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
-from scenarios.gap_report.together import proposed as next_of
+from scenarios.diagnosing.together import proposed as next_of
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from estimators.gap.separation import rivals
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
 from rig.threads import one_blas_thread
-from scenarios.gap_report.maneuver_family import Family, stops
+from scenarios.plan.maneuver_family import Family, stops
 from validation.blind.settings import RATE_HZ, SWEEPS, draw_sweep
 from validation.loop.judge import Judged, judged
 from validation.loop.rigs import HiddenRig, hidden_rig

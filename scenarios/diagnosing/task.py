@@ -11,7 +11,7 @@ from estimators.gap import Diagnosis
 
 if TYPE_CHECKING:
     from estimators.gap.fitted_rig import FittedRig
-    from scenarios.gap_report.kept import About
+    from scenarios.diagnosing.kept import About
 
 #: Memory that a diagnosis takes [bytes a sample], and the program by itself [bytes].
 BYTES_A_SAMPLE: Final = 10_000.0

@@ -20,11 +20,11 @@ from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.signals import Signals
-from scenarios.gap_report.closest_maneuver import closest_maneuver
-from scenarios.gap_report.maneuver_family import Family, family, neighbours
 from scenarios.gap_report.maneuver_words import described, interval_words, noise_advice, speed_advice
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import cause_title
+from scenarios.plan.closest_maneuver import closest_maneuver
+from scenarios.plan.maneuver_family import Family, family, neighbours
 from scenarios.scenario import Scenario
 from scenarios.writer import set_fields, toml_table
 

@@ -21,10 +21,10 @@ from rig.errors import RigError
 from rig.maneuver import HandTumble
 from rig.recording import Recording
 from rig.simulate import Rig
-from scenarios.gap_report.closest_maneuver import closest_maneuver
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import alike_words, alternatives, cause_title, explanation_words, sentence
 from scenarios.loader import load
+from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.scenario import Scenario
 
 Array = NDArray[np.float64]

@@ -17,14 +17,14 @@ from rig.errors import RigError
 from rig.memory import as_stated, stated
 from rig.recording import locked_beside, whole_or_means
 from rig.threads import one_blas_thread
+from scenarios.diagnosing.improved_rig import improved_rig
+from scenarios.diagnosing.kept import About, origin
+from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, Outcome, Task
+from scenarios.diagnosing.together import carry_out_together
 from scenarios.gap_report.advice import next_steps
-from scenarios.gap_report.improved_rig import improved_rig
-from scenarios.gap_report.kept import About, origin
-from scenarios.gap_report.next_maneuver import next_step
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import gap_residuals
-from scenarios.gap_report.task import BYTES_A_SAMPLE, BYTES_ANYWAY, Outcome, Task
-from scenarios.gap_report.together import carry_out_together
+from scenarios.plan.next_maneuver import next_step
 from scenarios.workers import Workers
 
 Progress = Callable[[float], None]

@@ -20,7 +20,7 @@ from rig.recording import Recording, locked_beside
 from scenarios.version import package_version, sources_hash
 
 if TYPE_CHECKING:
-    from scenarios.gap_report.task import Outcome, Task
+    from scenarios.diagnosing.task import Outcome, Task
 
 #: In a diagnosis' file, beside the contract's keys: what it was made from, and whose recording that is.
 ORIGIN = "made_from"

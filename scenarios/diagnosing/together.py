@@ -19,13 +19,13 @@ from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError
 from rig.recording import Recording, locked_beside, whole_or_means
 from rig.threads import one_blas_thread
+from scenarios.diagnosing.improved_rig import improved_rig
+from scenarios.diagnosing.kept import About, origin
+from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, Outcome, Task
 from scenarios.gap_report.advice import next_steps
-from scenarios.gap_report.improved_rig import improved_rig
-from scenarios.gap_report.kept import About, origin
-from scenarios.gap_report.next_maneuver import NextManeuver, next_maneuver, next_step
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import GapResiduals, diagnosed_effects, whitened, with_noise
-from scenarios.gap_report.task import BYTES_A_SAMPLE, BYTES_ANYWAY, Outcome, Task
+from scenarios.plan.next_maneuver import NextManeuver, next_maneuver, next_step
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
