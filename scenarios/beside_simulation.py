@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from estimators.gap.basefit import set_up, signals_of
-from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.fitted_rig import delayed
+from estimators.gap.data.basefit import set_up, signals_of
+from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.report.fitted_rig import delayed
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import Kind
 from rig.errors import RigError

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from estimators.gap.closure import Way, drawn, held_out, share
-from estimators.gap.evidence import Linear
+from estimators.gap.evidence.laplace import Linear
+from estimators.gap.report.closure import Way, drawn, held_out, share
 
 TIMES, ROWS, SNR = 400, 300, 20.0
 

@@ -12,8 +12,8 @@ from scipy.special import chdtri
 from estimators import calibrate, noise_floor
 from estimators.calibration import Calibration
 from estimators.gap import diagnose
-from estimators.gap.corrected import Component, mixed, solved
-from estimators.gap.rebase import stepped
+from estimators.gap.data.rebase import stepped
+from estimators.gap.report.corrected import Component, mixed, solved
 from rig.effects import make_effect
 from scenarios.comparison import compare
 

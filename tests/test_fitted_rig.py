@@ -12,9 +12,9 @@ from cli_support import SMALL, Rig
 from diagnosed_recordings import backlash, only, recorded, scenario, write_small
 from scipy.special import chdtrc, chdtri
 
-from estimators.gap.basefit import learn_floor, set_up
-from estimators.gap.fitted_rig import FittedRig, delayed, judged
-from estimators.gap.stochastic import known_steps
+from estimators.gap.data.basefit import learn_floor, set_up
+from estimators.gap.hypotheses.stochastic import known_steps
+from estimators.gap.report.fitted_rig import FittedRig, delayed, judged
 from rig.effects import Effect, make_effect
 from rig.recording import read_recording
 

@@ -16,13 +16,13 @@ from diagnosed_recordings import scenario as small
 
 import estimators
 import scenarios
-from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.colour import fit_floor, held
-from estimators.gap.prior import Prior
-from estimators.gap.projection import project
-from estimators.gap.score import Explained, evidence
-from estimators.gap.search import _alike
-from estimators.gap.whitened import Columns
+from estimators.gap.data.projection import project
+from estimators.gap.data.whitened import Columns
+from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.floor.colour import fit_floor, held
+from estimators.gap.hypotheses.prior import Prior
+from estimators.gap.hypotheses.score import Explained, evidence
+from estimators.gap.search.beam import _alike
 from rig.effects import EFFECTS, make_effect
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import LockedPoses

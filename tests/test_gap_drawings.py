@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.effects import make_effect
 from scenarios.gap_report.curves import block_error, density, floor_density, named_density
 from scenarios.gap_report.maps import Axis, cells, shape_of

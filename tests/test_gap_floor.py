@@ -8,10 +8,10 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 from scipy.stats import chi2, kstest
 
-from estimators.gap.blocks import block_means, block_size
-from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.floor import Learned, Spectrum, parts
-from estimators.gap.periodogram import Periodogram
+from estimators.gap.data.blocks import block_means, block_size
+from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.floor.learned import Learned, Spectrum, parts
+from estimators.gap.floor.periodogram import Periodogram
 
 DT = 0.25
 WHITE = ChannelNoise(2.0, samples=6000, duration_s=300.0)

@@ -10,18 +10,19 @@ import pytest
 from scipy.optimize import least_squares
 
 import scenarios
-from estimators.gap import converge, posterior
-from estimators.gap.basefit import estimated_floor, set_up
-from estimators.gap.candidates import all_candidates
-from estimators.gap.considered import set_prior
+from estimators.gap.data.basefit import estimated_floor, set_up
+from estimators.gap.data.projection import project
+from estimators.gap.data.rebase import around, rebased, stepped
+from estimators.gap.data.whitened import Columns, WhitenedData
 from estimators.gap.diagnosis import percent
-from estimators.gap.projection import project
-from estimators.gap.rebase import around, rebased, stepped
-from estimators.gap.refine import Fitted, _Point, _Problem, _Slopes, explained_by, refit, started, tangents
-from estimators.gap.scan import Scanner, ScoreTest
-from estimators.gap.score import ABSORBED, Explained, Score
-from estimators.gap.search import Search
-from estimators.gap.whitened import Columns, WhitenedData
+from estimators.gap.evidence import converge
+from estimators.gap.evidence.refine import Fitted, _Point, _Problem, _Slopes, explained_by, refit, started, tangents
+from estimators.gap.hypotheses.candidates import all_candidates
+from estimators.gap.hypotheses.considered import set_prior
+from estimators.gap.hypotheses.scan import Scanner, ScoreTest
+from estimators.gap.hypotheses.score import ABSORBED, Explained, Score
+from estimators.gap.search import posterior
+from estimators.gap.search.beam import Search
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
 

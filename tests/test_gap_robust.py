@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from estimators.gap import robust
-from estimators.gap.evidence import Linear
+from estimators.gap.evidence.laplace import Linear
+from estimators.gap.search import robust
 
 Array = NDArray[np.float64]
 

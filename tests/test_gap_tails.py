@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.gap.rounded import rounded_floor
+from estimators.gap.floor.rounded import rounded_floor
 from rig.effects import EFFECTS, Readings
 from rig.effects.tails import beside_neighbours, drawn_in, scale_of, student, tails_of, variance_beside_neighbours
 

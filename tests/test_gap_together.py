@@ -12,12 +12,12 @@ from cli_support import SMALL, Rig
 from scipy.spatial.transform import Rotation
 
 import estimators
-from estimators.gap.basefit import floor_of, learn_floor, set_up
-from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.laid_out import laid_out
-from estimators.gap.projection import project
-from estimators.gap.rebase import rebased
-from estimators.gap.stack import Stack, only_in, part_of, running_on
+from estimators.gap.data.basefit import floor_of, learn_floor, set_up
+from estimators.gap.data.laid_out import laid_out
+from estimators.gap.data.projection import project
+from estimators.gap.data.rebase import rebased
+from estimators.gap.data.stack import Stack, only_in, part_of, running_on
+from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.arm import Arm
 from rig.effects import EFFECTS, Effect, make_effect
 from rig.errors import RefusedFit, RigError

@@ -11,15 +11,15 @@ from scipy.signal import lfilter
 
 import estimators
 import scenarios
-from estimators.gap.basefit import estimated_floor, set_up
-from estimators.gap.candidates import Candidate
-from estimators.gap.converge import converged
-from estimators.gap.defects import readings_of
-from estimators.gap.scan import Scanner
-from estimators.gap.score import Explained
-from estimators.gap.states import unnamed
-from estimators.gap.tones import _allowed
-from estimators.gap.whitened import Step, WhitenedData
+from estimators.gap.data.basefit import estimated_floor, set_up
+from estimators.gap.data.defects import readings_of
+from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.gap.evidence.converge import converged
+from estimators.gap.evidence.states import unnamed
+from estimators.gap.hypotheses.candidates import Candidate
+from estimators.gap.hypotheses.scan import Scanner
+from estimators.gap.hypotheses.score import Explained
+from estimators.gap.hypotheses.tones import _allowed
 from rig.arm import Arm
 from rig.effects import EFFECTS, Kind, make_effect
 from rig.recording import Recording

@@ -16,6 +16,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # A later one may import an earlier one, never the reverse.
 LAYERS = ("rig", "estimators", "scenarios", "documenting", "validation")
+# Likewise, of estimators.gap.
+ROOMS_OF_A_DIAGNOSIS = ("floor", "data", "hypotheses", "evidence", "search", "report")
 CONSUMERS_OF_RESULTS = {"matplotlib", "rerun"}  # visualisation: scenarios only
 UNSAFE_LOADERS = {"cloudpickle", "dill", "joblib", "marshal", "pickle", "shelve"}
 MOST_LINES = 400
@@ -85,6 +87,20 @@ def test_a_layer_imports_nothing_above_it(layer: str) -> None:
         if name.split(".")[0] in above
     ]
     assert sources(layer), f"no source in {layer}: the test looks in the wrong place"
+    assert not found, found
+
+
+@pytest.mark.parametrize("room", ROOMS_OF_A_DIAGNOSIS)
+def test_a_diagnosis_goes_one_way(room: str) -> None:
+    later = {f"estimators.gap.{name}" for name in ROOMS_OF_A_DIAGNOSIS[ROOMS_OF_A_DIAGNOSIS.index(room) + 1 :]}
+    own = sources(f"estimators/gap/{room}")
+    found = [
+        f"{place(path, line)} imports {name}"
+        for path in own
+        for line, name in imports(path)
+        if ".".join(name.split(".")[:3]) in later | {"estimators.gap.diagnose"}
+    ]
+    assert len(own) > 1, f"no source in {room}: the test looks in the wrong place"
     assert not found, found
 
 

@@ -12,7 +12,7 @@ from diagnosed_recordings import recorded, scenario
 
 import scenarios
 from estimators import calibrate
-from estimators.gap.basefit import fitted_model
+from estimators.gap.data.basefit import fitted_model
 from rig.errors import RigError
 from rig.memory import VARIABLE, limit_bytes, parsed
 from rig.recording import Recording, block_means, scan_recording, whole_or_beginning, whole_or_means

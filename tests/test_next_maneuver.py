@@ -18,9 +18,9 @@ from diagnosed_recordings import by_hand, cause
 
 import estimators
 import scenarios
-from estimators.gap.basefit import set_up
+from estimators.gap.data.basefit import set_up
 from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.separation import contest, measured, rivals
+from estimators.gap.report.separation import contest, measured, rivals
 from rig.arm import Arm
 from rig.clearance import Clearance
 from rig.effects import Effect, make_effect

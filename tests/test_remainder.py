@@ -6,15 +6,15 @@ import numpy as np
 from diagnosed_recordings import backlash, recorded, scenario
 from scipy.stats import binom
 
-from estimators.gap.basefit import learn_floor, set_up
-from estimators.gap.considered import set_prior, unseen_places, visible
-from estimators.gap.discrepancy import Discrepancies
-from estimators.gap.fitted_rig import REFUSED
-from estimators.gap.projection import project
-from estimators.gap.remainder_test import p_value
-from estimators.gap.scan import Scanner
-from estimators.gap.search import Search
-from estimators.gap.whitened import WhitenedData
+from estimators.gap.data.basefit import learn_floor, set_up
+from estimators.gap.data.projection import project
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.discrepancy import Discrepancies
+from estimators.gap.hypotheses.considered import set_prior, unseen_places, visible
+from estimators.gap.hypotheses.scan import Scanner
+from estimators.gap.report.fitted_rig import REFUSED
+from estimators.gap.report.remainder_test import p_value
+from estimators.gap.search.beam import Search
 from rig.effects import Effect, make_effect
 
 RECORDINGS = 3

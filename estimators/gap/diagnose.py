@@ -12,22 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
-from estimators.gap.basefit import posed, set_up
-from estimators.gap.blocks import block_size
-from estimators.gap.closure import elsewhere
-from estimators.gap.corrected import corrected_calibration
-from estimators.gap.defects import Defect, explained_away, find_defects, masked
+from estimators.gap.data.basefit import posed, set_up
+from estimators.gap.data.blocks import block_size
+from estimators.gap.data.defects import Defect, explained_away, find_defects, masked
+from estimators.gap.data.laid_out import Laid, Locked, check, floor_and_step, laid_out, rest_of
+from estimators.gap.data.stack import acting, restricted
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.fast_tones import fast_tones
-from estimators.gap.fitted_rig import FittedRig, judged
-from estimators.gap.laid_out import Laid, Locked, check, floor_and_step, laid_out, rest_of
-from estimators.gap.posterior import explain
-from estimators.gap.remainder_test import remainder_p_value
-from estimators.gap.report import conclude
-from estimators.gap.stack import acting, restricted
-from estimators.gap.states import NoiseState
-from estimators.gap.stochastic import EVERY
-from estimators.gap.whitened import WhitenedData
+from estimators.gap.evidence.fast_tones import fast_tones
+from estimators.gap.evidence.states import NoiseState
+from estimators.gap.hypotheses.stochastic import EVERY
+from estimators.gap.report.closure import elsewhere
+from estimators.gap.report.corrected import corrected_calibration
+from estimators.gap.report.fitted_rig import FittedRig, judged
+from estimators.gap.report.remainder_test import remainder_p_value
+from estimators.gap.report.summary import conclude
+from estimators.gap.search.posterior import explain
 from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError, unknown_name
 from rig.pipeline import Pipeline
@@ -61,14 +61,14 @@ def diagnose(
 
     Args:
         run: a recording or its file; or several, in the order in which they were made, of one rig: the same causes and
-            one calibration for all (``estimators.gap.stack``).
+            one calibration for all (``estimators.gap.data.stack``).
         locked: a recording at rest, for the noise floor; of several recordings one for all or one each. None: the one
             beside the file, else the floor is estimated from the recording itself, and marked so.
         maneuver2: another maneuver of the same rig, on which the gap's closing is judged as well.
         without: effects to leave out of the catalogue.
         arm: None: the A465 where the recording's metadata name it, else the recorded poses of the tool.
         progress: called with the share done, 0 to 1.
-        prior: relative weights of effects, by name; one by default (``estimators.gap.prior.read_prior``).
+        prior: relative weights of effects, by name; one by default (``estimators.gap.hypotheses.prior.read_prior``).
         rig: a fitted rig, whose effects are part of the model; the diagnosis is of what that leaves.
         calibration: from before, of the same rig; its covariance is the prior of what is calibrated here. A recording
             that cannot be calibrated by itself needs one, or others beside it.

@@ -121,7 +121,7 @@ def diagnose(
         [path for path in (locked, maneuver2, prior, fitted, arm_file, calibration) if path is not None],
         together,
     )
-    from estimators.gap.prior import read_prior
+    from estimators.gap.hypotheses.prior import read_prior
     from rig.recording import scan_recording
     from scenarios.diagnosing.batch import Outcome, Task, outcomes
     from scenarios.diagnosing.improved_rig import read_fitted_rig

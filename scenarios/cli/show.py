@@ -188,7 +188,7 @@ def _serve(target: Path) -> None:
 
 
 def _draw_diagnosis(run: Path, diagnosis: Path, arm: Arm | None, target: Path) -> None:
-    from estimators.gap.basefit import posed
+    from estimators.gap.data.basefit import posed
     from estimators.gap.reading import read_diagnosis
     from rig.files import in_utf8
     from rig.recording import locked_beside, whole_or_means

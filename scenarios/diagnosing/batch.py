@@ -9,9 +9,9 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
-from estimators.gap.basefit import fitted_model, posed
+from estimators.gap.data.basefit import fitted_model, posed
 from estimators.gap.diagnose import examined
-from estimators.gap.separation import rivals
+from estimators.gap.report.separation import rivals
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.memory import as_stated, stated

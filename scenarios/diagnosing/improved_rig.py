@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.basefit import all_readings
-from estimators.gap.defects import lattice
+from estimators.gap.data.basefit import all_readings
+from estimators.gap.data.defects import lattice
 from estimators.gap.diagnosis import Diagnosis, chance
-from estimators.gap.fitted_rig import FittedRig, delayed
+from estimators.gap.report.fitted_rig import FittedRig, delayed
 from rig.acquisition import Acquisition
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.environment import Environment

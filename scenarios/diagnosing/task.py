@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from estimators.gap import Diagnosis
 
 if TYPE_CHECKING:
-    from estimators.gap.fitted_rig import FittedRig
+    from estimators.gap.report.fitted_rig import FittedRig
     from scenarios.diagnosing.kept import About
 
 #: Memory that a diagnosis takes [bytes a sample], and the program by itself [bytes].

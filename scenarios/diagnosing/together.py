@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
+from estimators.gap.data.rebase import around
+from estimators.gap.data.stack import acting, restricted
 from estimators.gap.diagnose import Examined, examined
-from estimators.gap.rebase import around
-from estimators.gap.separation import rivals
-from estimators.gap.stack import acting, restricted
+from estimators.gap.report.separation import rivals
 from rig.arm import Arm
 from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.separation import rivals
+from estimators.gap.report.separation import rivals
 from scenarios.gap_report.words import alike_words, and_words, cause_title, place_words
 
 #: What is left over follows an error source; how its name begins -> where on the rig to look.

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.channel_noise import ChannelNoise
+from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
 from scenarios.gap_report.residuals import GapResiduals

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.separation import rivals
+from estimators.gap.report.separation import rivals
 from rig.effects import EFFECTS, Kind
 from rig.maneuver import StaticPoses, TorusSweep
 from scenarios.gap_report.words import cause_title

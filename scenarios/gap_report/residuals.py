@@ -9,14 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.dispatch import calibrate
-from estimators.gap.basefit import all_readings, cleared, estimated_floor, fitted_pipeline, learn_floor, posed, set_up
-from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.defects import find_defects, lattice, masked, relieved
+from estimators.gap.data.basefit import (
+    all_readings,
+    cleared,
+    estimated_floor,
+    fitted_pipeline,
+    learn_floor,
+    posed,
+    set_up,
+)
+from estimators.gap.data.defects import find_defects, lattice, masked, relieved
+from estimators.gap.data.rebase import around
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.rebase import around
-from estimators.gap.score import Explained
-from estimators.gap.stochastic import fit_effect
-from estimators.gap.whitened import WhitenedData
+from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.hypotheses.score import Explained
+from estimators.gap.hypotheses.stochastic import fit_effect
 from rig.arm import Arm
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls

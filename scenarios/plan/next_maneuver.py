@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.basefit import set_up
+from estimators.gap.data.basefit import set_up
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.separation import Explanation, Separation, Trial, contest, rivals
-from estimators.gap.whitened import WhitenedData
+from estimators.gap.report.separation import Explanation, Separation, Trial, contest, rivals
 from estimators.maneuver_bound import predict
 from estimators.model import SensorParameters
 from estimators.statistics import Statistics

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from estimators.gap.channel_noise import ChannelNoise
-from estimators.gap.whitened import WhitenedData
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.arm import Arm
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind, Parameter, Stage, apply_stage

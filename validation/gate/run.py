@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from estimators.gap.diagnose import diagnose, examined
-from estimators.gap.fitted_rig import FittedRig
+from estimators.gap.report.fitted_rig import FittedRig
 from rig.files import child, made_folder, write_text
 from rig.threads import one_blas_thread
 from scenarios.gap_report.words import cause_title

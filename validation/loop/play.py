@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.separation import rivals
+from estimators.gap.report.separation import rivals
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
 from rig.threads import one_blas_thread

@@ -1,0 +1,262 @@
+"""From a recording and its floor to whitened data: the base fit that every test stands on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.calibration import Calibration
+from estimators.dispatch import calibrate
+from estimators.from_recording import arm_of
+from estimators.gap.data.whitened import WhitenedData, known
+from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.floor.colour import fit_floor, held
+from estimators.gap.floor.rounded import COARSE, rounded_floor
+from estimators.goodness.residuals import residuals_of
+from estimators.noise import held_poses
+from estimators.turned import turned
+from rig.arm import Arm
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.effects import Effect
+from rig.effects.converter import lattice_step
+from rig.effects.tails import beside_neighbours, drawn_in, student, tails_of, variance_beside_neighbours
+from rig.environment import Environment
+from rig.errors import RigError
+from rig.pipeline import Pipeline
+from rig.recording import Recording, RecordingScan
+from rig.recording.columns import JOINTS_OF_ARM
+from rig.sensor import TriaxialSensor
+from rig.signals import Signals
+
+Array = NDArray[np.float64]
+
+#: A locked recording is thinned to this many samples for each of the sweep's: finer steps teach nothing about its
+#: colour.
+_FINER = 10
+
+
+def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...]:
+    """The noise of each channel at rest; channels that were not recorded have none.
+
+    Args:
+        locked: several poses held still.
+        interval_s: between samples of the sweep.
+    """
+    labels = held_poses(locked)
+    stride = max(1, int(interval_s * locked.rate_Hz / _FINER))
+    readings = all_readings(locked)
+    numbers = [label for label in np.unique(labels) if label >= 0]
+    if not numbers:
+        raise _never_at_rest(locked)
+    channels, tails, coarse = {}, {}, {}
+    for column in np.flatnonzero(np.isfinite(readings[0])):
+        segments = [readings[labels == label, column] for label in numbers]
+        step = lattice_step(readings[:, column])
+        own = held(segments, 1.0 / locked.rate_Hz)
+        if own.segments and own.variance > 0.0 and step**2 > COARSE**2 * own.variance:
+            coarse[int(column)] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
+            continue
+        segments, *tails[int(column)] = _relieved(segments)
+        phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
+        channels[int(column)] = held(phases, stride / locked.rate_Hz)
+    if not all(channel.segments for channel in channels.values()):
+        raise _never_at_rest(locked)
+    silent = [CHANNELS[column] for column, channel in channels.items() if channel.variance == 0.0]
+    if silent:
+        raise RigError(f"{locked.origin or locked.name}: {silent[0]} is constant, expected its noise at rest")
+    boards = [sensor for column in channels for sensor, own in COLUMNS_OF.items() if column in range(6)[own]]
+    fitted = coarse | {
+        column: _of_sweep(noise, *tails[column])
+        for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
+    }
+    return tuple(fitted.get(column, ChannelNoise(np.nan)) for column in range(len(CHANNELS)))
+
+
+def _never_at_rest(locked: Recording) -> RigError:
+    return RigError(f"{locked.origin or locked.name}: the arm is never at rest, expected a locked recording")
+
+
+def _relieved(segments: list[Array]) -> tuple[list[Array], float, float]:
+    """Readings of poses at rest with the ends of long tails drawn in; the tails' degrees of freedom and variance."""
+    means = [float(segment.mean()) for segment in segments]
+    values = np.concatenate([segment - mean for segment, mean in zip(segments, means, strict=True)])
+    if not values.any():
+        return segments, np.inf, 0.0
+    degrees, scale, _ = student(values)
+    less = [drawn_in(segment - mean, degrees, scale) for segment, mean in zip(segments, means, strict=True)]
+    lost = float(np.mean(values**2) - np.mean(np.concatenate(less) ** 2))
+    return [each + mean for each, mean in zip(less, means, strict=True)], degrees, lost
+
+
+def _of_sweep(noise: ChannelNoise, degrees: float, lost: float) -> ChannelNoise:
+    """The floor of long-tailed noise as the sweep's readings have it, drawn in beside their neighbours."""
+    if np.isinf(degrees):
+        return noise
+    grown = variance_beside_neighbours(degrees)
+    return replace(noise, white=noise.white * grown, degrees=degrees, tails=lost - (grown - 1.0) * noise.white)
+
+
+def all_readings(recording: Recording) -> Array:
+    """(n, 6) readings [recorded unit]; NaN where a sensor was not recorded."""
+    readings = np.full((len(recording), len(CHANNELS)), np.nan)
+    for sensor in recording.sensors:
+        readings[:, COLUMNS_OF[sensor]] = recording.readings(sensor)
+    return readings
+
+
+def cleared(recording: Recording, change: Array) -> Recording:
+    """The recording with a change (n, 6) [recorded unit] taken out of its readings."""
+    if not change.any():
+        return recording
+    left = {sensor: recording.readings(sensor) - change[:, COLUMNS_OF[sensor]] for sensor in recording.sensors}
+    return replace(recording, accelerometer=left.get(ACCELEROMETER), magnetometer=left.get(MAGNETOMETER))
+
+
+def fitted_pipeline(calibration: Calibration, recording: Recording) -> Pipeline:
+    """The pipeline with a calibration's sensors and fields; of an accelerometer g - a, whatever it reads."""
+    sensors: dict[str, TriaxialSensor] = {}
+    environment = Environment(recording.metadata.gravity_m_s2, magnetic_field=recording.metadata.magnetic_field)
+    for name, own in calibration.sensors.items():
+        found = turned(own) if own.reads == "a-g" else own
+        sensors[name] = TriaxialSensor.from_axes(found.sensitivity, found.offset, found.axis_vectors)
+        assert found.field_direction is not None
+        x, y, z = (float(component) for component in found.field_direction.vector)
+        if name == ACCELEROMETER:
+            environment = replace(environment, gravity_direction=(x, y, z))
+        else:
+            environment = replace(environment, magnetic_direction=(x, y, z))
+    return Pipeline(environment, sensors.get(ACCELEROMETER), sensors.get(MAGNETOMETER))
+
+
+def signals_of(recording: Recording, arm: Arm | None) -> Signals:
+    """The recording's angles or poses as they enter the pipeline."""
+    rotation = np.empty((0, 0)) if recording.q is not None else recording.rotations(None).reshape(-1, 3, 3)
+    position = np.empty((0, 0)) if recording.tool_position is None else recording.tool_position
+    return Signals(
+        t=recording.t,
+        arm=arm if recording.q is not None else None,
+        q_encoder=recording.q,
+        R_base_tool=rotation,
+        position=position,
+        temperature=recording.temperature,
+        currents=recording.currents,
+        supply=recording.supply,
+    )
+
+
+def posed(recording: Recording, arm: Arm | None) -> tuple[Recording, Arm | None]:
+    """A recording with the arm that its joint angles are of, the A465 where the metadata name it.
+
+    Where nobody knows the arm but the tool's poses were recorded, these serve, and the angles are left out.
+
+    Raises:
+        RigError: no pose, or nothing but joint angles of an arm that is not known.
+    """
+    if arm is not None or recording.q is None:
+        return recording, arm
+    if recording.metadata.arm in JOINTS_OF_ARM:
+        return recording, Arm.a465()
+    arm_of(recording, None, recording.origin or recording.name)
+    return replace(recording, q=None), None
+
+
+def fitted_model(scan: RecordingScan, arm: Arm | None) -> Callable[[Recording], Mapping[str, Array]]:
+    """What the base model, fitted to all of a recording, makes of the poses of a part of it: sensor -> (n, 3).
+
+    Raises:
+        RigError, RefusedFit: as ``calibrate``.
+    """
+    calibration = calibrate(scan.path, noise="residuals", arm=arm)
+
+    def readings(part: Recording) -> Mapping[str, Array]:
+        own, its_arm = posed(part, arm)
+        return {
+            sensor: part.readings(sensor) - residuals_of(own, sensor, calibration[sensor], its_arm).values
+            for sensor in part.sensors
+        }
+
+    return readings
+
+
+#: Calibrations at most until given effects and calibration fit together, and the change [of the floor] that ends it.
+_ROUNDS, _SETTLED = 6, 1e-3
+
+
+def set_up(
+    recording: Recording, floor: tuple[ChannelNoise, ...], arm: Arm | None, given: Sequence[Effect] = ()
+) -> WhitenedData:
+    """Fit the base model and whiten what it leaves of the recording.
+
+    Args:
+        given: mean effects that the model has: the calibration is fitted with these in place.
+
+    Raises:
+        RigError, RefusedFit: as ``calibrate``; a given effect has no place on this recording.
+    """
+    data = _set_up(recording, floor, arm, np.zeros((1, 1)), given)
+    sigma = np.sqrt([channel.variance for channel in floor])
+    for _ in range(_ROUNDS if given else 0):
+        fresh = _set_up(recording, floor, arm, data.given_change, given)
+        moved = float(np.nanmax(np.abs(fresh.given_change - data.given_change) / sigma))
+        data = fresh
+        if moved < _SETTLED:
+            break
+    return data
+
+
+def _set_up(
+    recording: Recording,
+    floor: tuple[ChannelNoise, ...],
+    arm: Arm | None,
+    change: Array,
+    given: Sequence[Effect],
+) -> WhitenedData:
+    """The data around the calibration of the readings less a change (n, 6)."""
+    noise = floor_of(recording, floor)
+    left = cleared(recording, change)
+    calibration = calibrate(left, noise=noise, arm=arm if recording.q is not None else None)
+    data = placed(recording, signals_of(recording, arm), fitted_pipeline(calibration, recording), floor)
+    return replace(data, given=tuple(given))
+
+
+def placed(recording: Recording, signals: Signals, pipeline: Pipeline, floor: tuple[ChannelNoise, ...]) -> WhitenedData:
+    """A recording, its angles or poses, whitened beside a fitted pipeline with its sensors."""
+    readings = all_readings(recording)
+    base = pipeline.expected(signals, np.random.default_rng(0))
+    return WhitenedData(known(base), pipeline, readings, floor, np.ones_like(readings), floor)
+
+
+def floor_of(recording: Recording, floor: Sequence[ChannelNoise]) -> dict[str, Array]:
+    """sensor -> (3,) standard deviation of its readings at rest."""
+    return {
+        sensor: np.sqrt([floor[column].variance for column in range(*COLUMNS_OF[sensor].indices(len(CHANNELS)))])
+        for sensor in recording.sensors
+    }
+
+
+def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise, ...]:
+    """A floor from the recording itself, where none was measured: the second differences of the residual, as if white.
+
+    Smooth gaps cancel in second differences; coloured noise does too, so that this floor is a lower bound of it.
+    """
+    calibration = calibrate(recording, noise="residuals", arm=arm if recording.q is not None else None)
+    return floor_beside(recording, arm, fitted_pipeline(calibration, recording))
+
+
+def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> tuple[ChannelNoise, ...]:
+    """As ``estimated_floor``, beside a fitted pipeline with the recording's sensors."""
+    base = pipeline.expected(signals_of(recording, arm), np.random.default_rng(0))
+    floors = []
+    for values in (all_readings(recording) - base.volts).T:
+        differences = np.diff(values, n=2)
+        spread = float(np.median(np.abs(differences - np.median(differences)))) / 0.6745  # robust against spikes
+        local = beside_neighbours(values * np.sqrt(6.0) / spread)
+        if np.isfinite((tails := tails_of(local, None))[0]):  # of long tails the median tells too little
+            less = values + (drawn_in(local, *tails) - local) * spread / np.sqrt(6.0)
+            spread = float(np.std(np.diff(less, n=2)))
+        # a median of overlapping differences tells a twentieth of what as many independent samples would
+        floors.append(ChannelNoise(spread**2 / 6.0, samples=len(values) // 20, degrees=None))
+    return tuple(floors)

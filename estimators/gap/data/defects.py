@@ -1,0 +1,162 @@
+"""Defects of single readings, which no mean and no spectrum shows: spikes, repeats, a clipped range, a coarse
+converter.
+
+Each is told from the readings themselves, by the class that simulates it. What is found is left out of everything that
+follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.special import ndtri
+
+from estimators.gap.data.whitened import WhitenedData
+from rig.channels import CHANNELS
+from rig.effects import EFFECTS, Effect, Finding, Kind, Readings
+from rig.effects.converter import lattice_step
+from rig.effects.tails import beside_neighbours, drawn_in, tails_of
+from rig.pipeline import Pipeline
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Found last, in the readings that the others have left.
+_LAST: Final = "outliers"
+#: So many readings on either side tell how far readings differ there.
+_NEARBY: Final = 25
+
+
+@dataclass(frozen=True)
+class Defect:
+    """One kind of defect.
+
+    Attributes:
+        effect, where: its name and place in the catalogue.
+        parameters: by name: value, standard deviation (None where there is none), unit.
+        affected: (n, 6) the readings to leave out; none for a coarse converter.
+        log_p: logarithm of the p-value.
+        gap: (6,) root mean square of what it adds to the readings [recorded unit].
+    """
+
+    effect: str
+    where: str
+    parameters: Mapping[str, tuple[Any, Any, str]]
+    affected: Mask
+    log_p: float
+    gap: Array
+
+
+def find_defects(data: WhitenedData, locked_step: Array) -> list[Defect]:
+    """All defects of a recording.
+
+    Args:
+        data: base fit.
+        locked_step: (6,) the converter's step that the locked recording shows; it belongs to the floor.
+    """
+    names = [name for name, effect in EFFECTS.items() if effect.kind is Kind.DISTRIBUTION and name != _LAST]
+    defects = [defect for name in names for defect in _examined(name, data, locked_step)]
+    left = data
+    for defect in defects:
+        left = left.without(defect.affected)
+    return [*defects, *_examined(_LAST, left, locked_step)]
+
+
+def _examined(name: str, data: WhitenedData, step: Array) -> list[Defect]:
+    effect = EFFECTS[name]
+    readings = readings_of(data, step)
+    places = [where for where in effect.places if where not in CHANNELS or CHANNELS.index(where) in data.columns]
+    found = [effect.examined(readings, where) for where in places]
+    return [_defect(each) for each in found if each is not None]
+
+
+def readings_of(data: WhitenedData, step: Array) -> Readings:
+    """The readings beside the base fit."""
+    white = np.zeros_like(data.readings)
+    for column in data.columns:
+        white[:, column] = data.whiteners[column](data.residual[:, column]) * data.weights[:, column]
+    sigma = np.array([whitener.sigma for whitener in data.whiteners])
+    degrees = tuple(channel.degrees for channel in data.floor)
+    return Readings(data.readings, data.modelled, sigma, white, data.weights == 0.0, step, degrees)
+
+
+def _defect(finding: Finding) -> Defect:
+    effect = finding.effect
+    parameters = {
+        item.name: (getattr(effect, item.name), finding.std[item.name], item.unit)
+        for item in effect.parameters()
+        if item.name in finding.std
+    }
+    return Defect(effect.name, effect.where, parameters, finding.affected, finding.log_p, finding.added)
+
+
+def lattice(readings: Array) -> Array:
+    """(6,) the converter's step of each channel; zero where none shows, NaN where the channel is not there."""
+    return np.array([lattice_step(values) if np.isfinite(values[0]) else np.nan for values in readings.T])
+
+
+def explained_away(
+    data: WhitenedData,
+    defects: Sequence[Defect],
+    pipeline: Pipeline,
+    effects: Sequence[Effect],
+    raised: Array | None = None,
+    other: bool = False,
+) -> list[Defect]:
+    """The defects that are left once causes are known: a motion's peaks look like spikes until it is, as does jitter.
+
+    Args:
+        data: of single samples, nothing left out. defects: those found before.
+        pipeline, effects: the calibration with the causes in place, and these.
+        raised: (n, 6) factor by which named noise exceeds the floor in time; None: there is none.
+        other: whether something without a name is left: then the floor is no measure, but what is around a reading.
+    """
+    known = bool(effects) or raised is not None or other
+    if not known or not any(defect.effect == _LAST for defect in defects):
+        return list(defects)
+    others = [defect for defect in defects if defect.effect != _LAST]
+    base = pipeline.expected(data.base, np.random.default_rng(0))
+    volts = replace(pipeline, effects=(*data.given, *effects)).carried(base, np.random.default_rng(0)).volts
+    left = replace(masked(data, others), readings=data.readings - volts + data.modelled)
+    judged = left if raised is None else replace(left, weights=left.weights / raised)
+    if other:
+        judged = replace(judged, weights=judged.weights / _around(readings_of(judged, np.zeros(6)).white))
+    return [*others, *_examined(_LAST, judged, np.zeros(left.readings.shape[1]))]
+
+
+def relieved(data: WhitenedData) -> WhitenedData:
+    """The data with the ends of long tails drawn in, where the floor has such: what squares make of them is no gap.
+
+    Judged beside their neighbours, so that whatever is slow stays; as the floor was (``drawn_in``).
+    """
+    readings = data.readings.copy()
+    white = readings_of(data, np.zeros(len(CHANNELS))).white
+    for column in data.columns:
+        known = data.floor[column].degrees
+        if known is None or np.isfinite(known):
+            local = beside_neighbours(white[:, column])
+            less = drawn_in(local, *tails_of(local, known)) - local
+            readings[:, column] += less * data.whiteners[column].sigma * (data.weights[:, column] > 0.0)
+    return replace(data, readings=readings)
+
+
+def _around(white: Array) -> Array:
+    """(n, 6) standard deviation, at least one, by how far whitened readings differ from their neighbours nearby."""
+    steps = np.abs(np.diff(white, axis=0, prepend=white[:1])) / np.sqrt(2.0)
+    spread = median_filter(steps, size=(2 * _NEARBY + 1, 1), mode="nearest") / float(ndtri(0.75))
+    return np.asarray(np.maximum(spread, 1.0))
+
+
+def masked(data: WhitenedData, defects: Sequence[Defect]) -> WhitenedData:
+    """The data with the affected readings left out."""
+    for defect in defects:
+        data = data.without(defect.affected)
+        if defect.effect == "adc_quantisation":  # its rounding error is white noise of variance step^2 / 12
+            sigma = np.array([whitener.sigma for whitener in data.whiteners])
+            data = replace(data, weights=data.weights * sigma / np.hypot(sigma, defect.gap))
+    return relieved(data)

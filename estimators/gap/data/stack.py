@@ -1,0 +1,380 @@
+"""Several recordings as one: the same calibration and the same effects, each with its own noise and sampling.
+
+Whitened readings of different recordings are independent, and every one has variance one: put one after another in each
+channel they are one whitened problem, of which nothing needs to know how many recordings it has. What an effect does to
+a recording is found recording by recording, as effects look at the samples before. The clock runs on from one to the
+next, in the order in which they were made: what jumps stays as it is from then on.
+
+A calibration that is known from before is as good as readings: its covariance, inverted, is information about the same
+parameters, and stands in the problem as so many rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.calibration import Calibration
+from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.turned import turned
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.directions import tangent_basis
+from rig.effects import Effect
+from rig.errors import RigError
+from rig.pipeline import Pipeline
+from rig.signals import Signals, joined, sampled
+
+Array = NDArray[np.float64]
+
+#: Eigenvalues of a calibration's correlation matrix below this are rounding.
+_ROUNDING: Final = 1e-12
+
+
+@lru_cache(maxsize=1024)
+def only_in(effect: type[Effect], part: int) -> type[Effect]:
+    """The effect as one that acts in a single recording, by its number."""
+    return type(effect.__name__, (effect,), {"part": part, "__doc__": effect.__doc__})
+
+
+def part_of(effect: Effect | type[Effect]) -> int | None:
+    """The number of the recording in which alone an effect acts; None: in all."""
+    found: int | None = getattr(effect, "part", None)
+    return found
+
+
+@dataclass(frozen=True)
+class Stack(WhitenedData):
+    """Recordings one after another; the attributes of ``WhitenedData`` are theirs, joined.
+
+    Attributes:
+        each: recording by itself, around the same calibration.
+        names: of the recordings. began: [s] what was added to the clock of each.
+    """
+
+    each: tuple[WhitenedData, ...] = ()
+    names: tuple[str, ...] = ()
+    began: tuple[float, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        members: Sequence[WhitenedData],
+        names: Sequence[str],
+        pipeline: Pipeline,
+        began: Sequence[float],
+        steps: Sequence[Step] = (),
+    ) -> Stack:
+        """Of whitened whose clocks run on from one to the next.
+
+        Args:
+            members: their pipelines have the sensors that were recorded, and the calibration of ``pipeline``.
+        """
+        first = members[0]
+        whole = joined([member.base for member in members])
+        volts, inputs = np.nan_to_num(whole.volts), np.nan_to_num(whole.inputs)
+        return cls(
+            base=replace(whole, volts=volts, inputs=inputs),
+            pipeline=pipeline,
+            readings=np.nan_to_num(np.concatenate([member.readings for member in members])),
+            noises=first.noises,
+            weights=np.concatenate([member.weights for member in members]),
+            floor=first.floor,
+            block=first.block,
+            samples=first.samples,
+            steps=tuple(steps),
+            each=tuple(members),
+            names=tuple(names),
+            began=tuple(began),
+        )
+
+    @property
+    def parts(self) -> tuple[WhitenedData, ...]:
+        """The recordings; not a calibration from before."""
+        return tuple(member for member in self.each if not isinstance(member, Anchor))
+
+    @cached_property
+    def stretches(self) -> tuple[slice, ...]:
+        """Where each of the members is among the means of a channel."""
+        return _slices([member.count for member in self.each])
+
+    @cached_property
+    def single(self) -> tuple[slice, ...]:
+        """Where each of the members is among the samples."""
+        return _slices([len(member.base) for member in self.each])
+
+    @cached_property
+    def t(self) -> Array:
+        """(count,) [s] of the means."""
+        return np.concatenate([member.t for member in self.each])
+
+    def whiten_channel(self, column: int, values: Array) -> Array:
+        """As of ``WhitenedData``, recording by recording; zero where a recording does not have the channel."""
+        found = np.zeros((self.count, *values.shape[1:]), order="F")
+        for member, own, rows in zip(self.each, self.stretches, self.single, strict=True):
+            if column in member.columns:
+                found[own] = member.whiten_channel(column, values[rows])
+        return found
+
+    @cached_property
+    def tangent(self) -> Array:
+        """As of ``WhitenedData``; a calibration from before says of the parameters what its covariance says."""
+        found = super().tangent
+        for member, own in zip(self.each, self.stretches, strict=True):
+            if isinstance(member, Anchor):
+                for index, column in enumerate(self.columns):
+                    rows = slice(index * self.count + own.start, index * self.count + own.stop)
+                    found[rows] = member.of_channel(column)
+        return found
+
+    def change(self, effects: Sequence[Effect]) -> Array:
+        """As of ``WhitenedData``."""
+        parts = [member.change(acting(effects, number)) for number, member in enumerate(self.each)]
+        return np.nan_to_num(np.concatenate(parts))
+
+    def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
+        """As of ``WhitenedData``."""
+        found: list[list[Array]] = [[] for _ in moved]
+        for number, member in enumerate(self.each):
+            rest = acting(others, number)
+            here = bool(acting(moved[:1], number))
+            own = member.changes(moved, rest) if here else [member.change(rest)] * len(moved)
+            for each, change in zip(found, own, strict=True):
+                each.append(change)
+        return [np.nan_to_num(np.concatenate(each)) for each in found]
+
+    def replayed(self, effects: Sequence[Effect]) -> Array:
+        """As of ``WhitenedData``."""
+        parts = [member.replayed(acting(effects, number)) for number, member in enumerate(self.each)]
+        return np.nan_to_num(np.concatenate(parts))
+
+    def around(self, pipeline: Pipeline) -> Stack:
+        """As of ``WhitenedData``."""
+        members = [member.around(restricted(pipeline, tuple(member.pipeline.sensors))) for member in self.each]
+        return Stack.of(members, self.names, pipeline, self.began, self.steps)
+
+    def having(self, effects: Sequence[Effect]) -> Stack:
+        """As of ``WhitenedData``."""
+        return self._made([member.having(acting(effects, number)) for number, member in enumerate(self.each)])
+
+    def without(self, left_out: NDArray[np.bool_]) -> Stack:
+        """As of ``WhitenedData``."""
+        return self._made([member.without(left_out[rows]) for member, rows in zip(self.each, self.single, strict=True)])
+
+    def averaged(self, block: int) -> Stack:
+        """As of ``WhitenedData``."""
+        return self._made([member.averaged(block) for member in self.each])
+
+    def coarse(self) -> WhitenedData:
+        """As of ``WhitenedData``, each recording over as many samples as it turns little in."""
+        found = [member.coarse() for member in self.each]
+        return self if all(one is other for one, other in zip(found, self.each, strict=True)) else self._made(found)
+
+    def pointwise(self) -> Stack:
+        """As of ``WhitenedData``."""
+        return self._made([member.pointwise() for member in self.each])
+
+    def stepped(self, steps: Sequence[Step]) -> Stack:
+        """As of ``WhitenedData``."""
+        members = [
+            member.stepped([step for step in steps if step.part == number]) for number, member in enumerate(self.each)
+        ]
+        return Stack.of(members, self.names, self.pipeline, self.began, (*self.steps, *steps))
+
+    def _made(self, members: Sequence[WhitenedData]) -> Stack:
+        return Stack.of(members, self.names, self.pipeline, self.began, self.steps)
+
+
+@dataclass(frozen=True)
+class Anchor(WhitenedData):
+    """A calibration from before, as rows of the whitened problem: for each channel some.
+
+    Its "readings" are whitened already: the square root of the calibration's information times what its parameters are
+    from those of the pipeline.
+
+    Attributes:
+        known: the calibration.
+    """
+
+    known: Calibration | None = None
+
+    @classmethod
+    def beside(cls, member: WhitenedData, pipeline: Pipeline, known: Calibration) -> Anchor:
+        """At poses of a recording, which do not matter.
+
+        Raises:
+            RigError: it has no attitude, or lacks a sensor that was recorded.
+        """
+        for sensor in pipeline.sensors:
+            own = known[sensor]
+            if not own.axes or own.field_direction is None or own.method != "simultaneous":
+                raise RigError(f"calibration of the {sensor}: found method {own.method!r}, expected simultaneous")
+        known = replace(
+            known, sensors={name: turned(own) if own.reads == "a-g" else own for name, own in known.sensors.items()}
+        )
+        count = -(-_size(pipeline) // len(pipeline.columns))
+        base = sampled(member.base, slice(0, count))
+        after = float(member.base.t[-1]) + np.arange(1.0, count + 1.0)
+        base = replace(
+            base,
+            t=after,
+            volts=np.zeros((count, len(CHANNELS))),
+            known_links=None,
+            known_nodes=None,
+            velocity=base.velocity,
+        )
+        nothing = np.zeros((count, len(CHANNELS)))
+        found = cls(base, pipeline, nothing, member.noises, nothing + 1.0, member.floor, known=known)
+        return found.around(pipeline)
+
+    def around(self, pipeline: Pipeline) -> Anchor:
+        """Around another calibration: the same information, seen from there."""
+        found = replace(self, pipeline=pipeline)
+        rows = np.zeros(len(self.columns) * self.count)
+        rows[: len(found.root)] = found.root @ found.away
+        readings = np.zeros_like(self.readings)
+        readings[:, self.columns] = rows.reshape(len(self.columns), self.count).T
+        return replace(found, readings=readings)
+
+    @cached_property
+    def root(self) -> Array:
+        """(p, p) square root of the information, in the coordinates of ``WhitenedData.raw_tangent``.
+
+        Raises:
+            RigError: the calibration does not tell all of its parameters.
+        """
+        assert self.known is not None
+        total = _size(self.pipeline)
+        found = np.zeros((total, total))
+        first = 0
+        for name in self.pipeline.sensors:
+            turn = self._turn(name)
+            covariance = turn @ self.known[name].vector_covariance @ turn.T
+            variances = np.diag(covariance)
+            if not (np.isfinite(variances) & (variances > 0.0)).all():
+                raise RigError(f"calibration of the {name}: found parameters without a variance, expected one of each")
+            scale = np.sqrt(variances)
+            values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+            values = np.maximum(values, _ROUNDING)
+            stop = first + len(turn)
+            found[first:stop, first:stop] = (vectors / np.sqrt(values)).T / scale
+            first = stop
+        return found
+
+    @cached_property
+    def away(self) -> Array:
+        """(p,) the calibration's parameters less those of the pipeline."""
+        assert self.known is not None
+        parts = []
+        for name, sensor in self.pipeline.sensors.items():
+            own = self.known[name]
+            here = []
+            for k in range(3):
+                here += [sensor.sensitivity[k], sensor.offset[k], *sensor.axes[k]]
+            there = []
+            for k in range(3):
+                there += [own.sensitivity[k], own.offset[k], *own.axis_vectors[k]]
+            assert own.field_direction is not None
+            here += list(_direction(self.pipeline, name))
+            there += list(own.field_direction.vector)
+            parts.append(self._turn(name, ordered=True) @ (np.array(there) - np.array(here)))
+        return np.concatenate(parts)
+
+    def of_channel(self, column: int) -> Array:
+        """(count, p) rows of the whitened tangent."""
+        every = np.zeros((len(self.columns) * self.count, len(self.root)))
+        every[: len(self.root)] = self.root
+        return np.asarray(every.reshape(len(self.columns), self.count, -1)[self.columns.index(column)])
+
+    def whiten_channel(self, column: int, values: Array) -> Array:
+        """As they are."""
+        return np.asarray(values)
+
+    def change(self, effects: Sequence[Effect]) -> Array:
+        """Nothing."""
+        return np.zeros_like(self.readings)
+
+    def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
+        """Nothing."""
+        return [np.zeros_like(self.readings)] * len(moved)
+
+    def replayed(self, effects: Sequence[Effect]) -> Array:
+        """Nothing."""
+        return np.zeros_like(self.readings)
+
+    def having(self, effects: Sequence[Effect]) -> WhitenedData:
+        """As it is."""
+        return self
+
+    def without(self, left_out: NDArray[np.bool_]) -> WhitenedData:
+        """As it is."""
+        return self
+
+    def averaged(self, block: int) -> WhitenedData:
+        """As it is."""
+        return self
+
+    def coarse(self) -> WhitenedData:
+        """As it is."""
+        return self
+
+    def _turn(self, name: str, ordered: bool = False) -> Array:
+        """(14, v) from vector parameters to tangent coordinates; ``ordered``: of (S, delta, axis) thrice and field."""
+        assert self.known is not None
+        own = self.known[name]
+        names = list(own.vector_parameters)
+        if ordered:
+            stems = ("sensitivity{}", "offset{}", "axis{}_x", "axis{}_y", "axis{}_z")
+            names = [stem.format(k) for k in (1, 2, 3) for stem in stems] + ["field_x", "field_y", "field_z"]
+        sensor = self.pipeline.sensors[name]
+        found = np.zeros((14, len(names)))
+        for k in range(3):
+            found[4 * k, names.index(f"sensitivity{k + 1}")] = 1.0
+            found[4 * k + 1, names.index(f"offset{k + 1}")] = 1.0
+            at = names.index(f"axis{k + 1}_x")
+            found[4 * k + 2 : 4 * k + 4, at : at + 3] = tangent_basis(sensor.axes[k])
+        at = names.index("field_x")
+        found[12:14, at : at + 3] = tangent_basis(_direction(self.pipeline, name))
+        return found
+
+
+def acting(effects: Sequence[Effect], number: int) -> list[Effect]:
+    """Those that act in a recording."""
+    return [effect for effect in effects if part_of(effect) in (None, number)]
+
+
+def restricted(pipeline: Pipeline, sensors: Sequence[str]) -> Pipeline:
+    """The pipeline with some of its sensors."""
+    own: dict[str, Any] = {name: sensor for name, sensor in pipeline.sensors.items() if name in sensors}
+    return replace(pipeline, accelerometer=own.get(ACCELEROMETER), magnetometer=own.get(MAGNETOMETER))
+
+
+def running_on(signals: Sequence[Signals]) -> list[Signals]:
+    """With clocks that run on from one recording to the next; where they do already, as they are."""
+    found: list[Signals] = []
+    end = -np.inf
+    for each in signals:
+        pause = float(np.median(np.diff(each.t))) if len(each) > 1 else 1.0
+        shift = 0.0 if each.t[0] > end else end + pause - float(each.t[0])
+        found.append(replace(each, t=each.t + shift, known_nodes=None))
+        end = float(found[-1].t[-1])
+    return found
+
+
+def _direction(pipeline: Pipeline, sensor: str) -> Array:
+    field = pipeline.environment.gravity if sensor == ACCELEROMETER else pipeline.environment.magnetic
+    return np.asarray(field / np.linalg.norm(field))
+
+
+def _size(pipeline: Pipeline) -> int:
+    """How many parameters ``WhitenedData.raw_tangent`` has."""
+    return sum(4 * len(range(6)[COLUMNS_OF[name]]) + 2 for name in pipeline.sensors)
+
+
+def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
+    ends = np.cumsum(lengths).tolist()
+    return tuple(slice(end - length, end) for end, length in zip(ends, lengths, strict=True))

@@ -1,0 +1,396 @@
+"""A recording in whitened coordinates: base fit, whitened residuals, and what the calibration absorbs.
+
+Everything the diagnosis asks of the data is asked in whitened coordinates, channel after channel in one long vector,
+with the tangent space of the calibration projected out: r -> M r, columns Z -> M Z.
+
+A long recording is put on the data as means over blocks of samples; the rig is still evaluated at every sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct, idct
+
+from estimators.gap.data.blocks import block_means, block_poses, neighbours
+from estimators.gap.data.projection import orthonormal, project
+from estimators.gap.floor.channel_noise import ChannelNoise, Whitener
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.directions import tangent_basis
+from rig.effects import Effect, Stage
+from rig.effects.base import apply_stage
+from rig.pipeline import Pipeline
+from rig.signals import Signals
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A further factor of the whitening.
+
+    Attributes:
+        column: the channel.
+        factor: (count,) of each whitened reading, or of each coefficient of their cosine transform (DCT-II).
+        in_time: which of the two.
+        part: the number of the recording, of several, whose readings it is of.
+    """
+
+    column: int
+    factor: Array
+    in_time: bool
+    part: int = 0
+
+    def shortened(self, count: int) -> Step:
+        """For means over neighbouring samples: the step's lowest frequencies, or the mean of its factors."""
+        if not self.in_time:
+            return replace(self, factor=self.factor[:count])
+        factor = self.factor[: len(self.factor) // count * count].reshape(count, -1).mean(axis=1)
+        return replace(self, factor=factor)
+
+    def __call__(self, white: Array) -> Array:
+        """Whitened values (..., count)."""
+        if self.in_time:
+            return white * self.factor
+        return np.asarray(idct(dct(white, norm="ortho") * self.factor, norm="ortho"))
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Whitened columns that are zero outside some channels.
+
+    Attributes:
+        values: (rows, m), each column contiguous.
+        first: where these rows begin in the whole vector.
+    """
+
+    values: Array
+    first: int
+
+    @property
+    def rows(self) -> slice:
+        """Where they are in the whole vector."""
+        return slice(self.first, self.first + len(self.values))
+
+
+@dataclass(frozen=True)
+class WhitenedData:
+    """A recording of n samples beside its base fit, as ``count`` block means.
+
+    Attributes:
+        base: the recording's angles or poses after all stages of the fitted pipeline, without effects; n samples.
+        pipeline: the fitted pipeline, without effects.
+        readings: (n, 6) [recorded unit]; channels that are not there are NaN.
+        noises: the floor of each channel, of block means.
+        weights: (count, 6) factor of each whitened mean: zero where it is left out, less than one where it is noisier.
+        floor: what was learned of each channel's single readings at rest.
+        kept: (n, 6) the readings that count; None: all of them.
+        block: samples a mean.
+        samples: how many of the recorded samples a mean is of; as ``block``, but on pointwise data.
+        steps: what selected noise adds to the whitening, in this order.
+        given: mean effects that the model has, as a fitted rig has them; all others are asked for beside these.
+    """
+
+    base: Signals
+    pipeline: Pipeline
+    readings: Array
+    noises: tuple[ChannelNoise, ...]
+    weights: Array
+    floor: tuple[ChannelNoise, ...]
+    kept: NDArray[np.bool_] | None = None
+    block: int = 1
+    samples: int = 1
+    steps: tuple[Step, ...] = ()
+    given: tuple[Effect, ...] = ()
+
+    @property
+    def parts(self) -> tuple[WhitenedData, ...]:
+        """The recordings, each on its own: this one; of several see ``estimators.gap.data.stack``."""
+        return (self,)
+
+    @property
+    def stretches(self) -> tuple[slice, ...]:
+        """Where each of the parts is among the means of a channel."""
+        return (slice(0, self.count),)
+
+    @property
+    def single(self) -> tuple[slice, ...]:
+        """Where each of the parts is among the samples."""
+        return (slice(0, len(self.base)),)
+
+    def rows(self, number: int) -> NDArray[np.intp]:
+        """Where one of the parts is in the whole vector, in the order of its own channels."""
+        here = [index for index, column in enumerate(self.columns) if column in self.parts[number].columns]
+        return np.concatenate([index * self.count + np.arange(self.count)[self.stretches[number]] for index in here])
+
+    def lacking(self, effect: type[Effect]) -> str:
+        """What some recording lacks for an effect, in words; empty where all have all."""
+        return next(filter(None, (effect.lacking(part.base) for part in self.parts)), "")
+
+    def around(self, pipeline: Pipeline) -> WhitenedData:
+        """The data with another calibration."""
+        base = pipeline.expected(self.base, np.random.default_rng(0), first=Stage.FIELD)  # the poses are what they were
+        return replace(self, pipeline=pipeline, base=base)
+
+    @property
+    def floor_samples(self) -> Array:
+        """(6,) how many of the means tell as much of the noise as the floor was learned from."""
+        return np.array([channel.samples_at(self.interval_s) for channel in self.floor])
+
+    @property
+    def columns(self) -> list[int]:
+        """The channels that are there."""
+        return self.pipeline.columns
+
+    @property
+    def count(self) -> int:
+        """Block means a channel."""
+        return len(self.weights)
+
+    @property
+    def size(self) -> int:
+        """c count, the number of whitened means."""
+        return len(self.columns) * self.count
+
+    @cached_property
+    def t(self) -> Array:
+        """(count,) [s] of the means."""
+        return block_means(self.base.t, self.block)
+
+    @property
+    def interval_s(self) -> float:
+        """Between means [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @cached_property
+    def given_change(self) -> Array:
+        """(n, 6) [recorded unit] what the given effects change, with the calibration held."""
+        return np.asarray(self._volts(self.given) - self.base.volts) if self.given else np.zeros_like(self.base.volts)
+
+    @property
+    def modelled(self) -> Array:
+        """(n, 6) [recorded unit] the base fit, given effects included."""
+        return self.base.volts + self.given_change if self.given else self.base.volts
+
+    @cached_property
+    def residual(self) -> Array:
+        """(n, 6) [recorded unit] reading minus base fit."""
+        return self.readings - self.modelled
+
+    @cached_property
+    def whiteners(self) -> tuple[Whitener, ...]:
+        """One for each channel."""
+        return tuple(noise.whitener(self.interval_s) for noise in self.noises)
+
+    def whiten_channel(self, column: int, values: Array) -> Array:
+        """One channel's values (n,) or (n, m) in whitened coordinates (count,) or (count, m)."""
+        means = self._means(column, values.T)
+        if (bridge := self._bridges[column]) is not None:  # the filter must not carry on what is left out
+            gap, before, after, share = bridge
+            means = means.copy()
+            means[..., gap] = (1.0 - share) * means[..., before] + share * means[..., after]
+        white = self.whiteners[column](means) * self.weights[:, column]
+        for step in self.steps:
+            if step.column == column:
+                white = step(white)
+        return np.asarray(white.T)
+
+    def _means(self, column: int, values: Array) -> Array:
+        if self.block == 1:
+            return np.ascontiguousarray(values)
+        return block_means(values, self.block, None if self.kept is None else self.kept[:, column])
+
+    def whiten(self, volts: Array) -> Array:
+        """Readings (n, 6) or (n, 6, m) in whitened coordinates: (c count,) or (c count, m), c of the channels."""
+        return np.concatenate([self.whiten_channel(column, volts[:, column]) for column in self.columns])
+
+    def whiten_changes(self, changes: Sequence[Array]) -> Columns:
+        """Changes (n, 6) of the readings, one a column; from the first channel that they touch to the last."""
+        touched = [index for index, column in enumerate(self.columns) if any(each[:, column].any() for each in changes)]
+        if not touched:
+            return Columns(np.zeros((0, len(changes))), 0)
+        low, high = touched[0], touched[-1] + 1
+        white = np.zeros((len(changes), high - low, self.count))
+        for index in touched:
+            column = self.columns[index]
+            white[:, index - low] = self.whiten_channel(column, np.stack([each[:, column] for each in changes], 1)).T
+        return Columns(white.reshape(len(changes), -1).T, low * self.count)
+
+    @cached_property
+    def _bridges(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Array] | None]:
+        """Of each coloured channel with readings left out: these, their neighbours, and the way between."""
+        found: list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Array] | None] = []
+        for whitener, weights in zip(self.whiteners, self.weights.T, strict=True):
+            gap, kept = np.flatnonzero(weights == 0.0), np.flatnonzero(weights > 0.0)
+            if whitener.white or not gap.size or not kept.size:
+                found.append(None)
+                continue
+            right = np.searchsorted(kept, gap)
+            before, after = kept[np.maximum(right - 1, 0)], kept[np.minimum(right, len(kept) - 1)]
+            share = np.clip((gap - before) / np.maximum(after - before, 1), 0.0, 1.0)
+            found.append((gap, before, after, share))
+        return found
+
+    def channel(self, white: Array, column: int) -> Array:
+        """The part of a whitened vector that belongs to a channel."""
+        first = self.columns.index(column) * self.count
+        return white[first : first + self.count]
+
+    @cached_property
+    def raw_tangent(self) -> dict[int, tuple[Array, list[int]]]:
+        """For each channel (n, 6) [recorded unit], and which of the calibration's parameters these six are.
+
+        Its sensitivity, its offset, two tangent coordinates of its axis, and the two of the field that the channels of
+        a sensor share.
+        """
+        found: dict[int, tuple[Array, list[int]]] = {}
+        total = 0
+        for name, sensor in self.pipeline.sensors.items():
+            environment = self.pipeline.environment
+            field = environment.gravity if name == ACCELEROMETER else environment.magnetic
+            rotation = self.base.R_base_tool
+            in_tool = np.matmul(field, rotation)  # (n, 3)
+            turned = [np.matmul(along, rotation) for along in tangent_basis(field / np.linalg.norm(field))]
+            columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
+            shared = [total + 4 * len(columns), total + 4 * len(columns) + 1]
+            for column, axis, sensitivity in zip(columns, sensor.axes, sensor.sensitivity, strict=True):
+                own = np.empty((6, len(self.base))).T
+                own[:, 0] = in_tool @ axis
+                own[:, 1] = 1.0
+                own[:, 2:4] = sensitivity * in_tool @ tangent_basis(axis).T
+                for index, along in enumerate(turned):
+                    own[:, 4 + index] = sensitivity * np.linalg.norm(field) * (along @ axis)
+                found[column] = own, [total, total + 1, total + 2, total + 3, *shared]
+                total += 4
+            total += 2
+        return found
+
+    @cached_property
+    def tangent(self) -> Array:
+        """(c count, p): what the calibration's parameters do to the whitened readings."""
+        parameters = 1 + max(max(numbers) for _, numbers in self.raw_tangent.values())
+        result = np.zeros((parameters, self.size))
+        for index, column in enumerate(self.columns):
+            own, numbers = self.raw_tangent[column]
+            result[numbers, index * self.count : (index + 1) * self.count] = self.whiten_channel(column, own).T
+        return result.T
+
+    def left_over(self, change: Array) -> Array:
+        """(n, 6) [recorded unit] what the calibration cannot absorb of a change (n, 6)."""
+        absorbed, *_ = np.linalg.lstsq(self.tangent, self.whiten(change), rcond=1e-9)
+        left = change.copy()
+        for column in self.columns:
+            own, numbers = self.raw_tangent[column]
+            left[:, column] -= own @ absorbed[numbers]
+        return left
+
+    @cached_property
+    def absorbed(self) -> Array:
+        """(c count, rank) orthonormal basis of the tangent."""
+        return orthonormal(self.tangent)
+
+    @cached_property
+    def whitened(self) -> Array:
+        """(c count,) the whitened residual with the tangent projected out."""
+        return project(self.absorbed, self.whiten(self.residual))
+
+    def change(self, effects: Sequence[Effect]) -> Array:
+        """(n, 6) [recorded unit] what mean effects change, with the calibration held."""
+        if not effects:
+            return np.zeros_like(self.base.volts)
+        if len(effects) == 1 and effects[0].stage is Stage.FIELD and not self.given:
+            found = self._of_field(effects[0])
+            if found is not None:
+                return found
+        return np.asarray(self._volts((*self.given, *effects)) - self.modelled)
+
+    def _of_field(self, effect: Effect) -> Array | None:
+        """As ``change``, of an effect that adds to the magnetic field alone: the readings are linear in that."""
+        base = self.base
+        moved = apply_stage((effect,), Stage.FIELD, base, np.random.default_rng(0))
+        if moved.gravity is not base.gravity or moved.acceleration is not base.acceleration:
+            return None
+        change = np.zeros_like(base.volts)
+        if MAGNETOMETER in self.pipeline.sensors:
+            change[:, COLUMNS_OF[MAGNETOMETER]] = np.einsum("nki,ni->nk", self._felt, moved.magnetic - base.magnetic)
+        return change
+
+    @cached_property
+    def _felt(self) -> Array:
+        """(n, 3, 3) [recorded unit over the field's] what the magnetometer's channels read of a field, base frame."""
+        sensor = self.pipeline.sensors[MAGNETOMETER]
+        return np.asarray(
+            np.einsum("nij,kj->nki", self.base.R_base_tool, np.reshape(sensor.sensitivity, (-1, 1)) * sensor.axes)
+        )
+
+    def _volts(self, effects: Sequence[Effect]) -> Array:
+        rng = np.random.default_rng(0)  # mean effects draw nothing
+        return replace(self.pipeline, effects=tuple(effects)).carried(self.base, rng).volts
+
+    def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
+        """As ``change``, of each of several effects of one stage beside others; the stages before it run once."""
+        rng, stage = np.random.default_rng(0), moved[0].stage
+        begun, found = None, []
+        for effect in moved:
+            pipeline = replace(self.pipeline, effects=(*self.given, effect, *others))
+            begun = begun or pipeline.carried(self.base, rng, stop=stage)
+            found.append(pipeline.carried(self.base, rng, begun, first=stage).volts - self.modelled)
+        return found
+
+    def replayed(self, effects: Sequence[Effect]) -> Array:
+        """(n, 6) [recorded unit] as ``change``, with every pose computed anew by MuJoCo."""
+        if self.base.q_encoder is None or not effects:
+            return self.change(effects)
+        start = replace(self.base, position=np.empty((0, 0)))
+        simulator = replace(self.pipeline, effects=(*self.given, *effects))
+        return simulator.expected(start, np.random.default_rng(0)).volts - self.modelled
+
+    def having(self, effects: Sequence[Effect]) -> WhitenedData:
+        """The data whose model has some mean effects: what others change is asked for beside these."""
+        return replace(self, given=(*self.given, *effects))
+
+    def without(self, left_out: NDArray[np.bool_]) -> WhitenedData:
+        """The data, of single samples, with some readings (n, 6) left out."""
+        kept = ~left_out if self.kept is None else self.kept & ~left_out
+        return replace(self, kept=kept, weights=np.where(left_out, 0.0, self.weights))
+
+    def averaged(self, block: int) -> WhitenedData:
+        """The data, of single samples, as one of means over blocks of so many."""
+        if block == 1:
+            return self
+        kept = np.ones_like(self.readings) if self.kept is None else self.kept.astype(float)
+        share = block_means(kept.T, block).T
+        raised = block_means((kept * self.weights).T, block).T / np.maximum(share, 1e-12)
+        noises = tuple(noise.averaged(block, self.interval_s) for noise in self.noises)
+        samples = self.samples * block
+        steps = tuple(step.shortened(len(share)) for step in self.steps)
+        return replace(self, noises=noises, weights=raised * np.sqrt(share), block=block, samples=samples, steps=steps)
+
+    def coarse(self) -> WhitenedData:
+        """Means over as many neighbouring samples as turn little, each with the rig evaluated once."""
+        return self.averaged(neighbours(self.base)).pointwise()
+
+    def stepped(self, steps: Sequence[Step]) -> WhitenedData:
+        """The data with further steps of whitening."""
+        return replace(self, steps=(*self.steps, *steps))
+
+    def pointwise(self) -> WhitenedData:
+        """The data with the rig evaluated once a block, at its mean pose: quick, and to first order the same."""
+        if self.block == 1:
+            return self
+        base = block_poses(self.base, self.block)
+        base = self.pipeline.expected(base, np.random.default_rng(0))
+        means = np.stack([self._means(column, self.residual[:, column]) for column in range(len(CHANNELS))], axis=1)
+        found = replace(self, base=known(base), readings=base.volts + means, kept=None, block=1)
+        return replace(found, readings=found.modelled + means) if self.given else found
+
+
+def known(base: Signals) -> Signals:
+    """The signals with what is asked for again and again: joint velocities and link poses, or the log's nodes."""
+    if base.q_encoder is None:
+        return replace(base, known_nodes=(base.pose_nodes,))
+    return replace(base, velocity=base.joint_velocity, known_links=(base.q, base.links))

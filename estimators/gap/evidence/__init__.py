@@ -1,0 +1,1 @@
+"""How likely a hypothesis makes the data: refits, Laplace's approximation, discrepancies, states of the noise."""

@@ -1,0 +1,171 @@
+"""The log evidence of an explanation: how well it predicts the recording, its parameters averaged over their prior.
+
+Laplace's approximation about the refit, in whitened coordinates with the calibration's tangent projected out, which is
+the restricted likelihood (Harville, Biometrika 61, 1974). Strengths are normal about zero with a scale of their own for
+each effect, averaged over a grid; shapes are normal about what was fitted, one typical size wide.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.projection import project
+from estimators.gap.data.stack import part_of
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.refine import Fitted, Refit
+from estimators.gap.hypotheses.prior import scales
+
+Array = NDArray[np.float64]
+
+#: Squared signal-to-noise of a typical size below which an effect does nothing on this recording.
+_UNFELT: Final = 1e-9
+#: So many combinations of scales are averaged in full; beyond that one effect's scale at a time.
+_FULL: Final = 64
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A set of fitted effects, linearised where it was fitted; parameters in typical sizes, effect after effect.
+
+    Attributes:
+        left: (m,) whitened residual that is left, the calibration projected out.
+        tangent: (m, p) derivatives, the calibration projected out.
+        point: (p,) fitted values. strength: (p,) True for strengths.
+        width: (p,) prior standard deviation of shapes.
+        owner: (p,) the number of the effect.
+        searched: logarithm of how many fixed shapes were as likely, less those that fit as well.
+    """
+
+    left: Array
+    tangent: Array
+    point: Array
+    strength: NDArray[np.bool_]
+    width: Array
+    owner: NDArray[np.intp]
+    searched: float = 0.0
+
+    @cached_property
+    def gram(self) -> Array:
+        """(p, p)."""
+        return np.asarray(self.tangent.T @ self.tangent)
+
+    @property
+    def felt(self) -> bool:
+        """Whether every effect changes the readings where it was fitted; one that acts by being there has no say."""
+        length = np.diag(self.gram)
+        count = int(self.owner.max()) + 1 if len(self.owner) else 0
+        return all(length[self.owner == index].sum() > _UNFELT for index in range(count))
+
+    @cached_property
+    def grids(self) -> list[Array]:
+        """The scales of each effect's strengths."""
+        length = np.diag(self.gram)
+        count = int(self.owner.max()) + 1 if len(self.owner) else 0
+        found = []
+        for index in range(count):
+            own = self.strength & (self.owner == index)
+            found.append(scales(float(np.sqrt(length[own].sum()))) if own.any() else np.ones(1))
+        return found
+
+    def precision(self, chosen: Sequence[float] | Array) -> Array:
+        """(p,) prior precisions with a scale for each effect."""
+        each = np.asarray(chosen)[self.owner] if len(self.owner) else np.zeros(0)
+        return np.where(self.strength, 1.0 / each**2, 1.0 / self.width**2)
+
+    @cached_property
+    def pull(self) -> Array:
+        """(p,) prior mean less the fitted value."""
+        return np.where(self.strength, -self.point, 0.0)
+
+    def posterior(
+        self, precision: Array, gram: Array | None = None, moment: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Mean (p,) of the parameters less their fitted values, and covariance (p, p), in typical sizes."""
+        gram = self.gram if gram is None else gram
+        moment = self.tangent.T @ self.left if moment is None else moment
+        covariance = np.linalg.pinv(gram + np.diag(precision), hermitian=True)
+        return np.asarray(covariance @ (moment + precision * self.pull)), np.asarray(covariance)
+
+    def log_evidence(self, square: Array | float, gram: Array, moment: Array, precision: Array) -> Array:
+        """(...,) without the determinant of S, the inverse covariance.
+
+        Args:
+            square, gram, moment: (...,), (..., p, p), (..., p) left' S left, T' S T and T' S left.
+            precision: (p,) of the prior.
+        """
+        if not len(self.point):
+            return np.asarray(-0.5 * np.asarray(square))
+        diagonal = np.einsum("...ii->...i", gram) + precision
+        scale = 1.0 / np.sqrt(np.maximum(diagonal, 0.5 * precision))
+        posterior = (gram + np.diag(precision)) * scale[..., :, None] * scale[..., None, :]
+        values, vectors = np.linalg.eigh(posterior)
+        least = np.min(precision * scale**2, axis=-1)  # the prior alone is as much: less is rounding
+        values = np.maximum(values, np.maximum(0.5 * least, 1e-13)[..., None])
+        z = np.einsum("...ij,...i->...j", vectors, (moment + precision * self.pull) * scale)
+        log_det = np.log(values).sum(axis=-1) - 2.0 * np.log(scale).sum(axis=-1)
+        fit = np.sum(z**2 / values, axis=-1) - float(precision @ self.pull**2)
+        return np.asarray(-0.5 * square + 0.5 * fit + 0.5 * float(np.log(precision).sum()) - 0.5 * log_det)
+
+    @cached_property
+    def averaged(self) -> tuple[float, Array]:
+        """The log evidence under the floor, scales averaged, and the likeliest scale of each effect."""
+        square, moment = float(self.left @ self.left), self.tangent.T @ self.left
+        if not self.grids:
+            return -0.5 * square, np.zeros(0)
+
+        def at(chosen: Sequence[float]) -> float:
+            return float(self.log_evidence(square, self.gram, moment, self.precision(chosen)))
+
+        sizes = [len(grid) for grid in self.grids]
+        if np.prod(sizes) <= _FULL:
+            every = [(at(chosen), chosen) for chosen in itertools.product(*self.grids)]
+            best = max(every, key=lambda pair: pair[0])
+            total = float(np.logaddexp.reduce([value for value, _ in every]) - np.log(len(every)))
+            return total - self.searched, np.asarray(best[1])
+        chosen = [float(grid[len(grid) // 2]) for grid in self.grids]
+        for _ in range(2):
+            for index, grid in enumerate(self.grids):
+                values = [at([*chosen[:index], float(scale), *chosen[index + 1 :]]) for scale in grid]
+                chosen[index] = float(grid[int(np.argmax(values))])
+        total = top = at(chosen)
+        for index, grid in enumerate(self.grids):
+            values = [at([*chosen[:index], float(scale), *chosen[index + 1 :]]) - top for scale in grid]
+            total += float(np.logaddexp.reduce(values) - np.log(len(grid)))
+        return total - self.searched, np.asarray(chosen)
+
+
+def linearised(refitted: Refit, searched: float = 0.0) -> Linear:
+    """Fitted effects, linearised where they were fitted.
+
+    Args:
+        searched: see ``Linear``.
+    """
+    fits, data = refitted.fits, refitted.data
+    if not fits:
+        none = np.zeros(0)
+        return Linear(data.whitened, np.zeros((data.size, 0)), none, none > 0, none, np.zeros(0, dtype=np.intp))
+    left, tangent = (project(data.absorbed, each) for each in (refitted.left, refitted.columns))
+    point = np.concatenate([fit.values / fit.scale for fit in fits])
+    strength = np.concatenate([np.full(item.size, item.strength) for fit in fits for item in fit.free])
+    width = np.concatenate(
+        [np.full(item.size, _width(fit, item.name, item.typical, data)) for fit in fits for item in fit.free]
+    )
+    owner = np.concatenate([np.full(len(fit.values), index, dtype=np.intp) for index, fit in enumerate(fits)])
+    return Linear(left, tangent, point, strength.astype(bool), width, owner, searched)
+
+
+def _width(fit: Fitted, name: str, typical: float, data: WhitenedData) -> float:
+    """Prior width of a shape, in typical sizes; of a tone's frequency such that its density is one over its band."""
+    if name != "freq_Hz" or not fit.candidate.effect.tone:
+        return 1.0
+    bands = fit.candidate.effect.bands
+    own = data.parts[part_of(fit.candidate.effect) or 0]
+    band = sum(high - low for low, high in bands) if bands else 0.5 * own.samples / own.interval_s
+    return float(band / np.sqrt(2.0 * np.pi) / typical)

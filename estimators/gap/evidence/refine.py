@@ -1,0 +1,302 @@
+"""Refitting a set of mean effects for real: all their parameters together, through the whole pipeline."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.projection import project
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.hypotheses.candidates import STEP, Candidate, Shape
+from estimators.gap.hypotheses.scan import KEPT, ScoreTest
+from estimators.gap.hypotheses.score import ABSORBED, Explained
+from rig.effects import Effect
+from rig.effects.parameters import Parameter, Value
+from rig.environment import MAGNITUDES
+
+Array = NDArray[np.float64]
+
+#: Strengths are held near zero by a prior of so many typical sizes, inverted: what the calibration absorbs stays there.
+_HELD = 1e-2
+#: Damping of the first step; the least and the largest.
+_DAMPED, _LEAST, _LARGEST = 1e-3, 1e-8, 1e4
+#: Squared signal-to-noise of a typical size below which a parameter is not moved: a phase of what has no amplitude.
+_UNFELT = 1e-9
+#: Chi-square that a step must promise, and the share of the promise that must come for the derivatives to stay.
+_FLAT, _STRAIGHT = 0.02, 0.8
+#: Chi-square gained since the derivatives were taken, up to which they are still those of the point.
+_NEAR = 0.25
+#: Values of a phase that are tried before it is fitted.
+_PHASES = np.arange(8) * np.pi / 4.0
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A mean effect with its fitted parameters.
+
+    Attributes:
+        candidate: effect and place.
+        values: (p,) the free parameters, strengths first.
+        kept: shapes that are not fitted, and strengths without influence on this recording.
+    """
+
+    candidate: Candidate
+    values: Array
+    kept: Shape
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """The fitted parameters: strengths, then shapes."""
+        items = [item for item in self.candidate.effect.parameters() if item.name not in self.kept]
+        return tuple(sorted(items, key=lambda item: not item.strength))
+
+    @property
+    def scale(self) -> Array:
+        """(p,) typical sizes."""
+        return np.concatenate([np.full(item.size, item.typical) for item in self.free])
+
+    @cached_property
+    def effect(self) -> Effect:
+        """The effect itself; values beyond their bounds are moved to them."""
+        numbers = iter(self.values)
+        given: dict[str, object] = {"where": self.candidate.where, **self.candidate.names, **self.kept}
+        for item in self.free:
+            taken = [float(np.clip(number, item.lower, item.upper)) for number in itertools.islice(numbers, item.size)]
+            given[item.name] = taken[0] if item.size == 1 else tuple(taken)
+        return self.candidate.effect.from_mapping(given)
+
+    def touched(self, data: WhitenedData) -> NDArray[np.bool_]:
+        """(6,) the channels whose readings it changes, near the fitted values."""
+        moved = replace(self, values=self.values + STEP * self.scale).effect
+        return np.asarray((data.change([moved]) != 0.0).any(axis=0))
+
+    def tangent(self, data: WhitenedData, others: Sequence[Effect] = ()) -> Array:
+        """(c count, p) whitened derivatives at the fitted values, each scaled to a typical size."""
+        moved = [replace(self, values=self.values + row).effect for row in np.diag(STEP * self.scale)]
+        still, *changed = data.changes([self.effect, *moved], others)
+        parts = [(change - still) / STEP for change in changed]
+        columns = data.whiten_changes(parts)
+        full = np.zeros((len(parts), data.size)).T
+        full[columns.rows] = columns.values
+        return full
+
+
+def started(tested: ScoreTest, data: WhitenedData, explained: Explained) -> Fitted:
+    """The fit's start: the tested's shape, the best of a few phases, and strengths by linear least squares."""
+    effect = tested.candidate.effect
+    kept = {name: value for name, value in tested.shape.items() if name in KEPT}
+    best: tuple[float, Fitted] | None = None
+    for spanned in _tries(tested):
+        shape: dict[str, Value] = {**tested.shape, **spanned}
+        columns = data.whiten_changes(tested.candidate.derivatives(data, shape))
+        score = explained.score(columns)
+        if best is not None and score.statistic <= best[0]:
+            continue
+        values, idle = _split(tested.candidate, score.strengths, np.asarray(columns.values.any(axis=0)))
+        shapes = [item for item in effect.parameters() if not item.strength and item.name not in kept]
+        values += [np.atleast_1d(np.asarray(shape[item.name], dtype=float)) for item in shapes]
+        best = (score.statistic, Fitted(tested.candidate, np.concatenate(values), {**kept, **idle}))
+    assert best is not None
+    return best[1]
+
+
+def _split(candidate: Candidate, strengths: Array, felt: NDArray[np.bool_]) -> tuple[list[Array], dict[str, Value]]:
+    """The strengths that the recording feels, and the neutral values of those it does not."""
+    values: list[Array] = []
+    idle: dict[str, Value] = {}
+    first = 0
+    for item in candidate.strengths:
+        part = slice(first, first + item.size)
+        first += item.size
+        if felt[part].any():
+            values.append(strengths[part])
+        else:
+            idle[item.name] = item.neutral if item.size == 1 else (item.neutral,) * item.size
+    return values, idle
+
+
+def _tries(tested: ScoreTest) -> list[dict[str, Value]]:
+    """Values of the spanned shapes to start from."""
+    effect = tested.candidate.effect
+    spanned = {item.name: item for item in effect.parameters() if item.spanned}
+    if not spanned:
+        return [{}]
+    coefficients = tested.score.strengths.reshape(len(effect.spanning()), -1)
+    if set(spanned) == {"phase_rad"} and len(effect.spanning()) == 2:  # A sin(x + p) = A cos p sin x + A sin p cos x
+        phase = np.arctan2(coefficients[1], coefficients[0])
+        item = spanned["phase_rad"]
+        return [{"phase_rad": float(phase[0]) if item.size == 1 else tuple(float(x) for x in phase)}]
+    if "direction" in spanned:  # (direction, phase) spanned by their products: the nearest product
+        names = [dict(span) for span in effect.spanning()]
+        table = np.zeros((3, 2))
+        for span, coefficient in zip(names, coefficients[:, 0], strict=True):
+            table[int(np.argmax(span["direction"])), int(np.asarray(span["phase_rad"]) > 0)] += coefficient
+        left, _, right = np.linalg.svd(table)
+        return [
+            {"direction": tuple(float(x) for x in left[:, 0]), "phase_rad": float(np.arctan2(right[0, 1], right[0, 0]))}
+        ]
+    return [{"phase_rad": float(phase)} for phase in _PHASES]
+
+
+@dataclass(frozen=True)
+class Refit:
+    """Effects fitted together.
+
+    Attributes:
+        fits: the effects. data: where.
+        left: (c count,) what they leave of the whitened residual; the calibration is not projected out.
+        columns: (c count, p) their whitened derivatives there, each for a typical size.
+    """
+
+    fits: list[Fitted]
+    data: WhitenedData
+    left: Array
+    columns: Array
+
+    @property
+    def misfit(self) -> float:
+        """Chi-square, the calibration projected out."""
+        taken = self.data.absorbed.T @ self.left
+        return float(self.left @ self.left - taken @ taken)
+
+    @cached_property
+    def explained(self) -> Explained:
+        """What they leave, with their tangents explained."""
+        absorbed = self.data.absorbed
+        if not self.fits:
+            return Explained(absorbed, self.data.whitened)
+        return Explained(absorbed, project(absorbed, self.left)).extended(self.columns)
+
+
+def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24) -> Refit:
+    """All parameters of all effects together by nonlinear least squares.
+
+    The calibration moves along its tangent, which is projected out. The derivatives, which cost most, are taken anew
+    only where the misfit does not fall as they foretold (Levenberg-Marquardt with a chord: Nocedal and Wright,
+    Numerical Optimization, 2006, section 10.3; Kelley, Iterative Methods, 1995, section 5.4).
+
+    Args:
+        most: steps at most.
+    """
+    fits = list(fits)
+    if not fits:
+        return at(fits, data)
+    scale = np.concatenate([each.scale for each in fits])
+    held = _HELD * np.concatenate([np.full(item.size, float(item.strength)) for each in fits for item in each.free])
+    problem = _Problem(fits, data, held**2)
+    here = problem.at(np.concatenate([each.values for each in fits]) / scale)
+    slopes, damping, gone = problem.slopes(here), _DAMPED, 0.0
+    for _ in range(most):
+        step = slopes.step(here, damping)
+        ahead = problem.at(here.point + step)
+        promised, kept = slopes.promise(here, step), here.misfit - ahead.misfit
+        if kept > 0.0:
+            here, damping, gone = ahead, max(damping / 10.0, _LEAST), gone + kept
+        else:
+            damping *= 10.0
+        if promised < _FLAT or damping > _LARGEST:
+            break
+        if slopes.at is not here.point and kept < _STRAIGHT * promised:
+            slopes, gone = problem.slopes(here), 0.0
+    if gone > _NEAR:
+        slopes = problem.slopes(here)
+    return Refit(here.fits, data, here.left, slopes.columns)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Parameters (p,) in typical sizes, the effects there, what they leave of the whitened residual, its misfit."""
+
+    point: Array
+    fits: list[Fitted]
+    left: Array
+    misfit: float
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """Whitened derivatives (c count, p) at a point; their Gram matrix, the calibration projected out, the prior in."""
+
+    at: Array
+    columns: Array
+    gram: Array
+    absorbed: Array
+    prior: Array
+
+    def moment(self, here: _Point) -> Array:
+        """(p,) minus half the misfit's gradient."""
+        free = here.left - self.absorbed @ (self.absorbed.T @ here.left)
+        return np.asarray(self.columns.T @ free - self.prior * here.point)
+
+    def step(self, here: _Point, damping: float) -> Array:
+        """(p,), in the directions that the calibration does not absorb."""
+        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + self.prior + _UNFELT)
+        values, vectors = np.linalg.eigh(self.gram / np.outer(length, length))
+        free = values > ABSORBED**2
+        along = vectors[:, free].T @ (self.moment(here) / length)
+        return np.asarray(vectors[:, free] @ (along / (values[free] + damping)) / length)
+
+    def promise(self, here: _Point, step: Array) -> float:
+        """By how much the misfit should fall."""
+        return float(step @ (2.0 * self.moment(here) - self.gram @ step))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Effects to be fitted; the prior (p,) that holds their strengths near zero: one over its variance."""
+
+    fits: Sequence[Fitted]
+    data: WhitenedData
+    prior: Array
+
+    def at(self, point: Array) -> _Point:
+        """The misfit (chi-square) with the calibration's tangent projected out; infinite beyond what can be said."""
+        numbers = iter(point)
+        fits = [
+            replace(each, values=np.array(list(itertools.islice(numbers, len(each.values)))) * each.scale)
+            for each in self.fits
+        ]
+        if not all((np.abs(each.values) <= MAGNITUDES[1]).all() for each in fits):
+            return _Point(point, fits, np.zeros(0), np.inf)
+        left = self.data.whiten(self.data.residual - self.data.change([each.effect for each in fits]))
+        absorbed = self.data.absorbed.T @ left
+        misfit = float(left @ left - absorbed @ absorbed + self.prior @ point**2)
+        return _Point(point, fits, left, misfit)
+
+    def slopes(self, here: _Point) -> _Slopes:
+        """The derivatives at a point."""
+        columns = np.hstack(tangents(here.fits, self.data))
+        shared = self.data.absorbed.T @ columns
+        gram = columns.T @ columns - shared.T @ shared + np.diag(self.prior)
+        return _Slopes(here.point, columns, gram, self.data.absorbed, self.prior)
+
+
+def tangents(fits: Sequence[Fitted], data: WhitenedData) -> list[Array]:
+    """The tangent of each fitted effect with the others in place: those that touch a channel that it touches."""
+    touched = [each.touched(data) for each in fits]
+    if any(each.candidate.names for each in fits):  # what a channel's reading does to another's
+        touched = [np.ones_like(own) for own in touched]
+    found = []
+    for each, here in zip(fits, touched, strict=True):
+        near = [bool((here & own).any()) for own in touched]
+        others = [other.effect for other, felt in zip(fits, near, strict=True) if felt and other is not each]
+        found.append(each.tangent(data, others))
+    return found
+
+
+def at(fits: Sequence[Fitted], data: WhitenedData) -> Refit:
+    """Effects as they were fitted elsewhere, in whitened data."""
+    if not fits:
+        return Refit([], data, data.whitened, np.zeros((data.size, 0)))
+    left = data.whiten(data.residual - data.change([each.effect for each in fits]))
+    return Refit(list(fits), data, left, np.hstack(tangents(fits, data)))
+
+
+def explained_by(fits: Sequence[Fitted], data: WhitenedData) -> Explained:
+    """What fitted effects leave of the residual in whitened data, with their tangents explained."""
+    return at(fits, data).explained

@@ -1,0 +1,280 @@
+"""What the noise may be: the floor as it was learned, a floor that is slower than the poses at rest show, noise effects
+of the catalogue, or noise that has no name.
+
+Each is a further step of whitening, and a log weight: the determinant of that step, and what its parameters cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.gap.evidence.laplace import Linear
+from estimators.gap.floor.learned import going_on, groups, remembers
+from estimators.gap.hypotheses.prior import (
+    FLOOR_MOVED,
+    FLOOR_RAISED,
+    FLOOR_SLOWER,
+    FLOOR_UNSEEN,
+    FLOOR_WALKS,
+    GRID,
+    LARGEST,
+    OTHER,
+    OTHER_NOISE,
+    VISIBLE,
+    Drawn,
+)
+from estimators.gap.hypotheses.score import Explained
+from estimators.gap.hypotheses.stochastic import FittedNoise, fitted_noises, spectrum
+from rig.channels import COLUMNS_OF
+
+Array = NDArray[np.float64]
+
+#: The state of a coloured floor that goes on below what poses at rest can show.
+SLOWER: Final = "slower floor"
+#: The state of a floor that no poses at rest show.
+UNSEEN: Final = "unseen floor"
+#: Bands of a spectrum without a name; log range of a band's excess before the data.
+_BANDS: Final = 10
+_RANGE: Final = 12.0
+#: Pieces of time in which noise without a name may have another size, readings in each at least, and passes by which
+#: size and spectrum are learned in turn; a variance that no noise falls below.
+_PIECES, _LONG, _ALTERNATE, _LEAST = 48, 8, 4, 1e-6
+
+
+@dataclass(frozen=True)
+class NoiseState:
+    """A hypothesis of the noise.
+
+    Attributes:
+        name: in words; empty for the floor as learned.
+        fitted: the noise effects of the catalogue that are part of it.
+        steps: of whitening beyond the floor's.
+        log_weight: cost of the steps' parameters, log prior of a floor; and, once ``under_steps`` has told it, the log
+            determinant of the steps.
+        other: whether it holds noise without a name.
+    """
+
+    name: str = ""
+    fitted: tuple[FittedNoise, ...] = ()
+    steps: tuple[Step, ...] = ()
+    log_weight: float = 0.0
+    other: bool = False
+
+    @property
+    def drawn(self) -> list[Drawn]:
+        """As the prior knows it."""
+        return [(fitted.effect.name, (fitted.label,)) for fitted in self.fitted]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Effects and places."""
+        return tuple(sorted(fitted.label for fitted in self.fitted))
+
+
+def log_det(data: WhitenedData, steps: Sequence[Step]) -> float:
+    """log determinant of further steps of whitening, less half that of what they make of the calibration's information:
+    the calibration is integrated out, and coarser noise leaves it more room (Harville, Biometrika 61, 1974)."""
+    if not steps:
+        return 0.0
+    basis = _stepped(data, data.absorbed, steps)
+    return _log_det(steps, basis.T @ basis)
+
+
+def _log_det(steps: Sequence[Step], information: Array) -> float:
+    own = float(sum(np.sum(np.log(np.maximum(step.factor, 1e-300))) for step in steps))
+    return own - 0.5 * float(np.linalg.slogdet(information)[1])
+
+
+def under_steps(data: WhitenedData, linear: Linear, steps: Sequence[Step]) -> tuple[Linear, float]:
+    """Linearised effects after further steps of whitening, not refitted; and ``log_det`` of the steps."""
+    absorbed = data.absorbed.shape[1]
+    every = _stepped(data, np.column_stack([data.absorbed, linear.left, linear.tangent]), steps)
+    basis, rest = every[:, :absorbed], every[:, absorbed:]
+    information = basis.T @ basis
+    rest = rest - basis @ np.linalg.solve(information, basis.T @ rest)
+    return replace(linear, left=rest[:, 0], tangent=rest[:, 1:]), _log_det(steps, information)
+
+
+def _stepped(data: WhitenedData, columns: Array, steps: Sequence[Step]) -> Array:
+    """Whitened columns (c n, m) after further steps."""
+    by_channel = columns.T.reshape(columns.shape[1], len(data.columns), data.count).copy()
+    for step in steps:
+        own = data.columns.index(step.column), data.stretches[step.part]
+        by_channel[:, *own] = step(by_channel[:, *own])
+    return by_channel.reshape(columns.shape[1], -1).T
+
+
+def moved_floor(data: WhitenedData, explained: Explained, at_rest: bool, slower: bool = False) -> NoiseState | None:
+    """The floor as the sweep itself says it is, as far as what it was learned from allows.
+
+    Args:
+        at_rest: whether that was a recording at rest. Without, any spectrum may be the floor: see ``unseen_floor``.
+        slower: whether it goes on below what that shows.
+    """
+    places = [(number, column) for number, part in enumerate(data.parts) for column in part.columns]
+    goes_on = any(going_on(data.parts[number].floor, column, 0.0) for number, column in places)
+    if slower and not goes_on:
+        return None
+    coloured = any(remembers(data.parts[number].floor, column) for number, column in places)
+    share = 0.0 if not goes_on else FLOOR_SLOWER if coloured else FLOOR_WALKS
+    share = share if slower else 1.0 - share
+    steps, weight = [], float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
+    for number, column in places:
+        part, left = data.parts[number], explained.of(data.rows(number))
+        learned = spectrum(part, left, column)
+        own = spectrum(part, left, column, slower) if slower else learned
+        point, _ = own.alone
+        before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
+        factor = np.sqrt(before / after)
+        if np.abs(np.log(factor)).max() < 1e-3:
+            continue
+        group = groups(part.count, 1)
+        full = np.concatenate([factor[:1], factor[group]])
+        steps.append(Step(column, full, in_time=False, part=number))
+        weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
+    if not steps:
+        return None
+    name = SLOWER if slower else "floor"
+    return NoiseState(name, (), tuple(steps), weight)
+
+
+def unseen_floor(found: NoiseState) -> NoiseState:
+    """Where no recording at rest shows the floor: any spectrum may be it.
+
+    What lies far above the floor that differences of neighbouring readings show is unlikely to be that floor.
+
+    Args:
+        found: the spectrum, as steady noise without a name.
+    """
+    raised = max(float(np.log(np.mean(step.factor**-2.0))) for step in found.steps)
+    weight = found.log_weight - float(np.log(OTHER * OTHER_NOISE)) + float(np.log(FLOOR_UNSEEN))
+    return NoiseState(UNSEEN, (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
+
+
+def named(data: WhitenedData, explained: Explained, without: Sequence[str], given: NoiseState) -> list[NoiseState]:
+    """States with one more noise effect of the catalogue each, the most evident first."""
+    held = {fitted.label for fitted in given.fitted}
+    found = []
+    for fitted in _fitted_at(data, explained, without):
+        if fitted.label in held:
+            continue
+        steps = tuple(step for each in fitted.every for step in each.steps(data.parts[each.part]))
+        weight = given.log_weight + sum(_cost(each) for each in fitted.every)
+        found.append(NoiseState("", (*given.fitted, fitted), (*given.steps, *steps), weight, given.other))
+    return found
+
+
+def _fitted_at(data: WhitenedData, explained: Explained, without: Sequence[str]) -> list[FittedNoise]:
+    """Of every noise effect at every place, with a strength of its own in each recording that shows it."""
+    found: dict[str, list[FittedNoise]] = {}
+    for number, part in enumerate(data.parts):
+        own = explained if len(data.parts) == 1 else explained.of(data.rows(number))
+        for fitted in fitted_noises(part, own, without):
+            if fitted.gain > 0.0:
+                found.setdefault(fitted.label, []).append(replace(fitted, part=number))
+    return [replace(first, more=tuple(rest)) for first, *rest in found.values()]
+
+
+def unnamed(data: WhitenedData, explained: Explained, steady: bool = False) -> NoiseState | None:
+    """Noise of each channel by itself, of any spectrum; that of a sensor may come and go, but where it is steady."""
+    steps: list[Step] = []
+    weight = float(np.log(OTHER * OTHER_NOISE))
+    for number, part in enumerate(data.parts):
+        left = explained.residual[data.rows(number)]
+        for where in COLUMNS_OF.values():
+            own = {column: part.channel(left, column) for column in part.columns if column in range(6)[where]}
+            if not own:
+                continue
+            ways = [_any_spectrum(part, own, np.ones(part.count))]
+            if not steady and part.count >= _LONG * _PIECES:
+                ways.append(_coming_and_going(part, own))
+            _, price, factors = max(ways, key=lambda way: way[0] - way[1])
+            weight -= price
+            steps += [Step(column, factor, in_time, number) for column, factor, in_time in factors]
+    if not steps:
+        return None
+    return NoiseState("noise", (), tuple(steps), weight, other=True)
+
+
+def raised(data: WhitenedData, explained: Explained) -> list[Step]:
+    """White noise of each channel as large as what is left: under it, effects that leave less come first."""
+    steps = []
+    for number, part in enumerate(data.parts):
+        for column in part.columns:
+            own = part.channel(explained.residual[data.rows(number)], column)
+            size = max(float(np.sqrt(np.mean(own**2))), 1.0)
+            steps.append(Step(column, np.full(part.count, 1.0 / size), in_time=False, part=number))
+    return steps
+
+
+#: Gain in log likelihood, what it costs, and for each channel a factor of whitening and whether it is in time.
+_Way = tuple[float, float, list[tuple[int, Array, bool]]]
+
+
+def _any_spectrum(part: WhitenedData, own: Mapping[int, Array], root: Array, least: float = 1.0) -> _Way:
+    """Noise of any spectrum.
+
+    Args:
+        own: by channel, (n,) whitened readings. root: (n,) standard deviation that all of them are divided by.
+        least: variance that the spectrum does not fall below, 1 of the floor.
+    """
+    edges = np.geomspace(1.0, part.count, _BANDS + 1)
+    band = np.clip(np.searchsorted(edges, np.arange(1, part.count), side="right") - 1, 0, _BANDS - 1)
+    many = np.bincount(band, minlength=_BANDS).astype(float)
+    gain, price, factors = 0.0, 0.0, []
+    for column, white in own.items():
+        here = part.weights[:, column] > 0
+        power = dct(white / root, norm="ortho")[1:] ** 2 / max(float(np.mean(here)), 1e-9)
+        ratio = np.bincount(band, power, minlength=_BANDS) / np.maximum(many, 1.0)
+        raised = np.where(many > 0, np.maximum(ratio, least), 1.0)
+        gains = 0.5 * many * (ratio - np.log(raised) - ratio / raised)
+        costs = np.log(_RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))
+        kept = gains > costs
+        gain += float(np.sum(gains[kept]) + 0.5 * (white @ white - (white / root) @ (white / root)))
+        gain -= float(np.sum(np.log(root[here])))
+        price += float(np.sum(costs[kept])) + _BANDS * np.log(2.0) * 0.2
+        if kept.any():
+            factor = 1.0 / np.sqrt(np.where(kept, raised, 1.0))
+            factors.append((column, np.concatenate([[1.0], factor[band]]), False))
+    return gain, price, factors
+
+
+def _coming_and_going(part: WhitenedData, own: Mapping[int, Array]) -> _Way:
+    """Noise of any spectrum whose size is another in each piece of time, alike for the channels of a sensor."""
+    piece = np.arange(part.count) * _PIECES // part.count
+    there = sum((part.weights[:, column] > 0).astype(float) for column in own)
+    many = np.bincount(piece, there, minlength=_PIECES)
+    root = np.ones(part.count)
+    found: _Way = (0.0, 0.0, [])
+    for _ in range(_ALTERNATE):
+        left = dict(own)
+        for column, factor, _ in found[2]:
+            left[column] = Step(column, factor, in_time=False)(own[column] / root) * root
+        square = np.bincount(piece, sum(white**2 for white in left.values()), minlength=_PIECES)
+        root = np.sqrt(np.where(many > 0, np.maximum(square / np.maximum(many, 1.0), _LEAST), 1.0))[piece]
+        found = _any_spectrum(part, own, root, _LEAST)
+    gain, price, factors = found
+    price += float(np.sum(np.log(_RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))))
+    whole = [(column, np.where(part.weights[:, column] > 0, 1.0 / root, 1.0), True) for column in own]
+    return gain, price, [*whole, *factors]
+
+
+def _cost(fitted: FittedNoise) -> float:
+    """log of the share of the prior that the fitted strengths take: half-normal, its scale averaged over a grid."""
+    (strength,) = [item for item in fitted.effect.parameters() if item.strength]
+    values = np.atleast_1d(np.asarray(getattr(fitted.effect, strength.name), dtype=float))[: fitted.rank]
+    spread = np.maximum(fitted.spread, 1e-300)
+    least = np.sqrt(spread)  # the amplitude whose variance is as large as that
+    width = np.minimum(0.5 * spread / np.maximum(values, 1e-300), least)
+    start = VISIBLE * float(np.sqrt(np.mean(least**2)))
+    top = max(LARGEST * strength.typical, start)
+    grid = start * GRID ** np.arange(int(np.log(top / start) / np.log(GRID)) + 1)
+    each = [float(np.sum(np.log(2.0 * width / scale) - 0.5 * (values / scale) ** 2)) for scale in grid]
+    return float(np.logaddexp.reduce(each) - np.log(len(grid))) - float(np.log(fitted.searched))

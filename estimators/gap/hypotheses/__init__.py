@@ -1,0 +1,1 @@
+"""What may be there: the effects of the catalogue, noise, error sources; their priors and score tests."""

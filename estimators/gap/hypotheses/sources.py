@@ -1,0 +1,233 @@
+"""Error sources: what of the arm or the sensor can be off, and the courses along which it can be so.
+
+A mechanism that is not in the catalogue still acts through the arm and the sensor: what it does to the channels is an
+error of an angle, a clock, a turn, a field, an offset or a gain, times an unknown course.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.whitened import WhitenedData
+from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
+from rig.effects import EFFECTS, make_effect
+from rig.effects.transmission import smooth_sign
+
+Array = NDArray[np.float64]
+
+#: A joint whose angle varies less [rad] is locked.
+_LOCKED: Final = 0.05
+#: Angle [rad] and delay [s] at which derivatives are taken.
+_STEP: Final = 1e-5
+_DELAY: Final = 1e-4
+#: Cosines of time, and harmonics of a joint's angle.
+COSINES: Final = 96
+_ORDERS: Final = 3
+
+
+@dataclass(frozen=True)
+class Source:
+    """Something of the arm or of a sensor that can be off.
+
+    Attributes:
+        name: what is off, in words.
+        series: (f, c, n) whitened change of each channel that is there for a unit of each of its f freedoms.
+        kind: "angle", "clock", "turn", "field", "offset" or "gain".
+        column: the channel of an offset or a gain of one axis; -1 for the others.
+    """
+
+    name: str
+    series: Array
+    kind: str
+    column: int = -1
+
+
+@dataclass(frozen=True)
+class Course:
+    """A family of functions that a source can follow.
+
+    Attributes:
+        name: what it follows.
+        values: (n, k) functions. weight: (k,) their prior standard deviations, up to a common factor.
+    """
+
+    name: str
+    values: Array
+    weight: Array
+
+
+def sources(data: WhitenedData) -> list[Source]:
+    """Every error source of a recording."""
+    found: list[Source] = []
+    if data.base.q_encoder is not None:
+        for name in EFFECTS["joint_offset"].places_on(data.base):
+            change = data.change([make_effect("joint_offset", {"where": name, "offset_rad": _STEP})]) / _STEP
+            found.append(_source(data, f"the angle of {name}", "angle", [change]))
+    late = make_effect("latency", {"where": "acquisition", "delay_s": _DELAY})
+    found.append(_source(data, "the clock", "clock", [data.change([late]) / _DELAY]))
+    fields = {
+        name: data.pipeline.environment.gravity if name == ACCELEROMETER else data.pipeline.environment.magnetic
+        for name in data.pipeline.sensors
+    }
+    rotation = data.base.R_base_tool
+    if len(fields) > 1:
+        found.append(
+            _source(
+                data,
+                "a turn of the tool",
+                "turn",
+                [
+                    _total(
+                        _felt(data, name, np.cross(np.matmul(field, rotation), axis)) for name, field in fields.items()
+                    )
+                    for axis in np.eye(3)
+                ],
+            )
+        )
+    found.append(
+        _source(
+            data,
+            "a turn of the base",
+            "turn",
+            [
+                _total(_felt(data, name, np.matmul(np.cross(field, axis), rotation)) for name, field in fields.items())
+                for axis in np.eye(3)
+            ],
+        )
+    )
+    for name, field in fields.items():
+        what = "acceleration" if name == ACCELEROMETER else "magnetic field"
+        found.append(
+            _source(
+                data,
+                f"the {what}",
+                "field",
+                [_felt(data, name, np.linalg.norm(field) * rotation[:, axis, :]) for axis in range(3)],
+            )
+        )
+        found.append(
+            _source(
+                data,
+                f"a turn of the {name}",
+                "turn",
+                [_felt(data, name, np.cross(np.matmul(field, rotation), axis)) for axis in np.eye(3)],
+            )
+        )
+        own = range(len(CHANNELS))[COLUMNS_OF[name]]
+        found.append(
+            _source(data, f"the offsets of the {name}", "offset", [_only(data, column, 1.0) for column in own])
+        )
+    for name in fields:
+        for column, label in zip(range(len(CHANNELS))[COLUMNS_OF[name]], CHANNELS_OF[name], strict=True):
+            found.append(_source(data, f"the offset of {label}", "offset", [_only(data, column, 1.0)], column))
+            found.append(
+                _source(
+                    data, f"the gain of {label}", "gain", [_only(data, column, data.base.inputs[:, column])], column
+                )
+            )
+    return [each for each in found if each.series.any()]
+
+
+def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
+    """What sources can follow besides time, and which kinds of source do."""
+    every = frozenset({"angle", "clock", "turn", "field", "offset", "gain"})
+    base = data.base
+    if (q := base.q_encoder) is not None:
+        for joint in np.flatnonzero(np.std(np.unwrap(q, axis=0), axis=0) > _LOCKED):
+            angles = [order * q[:, joint] for order in range(1, _ORDERS + 1)]
+            waves = np.stack([wave(angle) for angle in angles for wave in (np.cos, np.sin)], axis=1)
+            weight = np.repeat(1.0 / np.arange(1.0, _ORDERS + 1.0), 2)
+            yield Course(f"the angle of joint{joint + 1}", waves, weight), every
+            direction = smooth_sign(base.joint_velocity[:, [joint]])
+            if np.std(direction) > 0.1:
+                both = direction * np.column_stack([np.ones(len(q)), waves[:, :2]])
+                yield Course(f"the direction of joint{joint + 1}", both, np.array([1.0, 0.5, 0.5])), every
+    elements = base.R_base_tool.reshape(-1, 9)
+    both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
+    yield Course("orientation", both, np.ones(both.shape[1])), every
+    if len(data.parts) > 1:
+        which = np.zeros((len(base), len(data.parts)))
+        for number, own in enumerate(data.stretches[: len(data.parts)]):
+            which[own, number] = 1.0
+        yield Course("the recording", which, np.ones(len(data.parts))), every
+    if base.position.size:
+        centred = base.position - base.position.mean(axis=0)
+        place = centred / np.maximum(np.sqrt(np.mean(centred**2, axis=0)), 1e-9)
+        moved = place[:, np.ptp(base.position, axis=0) > 1e-3]
+        if moved.shape[1]:
+            both = np.column_stack([moved, _products(moved)])
+            weight = np.concatenate([np.ones(moved.shape[1]), np.full(both.shape[1] - moved.shape[1], 0.5)])
+            yield Course("position", both, weight), frozenset({"field"})
+    if base.temperature is not None and np.ptp(base.temperature) > 0:
+        warm = (base.temperature - base.temperature.mean()) / np.std(base.temperature)
+        yield Course("temperature", np.column_stack([warm, warm**2]), np.array([1.0, 0.3])), every
+
+
+def level_courses(data: WhitenedData, column: int) -> list[Course]:
+    """What an axis' offset can follow of its own input: its level, and its level by direction of change."""
+    own = data.base.inputs[:, column] / data.base.references[column]
+    powers = np.stack(
+        [np.polynomial.legendre.legval(np.clip(own, -1.2, 1.2), np.eye(8)[order]) for order in range(2, 8)], axis=1
+    )
+    rate = np.gradient(own, data.base.t)
+    direction = np.tanh(rate / max(0.2 * float(np.sqrt(np.mean(rate**2))), 1e-12))[:, None]
+    return [
+        Course("level", powers, 1.0 / np.arange(1.0, 7.0)),
+        Course(
+            "level and direction",
+            direction * np.column_stack([np.ones(len(own)), own, own**2]),
+            np.array([1.0, 0.7, 0.7]),
+        ),
+    ]
+
+
+def cosines(count: int, most: int = COSINES) -> Array:
+    """(n, most) cosines over a recording, the constant first, each of mean square one."""
+    clock = (np.arange(count) + 0.5) / count
+    waves = np.cos(np.pi * np.outer(clock, np.arange(most)))
+    waves[:, 1:] *= np.sqrt(2.0)
+    return np.asarray(waves)
+
+
+def matern(length: float, most: int = COSINES) -> Array:
+    """(most,) prior standard deviations of the cosines' coefficients: a Matern 3/2 process of so long a memory, as a
+    share of the recording (Solin and Sarkka, Statistics and Computing 30, 2020)."""
+    return np.asarray(1.0 / (3.0 / length**2 + (np.pi * np.arange(most)) ** 2))
+
+
+def _source(data: WhitenedData, name: str, kind: str, changes: list[Array], column: int = -1) -> Source:
+    series = np.zeros((len(changes), len(data.columns), data.count))
+    for index, each in enumerate(data.columns):
+        own = np.stack([change[:, each] for change in changes], axis=1)
+        if own.any():
+            series[:, index] = data.whiten_channel(each, own).T
+    series[:, :, data.stretches[len(data.parts) - 1].stop :] = 0.0  # a calibration from before has no errors
+    return Source(name, series, kind, column)
+
+
+def _felt(data: WhitenedData, name: str, in_tool: Array) -> Array:
+    """(n, 6) readings of a field (n, 3) in the tool's frame."""
+    sensor = data.pipeline.sensors[name]
+    found = np.zeros((len(in_tool), len(CHANNELS)))
+    found[:, COLUMNS_OF[name]] = in_tool @ sensor.axes.T * np.asarray(sensor.sensitivity)
+    return found
+
+
+def _total(changes: Iterable[Array]) -> Array:
+    return np.asarray(np.sum(list(changes), axis=0))
+
+
+def _only(data: WhitenedData, column: int, values: Array | float) -> Array:
+    found = np.zeros((len(data.base), len(CHANNELS)))
+    found[:, column] = values
+    return found
+
+
+def _products(columns: Array) -> Array:
+    count = columns.shape[1]
+    return np.stack([columns[:, i] * columns[:, j] for i in range(count) for j in range(i, count)], axis=1)

@@ -1,0 +1,104 @@
+"""Where the gap lies, channel by channel; and what a recording cannot tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.defects import Defect
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.diagnosis import Channel
+from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
+from estimators.gap.search.posterior import Posterior
+from rig.channels import CHANNELS
+from rig.effects import EFFECTS, Effect
+
+Array = NDArray[np.float64]
+
+
+def channels(
+    data: WhitenedData,
+    settled: WhitenedData,
+    effects: Sequence[Effect],
+    noises: Sequence[FittedNoise],
+    defects: Sequence[Sequence[Defect]],
+    floors: Sequence[tuple[ChannelNoise, ...]],
+    quiet: bool,
+    other: bool,
+    after: Array,
+) -> list[dict[str, Channel]]:
+    """Of each recording the gap of each channel, before and after; never above the root mean square of its residual.
+
+    Args:
+        defects, floors: of each recording.
+    """
+    change = settled.change(effects) if effects else np.zeros_like(data.residual)
+    gap = settled.left_over(change) if effects else change
+    left = settled.left_over(settled.residual - change) if effects else data.residual
+    whole = 0.0
+    for part, rows in zip(data.parts, data.single, strict=False):
+        sigma = [part.whiteners[column].sigma for column in part.columns]
+        squares = np.mean(np.square(gap[rows][:, part.columns] / sigma), axis=0)
+        whole += float(squares.sum()) * part.count / max(part.samples, 1)
+    ratio = float(np.median(after)) / max(whole, 1e-12) if effects else 0.0
+    found = []
+    for number, (part, rows) in enumerate(zip(data.parts, data.single, strict=False)):
+        own_gaps = [defect.gap for defect in defects[number]]
+        own_gaps += [each.gap for fitted in noises for each in fitted.every if each.part in (number, EVERY)]
+        own = {}
+        for column in part.columns:
+            tails = floors[number][column].tails  # of which the readings were relieved
+            sigma_V = math.sqrt(floors[number][column].variance + tails)
+            named = float(sum(each[column] ** 2 for each in own_gaps))
+            before, fitted, rest = (float(np.mean(values[rows, column] ** 2)) for values in (data.residual, gap, left))
+            own[CHANNELS[column]] = _channel(
+                sigma_V, before + tails, fitted, rest + tails, named, ratio, quiet, other, bool(effects)
+            )
+        found.append(own)
+    return found
+
+
+def _channel(
+    sigma: float,
+    before: float,
+    fitted: float,
+    rest: float,
+    named: float,
+    ratio: float,
+    quiet: bool,
+    other: bool,
+    means: bool,
+) -> Channel:
+    """From the floor and mean squares: before, of the fitted gap, of what is left, and of named noise and defects."""
+    rms_before, rms_after = math.sqrt(before), math.sqrt(rest)
+    remains = fitted * min(ratio, 1.0)
+    if other:
+        remains = max(remains, rest - sigma**2 - named)
+    gap_before = 0.0 if quiet else min(math.sqrt(fitted + named + (max(remains, 0.0) if other else 0.0)), rms_before)
+    gap_after = 0.0 if quiet else min(math.sqrt(max(remains, 0.0)), rms_after)
+    told = gap_before > 1e-3 * sigma
+    closed = max(-1.0, 1.0 - (gap_after / gap_before) ** 2) if told and (means or named) else None
+    return Channel(sigma, rms_before, gap_before, rms_after, gap_after, closed)
+
+
+def cannot_tell(posterior: Posterior, data: WhitenedData, without: Sequence[str]) -> tuple[dict[str, str], ...]:
+    """The effects that the recording cannot show: those the calibration absorbs, and those it has no data for."""
+    shown = {(each.effect.name, each.where) for each in posterior.candidates}
+    why = "the calibration absorbs it on this maneuver"
+    found = [
+        {"effect": name, "where": where, "why": why}
+        for name, where in dict.fromkeys((each.effect.name, each.where) for each in posterior.absorbed)
+        if (name, where) not in shown
+    ]
+    for effect in EFFECTS.values():
+        lacking = data.lacking(effect)
+        if lacking and effect.name not in without:
+            found += [
+                {"effect": effect.name, "where": where, "why": f"the recording lacks {lacking}"}
+                for where in effect.places_on(data.base)
+            ]
+    return tuple(found)

@@ -1,0 +1,117 @@
+"""Shares of the squared gap that are closed, drawn from the posterior: by all causes, by each, by noise and defects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.defects import Defect
+from estimators.gap.data.projection import project
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.diagnosis import Closed
+from estimators.gap.evidence.laplace import Linear, linearised
+from estimators.gap.evidence.refine import at
+from estimators.gap.hypotheses.stochastic import FittedNoise
+from estimators.gap.report import closure
+from estimators.gap.report.p_values import WAYS
+from estimators.gap.search.beam import Explanation
+from estimators.gap.search.posterior import Hypothesis, Posterior, on_data
+
+Array = NDArray[np.float64]
+
+
+def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Draws (d,) of the squared gap that is left and that was there, in whitened units: of what moves the mean."""
+    floor, means = posterior.scanner.fine.data, posterior.discrepancies.means
+    known: dict[tuple[object, ...], Linear] = {}
+
+    def under_floor(explanation: Explanation) -> Linear:
+        key = explanation.key, explanation.fine, len(explanation.data.steps)
+        if key not in known:
+            same = explanation.data.steps == floor.steps
+            known[key] = explanation.linear if same else on_data(floor, explanation)[1]
+        return known[key]
+
+    own = under_floor(posterior.leading.explanation)
+    fitted, roughly = floor.whitened - own.left, means.linear(own).left
+    nothing = means.linear(linearised(at([], floor))).left
+    ways = []
+    for each, probability in zip(posterior.hypotheses, posterior.probabilities, strict=True):
+        if probability > WAYS:
+            linear = under_floor(each.explanation)
+            left = float(linear.left @ linear.left) - floor.size + floor.absorbed.shape[1]
+            way = closure.Way(float(probability), floor.whitened - linear.left, linear, each.moments)
+            if each.state.other:
+                way = replace(way, nameless=max(left, 0.0))
+            elif each.terms and not each.state.steps:
+                there = means.linear(linear)
+                way = replace(way, terms=each.terms, on_means=(there, nothing - there.left, roughly - there.left))
+            ways.append(way)
+    after, before = closure.drawn(ways, fitted, rng)
+    if posterior.leading.explanation.members:
+        before = closure.held_out(own, fitted, floor) + after
+    return after, before
+
+
+def of_noise(
+    noises: Sequence[FittedNoise], defects: Sequence[tuple[Defect, int]], data: WhitenedData, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """The same of named noise and defects: squares that stay wrong of those that they add."""
+    after, before = np.zeros(1), np.zeros(1)
+    for fitted in [each for one in noises for each in one.every]:
+        for index, spread in enumerate(fitted.spread):
+            column = data.columns[index] if len(fitted.spread) > 1 else None
+            size = float(np.nansum(fitted.added if column is None else fitted.added[:, column]))
+            root = np.atleast_1d(np.asarray(_strength(fitted), dtype=float))[index] ** 2
+            wrong = closure.of_noise(max(root, 1e-300), float(spread), rng)
+            after = after + size * np.minimum(wrong, 1.0) ** 2
+            before = before + size
+    for defect, number in defects:
+        part = data.parts[number]
+        sigma = np.array([whitener.sigma for whitener in part.whiteners])
+        size = float(np.nansum((defect.gap / sigma) ** 2)) * part.count
+        wrong = closure.of_noise(
+            1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))) if defect.affected.any() else 1e-3, rng
+        )
+        after = after + size * np.minimum(wrong, 1.0) ** 2
+        before = before + size
+    return after, before
+
+
+def by_cause(
+    label: str, holder: Hypothesis, posterior: Posterior, after: Array, before: Array, rng: np.random.Generator
+) -> Closed:
+    """By how much the squared gap grows, as a share of what it was, where this cause is taken out again.
+
+    Args:
+        label: its effect and place. holder: the likeliest hypothesis that holds it.
+        after, before: as of ``of_causes``.
+    """
+    explanation = holder.explanation
+    if len(explanation.fits) == 1:
+        return closure.share(after, before)
+    data, linear = on_data(posterior.scanner.fine.data, explanation)
+    rest = [fit.effect for fit in explanation.fits if fit.candidate.label != label]
+    change = data.change([fit.effect for fit in explanation.fits]) - data.change(rest)
+    index = next(number for number, fit in enumerate(explanation.fits) if fit.candidate.label == label)
+    mine = linear.owner == index
+    deltas = closure.of_parameters(holder.moments, rng, len(before))[:, mine]
+    own = replace(linear, tangent=linear.tangent[:, mine])
+    grown = closure.moved(own, project(data.absorbed, data.whiten(change)), deltas)
+    return closure.share(np.maximum(before - grown, 0.0), before)
+
+
+def by_noise(fitted: FittedNoise, rng: np.random.Generator) -> Closed:
+    """The share of what a noise effect adds that its strength, as it is known, accounts for."""
+    squares = np.atleast_1d(np.asarray(_strength(fitted), dtype=float))[: fitted.rank] ** 2
+    total = max(float(squares.sum()), 1e-300)
+    wrong = sum(closure.of_noise(total, float(spread), rng) ** 2 for spread in fitted.spread)
+    return closure.share(np.minimum(np.asarray(wrong), 1.0), np.ones(len(np.asarray(wrong))))
+
+
+def _strength(fitted: FittedNoise) -> object:
+    (item,) = [each for each in fitted.effect.parameters() if each.strength]
+    return getattr(fitted.effect, item.name)

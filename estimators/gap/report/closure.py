@@ -1,0 +1,184 @@
+"""How far the gap closes with the causes of the leading explanation, and what could still be hidden.
+
+The gap that is left is drawn from the posterior over all explanations: parameters, other sets of causes, and
+discrepancies. The gap that the causes took is measured on blocks of the recording that did not fit their strengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from estimators.gap.data.projection import project
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.diagnosis import Closed
+from estimators.gap.evidence.discrepancy import Discrepancies, Weighed
+from estimators.gap.evidence.laplace import Linear
+from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
+
+Array = NDArray[np.float64]
+
+#: Draws from the posterior. Folds and blocks of held-out data; the share of each block's ends that is guard.
+_DRAWS: Final = 400
+_FOLDS, _BLOCKS, _GUARD = 4, 64, 0.08
+#: The chance to escape that counts for what could be hidden, the draws that tell it, and the terms that are asked.
+_ESCAPES: Final = 0.05
+_TRIALS: Final = 64
+
+
+@dataclass(frozen=True)
+class Way:
+    """One hypothesis, as far as its gap is concerned; under the floor as it was learned.
+
+    Attributes:
+        probability: of it.
+        change: (m,) whitened change of its causes, the calibration projected out.
+        linear: it, linearised. moments: of its parameters, as of ``estimators.gap.search.posterior.Hypothesis``.
+        nameless: squares that noise without a name adds.
+        terms: of its discrepancy; empty without one.
+        on_means: the means of these: the hypothesis there, its change, and that less the reported one.
+    """
+
+    probability: float
+    change: Array
+    linear: Linear
+    moments: tuple[Array, Array]
+    nameless: float = 0.0
+    terms: Sequence[Weighed] = ()
+    on_means: tuple[Linear, Array, Array] | None = None
+
+
+def drawn(ways: Sequence[Way], fitted: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Squared gap that is left and that was there, in whitened units: (d,) each.
+
+    Args:
+        ways: the likeliest hypotheses. fitted: (m,) change of the causes that are reported.
+    """
+    weights = np.array([way.probability for way in ways])
+    counts = rng.multinomial(_DRAWS, weights / weights.sum())
+    after, before = [], []
+    for way, count in zip(ways, counts, strict=True):
+        if not count:
+            continue
+        deltas = of_parameters(way.moments, rng, count)
+        left = moved(way.linear, way.change - fitted, deltas) + way.nameless
+        there = moved(way.linear, way.change, deltas) + way.nameless
+        if way.terms and way.on_means is not None:
+            for rows, energy, off, change in _of_terms(way.terms, way.on_means, deltas, rng):
+                left[rows] += energy + off
+                there[rows] += energy + change
+        after.append(np.maximum(left, 0.0))
+        before.append(np.maximum(there, 1e-12))
+    return np.concatenate(after), np.concatenate(before)
+
+
+def of_parameters(moments: tuple[Array, Array], rng: np.random.Generator, count: int = _DRAWS) -> Array:
+    """(count, p) draws of parameters less their fitted values."""
+    mean, covariance = moments
+    values, vectors = np.linalg.eigh(covariance) if len(mean) else (np.zeros(0), np.zeros((0, 0)))
+    return np.asarray(mean + rng.standard_normal((count, len(mean))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+
+
+def moved(linear: Linear, change: Array, deltas: Array) -> Array:
+    """(d,) squares of a whitened change (m,) once its parameters are moved by deltas (d, p)."""
+    along = linear.tangent.T @ change
+    return np.asarray(change @ change + 2.0 * deltas @ along + np.einsum("di,ij,dj->d", deltas, linear.gram, deltas))
+
+
+def _of_terms(
+    terms: Sequence[Weighed], on_means: tuple[Linear, Array, Array], deltas: Array, rng: np.random.Generator
+) -> Iterator[tuple[NDArray[np.bool_], Array, Array, Array]]:
+    """Draws of a discrepancy: of which rows, their squares, and their products with two changes, twice."""
+    linear, change, off = on_means
+    masses = np.array([term.log_mass for term in terms])
+    chosen = rng.choice(len(masses), len(deltas), p=np.exp(masses - np.logaddexp.reduce(masses)))
+    columns = np.column_stack([linear.left, linear.tangent, off, change])
+    for index in np.unique(chosen):
+        rows = chosen == index
+        term = terms[index].term
+        along = term.along(columns)
+        variance = float(term.variances[int(np.argmax(terms[index].gains))])
+        spread = variance / (1.0 + variance * term.values)
+        shift = deltas[rows] @ along[:, 1:-2].T
+        residual = along[:, :1].T - shift
+        size = spread * residual + np.sqrt(spread) * rng.standard_normal(residual.shape)
+        energy = (size**2) @ term.values + 2.0 * np.einsum("dr,dr->d", size, shift)
+        yield rows, energy, 2.0 * size @ along[:, -2], 2.0 * size @ along[:, -1]
+
+
+def held_out(linear: Linear, change: Array, data: WhitenedData) -> float:
+    """Squared gap that causes take on blocks that did not fit their strengths: sum of 2 r m - m m.
+
+    Args:
+        linear: the causes where they were fitted. change: (m,) theirs, whitened, the calibration projected out.
+    """
+    count, channels = data.count, len(data.columns)
+    block = np.arange(count) * _BLOCKS // count
+    within = np.arange(count) * _BLOCKS / count - block
+    guard = (within < _GUARD) | (within > 1.0 - _GUARD)
+    residual, total, used = linear.left + change, 0.0, 0
+    for fold in range(_FOLDS):
+        train = np.tile((block % _FOLDS != fold) & ~guard, channels)
+        test = np.tile((block % _FOLDS == fold) & ~guard, channels)
+        gram = linear.tangent[train].T @ linear.tangent[train]
+        size = 1e-6 * np.trace(gram) / max(len(gram), 1)
+        moment = linear.tangent[train].T @ linear.left[train]
+        move = np.linalg.lstsq(gram + size * np.eye(len(gram)), moment)[0]  # 0 of what acts in no block that fits
+        fitted = change[test] + linear.tangent[test] @ move
+        total += float(2.0 * residual[test] @ fitted - fitted @ fitted)
+        used += int(test.sum())
+    return max(total * data.size / max(used, 1), 0.0)
+
+
+def share(after: Array, before: Array) -> Closed:
+    """One less the ratio of draws of squared gaps, with its 95 % interval: the shortest, as all may be closed."""
+    closed = np.sort(1.0 - after / np.maximum(before, 1e-12))
+    held = int(np.ceil(0.95 * len(closed)))
+    first = int(np.argmin(closed[held - 1 :] - closed[: len(closed) - held + 1]))
+    low, value, high = closed[first], float(np.median(closed)), closed[first + held - 1]
+    return Closed(float(max(value, -1.0)), float(max(low, -1.0)), float(max(high, -1.0)))
+
+
+def could_hide(discrepancies: Discrepancies, rng: np.random.Generator) -> float:
+    """The largest signal-to-noise at which an error source along a course escapes with a chance above 5 %.
+
+    It escapes where its own Bayes factor, averaged over its amplitudes, leaves "nothing else" the likelier.
+    """
+    largest = 0.0
+    odds = float(np.log(OTHER * (1.0 - OTHER_NOISE) / (1.0 - OTHER)))
+    draws = rng.standard_normal((_TRIALS, max(len(term.values) for term in discrepancies.terms)))
+    for term in discrepancies.terms:
+        squares = draws[:, : len(term.values)] ** 2
+        ratio = np.outer(term.variances, term.values)
+        for index in range(len(term.variances) - 1, -1, -1):
+            snr = float(np.sqrt(term.variances[index] * term.values.sum()))
+            if snr <= largest:
+                break
+            power = squares * (1.0 + ratio[index])  # of products with unit eigenvectors, under this amplitude
+            logs = 0.5 * power @ (ratio / (1.0 + ratio)).T - 0.5 * np.log1p(ratio).sum(axis=1)
+            gains = np.logaddexp.reduce(logs, axis=1) - np.log(len(ratio)) + term.log_prior + odds
+            if np.mean(gains < 0.0) > _ESCAPES:
+                largest = snr
+                break
+    return largest
+
+
+def of_noise(value: float, spread: float, rng: np.random.Generator) -> Array:
+    """(d,) share of a variance that stays wrong when it is known to a standard deviation."""
+    return np.abs(rng.standard_normal(_DRAWS)) * spread / max(value, 1e-300)
+
+
+def elsewhere(data: WhitenedData, change: Array) -> float | None:
+    """The share of the gap of another maneuver that the causes' change (n, 6) closes there; None without a gap."""
+    fitted = project(data.absorbed, data.whiten(change))
+    gain = float(2.0 * data.whitened @ fitted - fitted @ fitted)
+    floor = data.size - data.absorbed.shape[1]
+    noise = float(np.sqrt(2.0 * floor)) * float(ndtri(0.975))
+    gap = float(data.whitened @ data.whitened) - floor
+    gap = max(gap, gain) if gap > noise else gain
+    return float(np.clip(gain / gap, -1.0, 1.0)) if gap > 1.0 else None

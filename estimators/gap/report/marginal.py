@@ -1,0 +1,181 @@
+"""What a posterior over explanations says of each cause: its probability, its equivalents, its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.projection import project
+from estimators.gap.diagnosis import Estimate
+from estimators.gap.search.beam import Member
+from estimators.gap.search.posterior import Hypothesis, Posterior
+from rig.effects import EFFECTS
+
+Array = NDArray[np.float64]
+
+#: Squared distance between what two sets change, in noise, below which no data of this maneuver tell them apart.
+_TWINS: Final = 0.02
+#: Log odds against the leading hypothesis within which sets are compared for that.
+_COMPARED: Final = 6.0
+#: A direction of the parameters is not felt where the data shrink its prior by less than this factor; a parameter is
+#: not, where such directions hold more than this share of it.
+_SHRUNK: Final = 0.5
+_SHARE: Final = 0.02
+#: An explanation with less than this share of a cause's probability adds nothing to its widths.
+_LIGHT: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class Place:
+    """An effect at its places: those at which it does the same, the likeliest first.
+
+    Attributes:
+        members: (effect, place) and the share of the probability of each.
+    """
+
+    members: tuple[tuple[str, str, float], ...]
+
+    @property
+    def name(self) -> tuple[str, str]:
+        """Effect and place."""
+        return self.members[0][0], self.members[0][1]
+
+
+def split(label: str) -> tuple[str, str]:
+    """Effect and place of a label."""
+    effect, where = label.split("/")[0].split("@")
+    return effect, where
+
+
+def twins(posterior: Posterior) -> dict[str, str]:
+    """Label -> label of what does the same to this recording; the likelier of two stands for both."""
+    found: dict[str, str] = {}
+    leading = posterior.hypotheses[0].log_mass
+    near = [each for each in posterior.hypotheses if each.log_mass > leading - _COMPARED and not each.terms]
+    for index, one in enumerate(near):
+        for two in near[index + 1 :]:
+            if one.state.labels != two.state.labels or one.state.name != two.state.name:
+                continue
+            mine = set(one.explanation.key) - set(two.explanation.key)
+            theirs = set(two.explanation.key) - set(one.explanation.key)
+            if len(mine) == len(theirs) == 1 and _distance(one, two) < _TWINS:
+                (kept,), (gone,) = mine, theirs
+                found.setdefault(gone, found.get(kept, kept))
+    return found
+
+
+def _distance(one: Hypothesis, two: Hypothesis) -> float:
+    """Squared distance of what two explanations change, whitened, the calibration projected out."""
+    if one.explanation.data.size != two.explanation.data.size:
+        return np.inf
+    data = one.explanation.data
+    apart = data.change([m.fit.effect for m in one.explanation.members])
+    other = two.explanation.data
+    apart = apart + data.modelled - other.modelled - other.change([m.fit.effect for m in two.explanation.members])
+    left = project(data.absorbed, data.whiten(apart))
+    return float(left @ left)
+
+
+def places(posterior: Posterior, same: Mapping[str, str]) -> dict[str, Place]:
+    """Every label that stands for itself, with all that does the same, shares by their prior or their mass.
+
+    What was fitted comes first: its parameters are those that are stated.
+    """
+    shares: dict[str, dict[str, float]] = {}
+    members: dict[str, Member] = {}
+    for hypothesis in posterior.hypotheses:
+        for member in hypothesis.explanation.members:
+            members.setdefault(member.label, member)
+        for fitted in hypothesis.state.fitted:
+            shares.setdefault(fitted.label, {fitted.label: 1.0})
+    for label, member in members.items():
+        own = shares.setdefault(same.get(label, label), {})
+        for each in member.labels:
+            own[each] = own.get(each, 0.0) + posterior.prior.weight(member.drawn[0], each)
+    found = {}
+    for label, own in shares.items():
+        total = sum(own.values())
+        ranked = sorted(own.items(), key=lambda item: (item[0] != label, -item[1], _order(item[0])))
+        merged: dict[tuple[str, str], float] = {}
+        for each, weight in ranked:
+            merged[split(each)] = merged.get(split(each), 0.0) + weight / total
+        found[label] = Place(tuple((effect, where, part) for (effect, where), part in merged.items()))
+    return found
+
+
+def _order(label: str) -> tuple[int, str]:
+    effect, where = split(label)
+    return list(EFFECTS).index(effect), where
+
+
+def parameters(label: str, posterior: Posterior, holders: Sequence[tuple[Hypothesis, float]]) -> dict[str, Estimate]:
+    """The parameters of a mean effect: as in the likeliest explanation that holds it, widths over all that do.
+
+    Args:
+        holders: these, with their probabilities; the likeliest first.
+    """
+    leading = holders[0][0]
+    index = next(number for number, member in enumerate(leading.explanation.members) if member.label == label)
+    member = leading.explanation.members[index]
+    fit = member.fit
+    mean, covariance, felt = _moments(leading, index)
+    values, spread = fit.values.copy(), np.diag(covariance).copy()
+    total = sum(weight for _, weight in holders)
+    if leading.terms:  # the fit knew nothing of the discrepancy: its mean moves too
+        values = values + mean * fit.scale
+    centre = values / fit.scale
+    second = np.zeros_like(spread)
+    for hypothesis, weight in holders:
+        number = next((k for k, each in enumerate(hypothesis.explanation.members) if each.label == label), None)
+        if number is None or weight < _LIGHT * total:
+            continue
+        other = hypothesis.explanation.members[number].fit
+        if len(other.values) != len(values) or other.kept.keys() != fit.kept.keys():
+            continue
+        moved, wide, _ = _moments(hypothesis, number)
+        shift = other.values / other.scale + (moved if hypothesis.terms else 0.0) - centre
+        second += weight / total * (np.diag(wide) + shift**2)
+    std = np.sqrt(np.maximum(second if second.any() else spread, 0.0)) * fit.scale
+    effect = fit.effect
+    found: dict[str, Estimate] = {name: Estimate(getattr(effect, name), None, "name") for name in effect.choices()}
+    first = 0
+    for item in fit.free:
+        part = slice(first, first + item.size)
+        first += item.size
+        # a unit that the readings do not feel has no value to report
+        within = np.clip(values[part], item.lower, item.upper)
+        each = [float(v) if f else None for v, f in zip(within, felt[part], strict=True)]
+        broad = [float(s) if f else None for s, f in zip(std[part], felt[part], strict=True)]
+        whole = tuple(float(v) for v in within)
+        why, fitted = (None, None) if all(felt[part]) else ("this maneuver does not feel it", whole)
+        if item.size == 1:
+            found[item.name] = Estimate(each[0], broad[0], item.unit, why, fitted and fitted[0])
+        else:
+            found[item.name] = Estimate(tuple(each), tuple(broad), item.unit, why, fitted)
+    items = {item.name: item for item in effect.parameters()}
+    for name, value in fit.kept.items():
+        item = items[name]
+        if item.strength:  # without influence on this recording
+            nothing = None if item.size == 1 else (None,) * item.size
+            found[name] = Estimate(nothing, nothing, item.unit, "this recording does not feel it")
+        else:
+            std_kept = member.widths.get(name)
+            found[name] = Estimate(value, std_kept, item.unit)
+    return {name: found[name] for name in [*effect.choices(), *items] if name in found}
+
+
+def _moments(hypothesis: Hypothesis, index: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Of one member's parameters, in typical sizes: mean less the fitted value, covariance, and which are felt."""
+    linear = hypothesis.explanation.linear
+    precision = linear.precision(linear.averaged[1])
+    mean, covariance = hypothesis.moments
+    own = linear.owner == index
+    scale = 1.0 / np.sqrt(precision)
+    values, vectors = np.linalg.eigh(linear.gram * np.outer(scale, scale))
+    hidden = vectors[:, values < _SHRUNK]
+    felt = (hidden**2).sum(axis=1) < _SHARE
+    return mean[own], covariance[np.ix_(own, own)], felt[own]

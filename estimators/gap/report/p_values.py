@@ -1,0 +1,53 @@
+"""Probabilities that a p-value bounds: of defects, and of causes beside something outside the catalogue."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from estimators.gap.data.defects import Defect
+from estimators.gap.hypotheses.prior import Prior
+from estimators.gap.report import marginal
+from estimators.gap.search import robust
+from estimators.gap.search.posterior import Posterior
+
+#: Hypotheses that are looked at, by their probability.
+WAYS: Final = 0.002
+
+
+def log_bayes_factor(log_p: float) -> float:
+    """The largest log Bayes factor that a p-value allows, -1/(e p log p): Sellke, Bayarri and Berger (American
+    Statistician 55, 2001)."""
+    log_p = max(min(log_p, -1.1), -1e6)
+    return -log_p - math.log(-log_p) - 1.0
+
+
+def at_most(log_p: float, log_prior: float) -> float:
+    """The largest probability that a p-value allows."""
+    odds = log_bayes_factor(log_p) + log_prior
+    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
+
+
+def defect_probability(defect: Defect, prior: Prior) -> float:
+    """Of a defect whose p-value is known."""
+    place = defect.effect, defect.where
+    own = tuple(label for label in prior.places[defect.effect] if marginal.split(label) == place)
+    return at_most(defect.log_p, prior.log_single((defect.effect, own)))
+
+
+def doubts(posterior: Posterior) -> dict[int, dict[str, float]]:
+    """For the hypotheses that hold something outside the catalogue, by their number, the probability of each mean
+    effect, by its label: evidence that knows the noise is no longer one."""
+    found: dict[int, dict[str, float]] = {}
+    known: dict[int, dict[str, float]] = {}
+    for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
+        if not each.other or probability < WAYS:
+            continue
+        key = id(each.explanation)
+        if key not in known:
+            known[key] = {
+                member.label: at_most(robust.log_p(each.explanation, index), posterior.prior.log_single(member.drawn))
+                for index, member in enumerate(each.explanation.members)
+            }
+        found[number] = known[key]
+    return found

@@ -1,0 +1,1 @@
+"""The search for the hypotheses worth weighing, and the posterior over them."""

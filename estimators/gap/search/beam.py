@@ -1,0 +1,367 @@
+"""The search for sets of mean effects that may explain a recording: a beam of growing sets, then drops and swaps.
+
+Sets are fitted on means over neighbouring samples first; the leading ones are fitted sample by sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.projection import project
+from estimators.gap.data.rebase import around
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.converge import converged
+from estimators.gap.evidence.discrepancy import Means, Weighed
+from estimators.gap.evidence.laplace import Linear, linearised
+from estimators.gap.evidence.refine import Fitted, Refit, at, explained_by, started
+from estimators.gap.hypotheses.candidates import Candidate, Shape
+from estimators.gap.hypotheses.prior import Drawn, Prior
+from estimators.gap.hypotheses.scan import Scanner, ScoreTest
+from estimators.gap.hypotheses.score import Explained, solve
+
+Array = NDArray[np.float64]
+
+#: Sets of each size that are extended, additions that are fitted to each, and causes at most.
+_BEAM: Final = (3, 2, 2, 1, 1, 1, 1)
+_ADDED: Final = (10, 5, 4, 4, 3, 3, 3)
+#: An addition whose score test promises less than this, beside the price of its place, is not fitted.
+_HOPELESS: Final = 1.0
+#: Log odds against the leading set beyond which a set is followed no further.
+_FAR: Final = 14.0
+#: And beyond which it is not extended.
+_PROMISING: Final = 5.0
+#: The share of what a dropped effect gained that another must promise to be fitted in its place.
+_SWAPPED: Final = 0.5
+#: Sets of more than this are not extended where something without effects is far likelier.
+_FOLLOWED: Final = 2
+#: So many sets of each size, and of all, are fitted sample by sample; what means over neighbours change of an
+#: evidence, as a share.
+_FINE_EACH, _FINE, _ROUGHLY = 3, 6, 0.02
+
+Key = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Member:
+    """An effect in a set.
+
+    Attributes:
+        fit: what was fitted. searched: the price of what was searched.
+        labels: of the places at which it does the same, its own first.
+        widths: standard deviations of shapes that a fit keeps.
+    """
+
+    fit: Fitted
+    searched: float
+    labels: tuple[str, ...]
+    widths: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """Effect and place in one word."""
+        return self.fit.candidate.label
+
+    @property
+    def drawn(self) -> Drawn:
+        """As the prior knows it."""
+        return self.fit.candidate.effect.name, self.labels
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of mean effects, fitted together in whitened data.
+
+    Attributes:
+        members: the effects. data: whitened around the calibration that fits best with them.
+        log_prior: of the set. fine: whether it was fitted sample by sample.
+        refitted: the fit on these very data, where there was one.
+    """
+
+    members: tuple[Member, ...]
+    data: WhitenedData
+    log_prior: float
+    fine: bool
+    refitted: Refit | None = None
+
+    @property
+    def key(self) -> Key:
+        """The labels, sorted."""
+        return tuple(sorted(member.label for member in self.members))
+
+    @property
+    def fits(self) -> list[Fitted]:
+        """What was fitted."""
+        return [member.fit for member in self.members]
+
+    @cached_property
+    def linear(self) -> Linear:
+        """Linearised where it was fitted."""
+        refitted = self.refitted or at(self.fits, self.data)
+        return linearised(refitted, sum(member.searched for member in self.members))
+
+    @cached_property
+    def log_mass(self) -> float:
+        """Log evidence and log prior; none where an effect does nothing at the fitted values."""
+        if not self.linear.felt:
+            return -np.inf
+        return self.linear.averaged[0] + self.log_prior
+
+
+@dataclass
+class Search:
+    """A search on one recording.
+
+    Attributes:
+        scanner: of the data. candidates: what is considered. prior: their probabilities.
+        given: noise effects that are there, as the prior knows them.
+        wide: whether additions are tried that promise far less than the best, as where much is wrong few keep theirs.
+    """
+
+    scanner: Scanner
+    candidates: Sequence[Candidate]
+    prior: Prior
+    progress: Callable[[float], None] | None = None
+    given: tuple[Drawn, ...] = ()
+    wide: bool = False
+    found: dict[tuple[Key, bool], Explanation] = field(default_factory=dict)
+    explained: dict[tuple[Key, bool, bool], Explained] = field(default_factory=dict)
+    nothing: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def data(self) -> WhitenedData:
+        """Sample by sample."""
+        return self.scanner.fine.data
+
+    @property
+    def rough(self) -> WhitenedData:
+        """Means over neighbouring samples."""
+        return self.scanner.rough.data
+
+    def run(
+        self, seeds: Iterable[Sequence[Member]] = (), deep: bool = True, target: float = -np.inf
+    ) -> list[Explanation]:
+        """The explanations worth weighing, fitted sample by sample, the likeliest first.
+
+        Args:
+            seeds: sets to look at besides.
+            deep: False to extend the leading set only.
+            target: log mass of the best hypothesis without effects, beyond that of nothing at all: sets far below it
+                are not extended for ever.
+        """
+        level = [self.fitted(())]
+        for seed in seeds:
+            self.fitted(seed)
+        for size, (beam, added) in enumerate(zip(_BEAM, _ADDED, strict=True)):
+            if not deep:
+                best = self._best()
+                if size < len(best.members):
+                    continue
+                level, beam, added = [best], 1, 3
+            grown: dict[Key, Explanation] = {}
+            for parent in level[:beam]:
+                for members in self.additions(parent, added):
+                    each = self.fitted(members)
+                    grown[each.key] = each
+            grown |= {each.key: each for each in self._of_size(size + 1)}
+            level = sorted(grown.values(), key=lambda each: -self.gained(each))
+            if self.progress is not None:
+                self.progress((size + 1) / len(_BEAM))
+            best = self._best()
+            if not deep and best.members and len(best.members) <= size:
+                break
+            level = [each for each in level if self.gained(each) > self.gained(best) - _PROMISING]
+            if not level or (size >= _FOLLOWED and self.gained(level[0]) < target - _FAR):
+                break
+        if deep or self.wide:
+            self._improve(1 if self.wide else 3)
+        return self._refined()
+
+    def fitted(self, members: Sequence[Member]) -> Explanation:
+        """A set, fitted together on means over neighbouring samples where all its effects outlive these."""
+        smooth = all(member.fit.candidate.smooth for member in members)
+        return self._fitted(members, self.rough if smooth else self.data)
+
+    def _fitted(self, members: Sequence[Member], data: WhitenedData) -> Explanation:
+        fine = data is self.data
+        key = tuple(sorted(member.label for member in members)), fine
+        if key not in self.found:
+            rough = self.rough if all(member.fit.candidate.smooth for member in members) else None
+            refitted = converged([member.fit for member in members], data, rough)
+            own = tuple(replace(member, fit=fit) for member, fit in zip(members, refitted.fits, strict=True))
+            prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
+            self.found[key] = Explanation(own, refitted.data, prior, fine, refitted)
+        return self.found[key]
+
+    def additions(self, parent: Explanation, most: int, floor: float = -np.inf) -> list[tuple[Member, ...]]:
+        """The set with one more effect each: the most promising ones, of those that promise more than ``floor``."""
+        tests = self.score_tests(parent)
+        held = {label for member in parent.members for label in member.labels}
+        grouped: list[tuple[float, list[ScoreTest]]] = []
+        for group in _alike(tests, self.prior):
+            tested = group[0]
+            searched = tested.candidate.effect.searched(self.rough.base) != [{}]
+            if tested.score.rank and tested.score.strengths.size and (searched or tested.candidate.label not in held):
+                labels = tuple(each.candidate.label for each in group)
+                price = self.prior.log_single((tested.candidate.effect.name, labels)) - max(tested.spread, 0.0)
+                grouped.append((0.5 * tested.score.evidence + price, group))
+        grouped.sort(key=lambda pair: -pair[0])
+        least = -np.inf if self.wide or not grouped else grouped[0][0] - max(_FAR, 0.3 * abs(grouped[0][0]))
+        least = max(least, floor)
+        hopeful = [group for promise, group in grouped if promise > least and 0.5 * group[0].score.evidence > _HOPELESS]
+        return [(*parent.members, self._member(group, parent)) for group in hopeful[:most]]
+
+    def score_tests(self, parent: Explanation) -> list[ScoreTest]:
+        """Every candidate's score beside a set."""
+        explained = self._left(parent, self.data)
+        roughly = explained if self.rough is self.data else self._left(parent, self.rough)
+        return self._scanner(parent).scan(self.candidates, explained, roughly)
+
+    def _scanner(self, parent: Explanation) -> Scanner:
+        """With derivatives where a set holds, as a score test asks for."""
+        return self.scanner.beside([fit.effect for fit in parent.fits], parent.data.pipeline)
+
+    def _left(self, parent: Explanation, data: WhitenedData) -> Explained:
+        key = parent.key, parent.fine, data is self.data
+        if key not in self.explained:
+            if data is self.data or all(member.fit.candidate.smooth for member in parent.members):
+                moved = data if not parent.members else around(data, parent.data.pipeline)
+                self.explained[key] = explained_by(parent.fits, moved)
+            else:  # what needs single samples is not to be seen on means: it is summed up from these
+                means, fine = Means(self.data, self.rough), self._left(parent, self.data)
+                left = project(self.rough.absorbed, means(fine.residual[:, None]))[:, 0]
+                own = Explained(self.rough.absorbed, left)
+                self.explained[key] = own if fine.added is None else own.extended(means(fine.added))
+        return self.explained[key]
+
+    def _member(self, group: Sequence[ScoreTest], parent: Explanation) -> Member:
+        tested = group[0]
+        smooth = tested.candidate.smooth and all(member.fit.candidate.smooth for member in parent.members)
+        scanner, labels = self._scanner(parent), tuple(each.candidate.label for each in group)
+        look, data = (scanner.rough, self.rough) if smooth else (scanner.fine, self.data)
+        return Member(started(tested, look.data, self._left(parent, data)), tested.spread, labels, tested.widths)
+
+    def beside(self, parent: Explanation, weighed: Weighed) -> list[Explanation]:
+        """The set with one more effect each, by their scores beside a discrepancy."""
+        index = int(np.argmax(weighed.gains))
+        shrink = weighed.term.variances[index] / (1.0 + weighed.term.variances[index] * weighed.term.values)
+        explained, rough = self._left(parent, self.rough), self._scanner(parent).rough
+        own = weighed.term.along(explained.residual[:, None])
+        scored: list[tuple[float, Candidate, Shape]] = []
+        held = {member.label for member in parent.members}
+        for candidate in self.candidates:
+            if not candidate.smooth or candidate.label in held:
+                continue
+            best = max(rough.best(candidate, explained)[:2], key=lambda tested: tested.score.statistic)
+            columns = candidate.columns(rough.data, best.shape)
+            full = np.zeros((self.rough.size, columns.values.shape[1]))
+            full[columns.rows] = columns.values
+            full = explained.without(full)
+            along = weighed.term.along(full)
+            gram = full.T @ full - (along * shrink[:, None]).T @ along
+            moment = full.T @ explained.residual - (along * shrink[:, None]).T @ own[:, 0]
+            score = solve(gram, moment, np.linalg.norm(full, axis=0))
+            price = self.prior.log_single((candidate.effect.name, (candidate.label,)))
+            scored.append((0.5 * score.evidence + price - best.spread, candidate, best.shape))
+        scored.sort(key=lambda each: -each[0])
+        found = []
+        for promise, candidate, shape in scored[:3]:
+            if promise > -_FAR:
+                tested = next(tested for tested in rough.best(candidate, explained) if str(tested.shape) == str(shape))
+                if tested.score.strengths.size:
+                    found.append(self._fitted((*parent.members, self._member([tested], parent)), self.data))
+        return found
+
+    def _improve(self, rounds: int) -> None:
+        """Drops and swaps of the leading set, until nothing is better."""
+        for _ in range(rounds):
+            best = self._best()
+            if len(best.members) < 2:
+                return
+            for index in range(len(best.members)):
+                rest = self.fitted(best.members[:index] + best.members[index + 1 :])
+                # what promises far less than was dropped is no better: a score is about what a fit gains
+                for members in self.additions(rest, 3, _SWAPPED * (self.gained(best) - self.gained(rest))):
+                    self.fitted(members)
+            if self._best() is best:
+                return
+
+    def gained(self, each: Explanation) -> float:
+        """Log mass beyond that of the set without effects, on the same samples."""
+        own = self.data if each.fine else self.rough
+        if own.size not in self.nothing:
+            self.nothing[own.size] = self._fitted((), own).log_mass
+        return each.log_mass - self.nothing[own.size]
+
+    def _best(self) -> Explanation:
+        return max(list(self.found.values()), key=self.gained)  # which may fit the empty set
+
+    def _of_size(self, size: int) -> list[Explanation]:
+        return [each for each in self.found.values() if len(each.members) == size]
+
+    def _refined(self) -> list[Explanation]:
+        """The leading sets, fitted sample by sample."""
+        ranked = sorted(self.found.values(), key=lambda each: -self.gained(each))
+        if self.rough is self.data:
+            return ranked
+        margin = _FAR + _ROUGHLY * max(self.gained(ranked[0]), 0.0)
+        # evidence on means and on single samples differ by a constant: compare each with nothing there
+        near = [each for each in ranked if self.gained(each) > self.gained(ranked[0]) - margin]
+        of_size: dict[int, list[Explanation]] = {}
+        for each in near:
+            of_size.setdefault(len(each.members), []).append(each)
+        chosen = near[:_FINE] + [each for own in of_size.values() for each in own[:_FINE_EACH]]
+        leading = self._fitted(chosen[0].members, self.data)
+        leading_members = chosen[0].members
+        subsets = [leading_members[:index] + leading_members[index + 1 :] for index in range(len(leading_members))]
+        keys = {tuple(sorted(member.label for member in subset)) for subset in subsets if len(subset) > 0}
+        sizes = {len(each.members): each for each in reversed(ranked)}  # the best of each size, for other noise
+        wanted = (
+            chosen[1:]
+            + [each for each in sizes.values() if each.members and not each.fine]
+            + [each for each in ranked if each.key in keys and not each.fine and not any(each is one for one in chosen)]
+        )
+        found = {each.key: each for each in (self.fine(each.members, each) for each in wanted)}
+        found |= {(): self.fine(()), leading.key: leading}
+        while (best := max(found.values(), key=lambda each: each.log_mass)).refitted is None:
+            del self.found[best.key, True]
+            found[best.key] = self._fitted(best.members, self.data)
+        return sorted(found.values(), key=lambda each: -each.log_mass)
+
+    def fine(self, members: Sequence[Member], rough: Explanation | None = None) -> Explanation:
+        """A set sample by sample, where it was fitted on means: the evidence takes what is left to first order."""
+        key = tuple(sorted(member.label for member in members)), True
+        if key not in self.found:
+            if rough is None or rough.fine:
+                return self._fitted(members, self.data)
+            moved = around(self.data, rough.data.pipeline)
+            self.found[key] = replace(rough, data=moved, fine=True, refitted=None)
+        return self.found[key]
+
+
+def _alike(tests: Sequence[ScoreTest], prior: Prior) -> list[list[ScoreTest]]:
+    """Score tests in groups of one effect that does the same at several places, the likeliest place first.
+
+    The first is fitted, and what is said of the group has its size: axes that point against each other differ in sign.
+    """
+    groups: list[list[ScoreTest]] = []
+    of_effect: dict[str, list[list[ScoreTest]]] = {}
+    for tested in tests:
+        own = of_effect.setdefault(tested.candidate.effect.name, [])
+        statistic = tested.score.statistic
+        group = next(
+            (each for each in own if statistic and np.isclose(each[0].score.statistic, statistic, rtol=1e-7)), None
+        )
+        if group is None:
+            group = []
+            own.append(group)
+            groups.append(group)
+        group.append(tested)
+    for group in groups:
+        group.sort(key=lambda tested: -prior.weight(tested.candidate.effect.name, tested.candidate.label))
+    return groups

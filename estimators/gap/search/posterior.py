@@ -1,0 +1,370 @@
+"""The posterior over explanations: masses of all hypotheses that were weighed, twins merged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.rebase import around
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.common import CommonNoise, beside, common_noises
+from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, total, weighed
+from estimators.gap.evidence.laplace import Linear, linearised
+from estimators.gap.evidence.refine import at
+from estimators.gap.evidence.states import (
+    UNSEEN,
+    NoiseState,
+    moved_floor,
+    named,
+    raised,
+    under_steps,
+    unnamed,
+    unseen_floor,
+)
+from estimators.gap.hypotheses.candidates import Candidate
+from estimators.gap.hypotheses.considered import set_prior, unseen_places, visible
+from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE, Prior
+from estimators.gap.hypotheses.scan import Scanner
+from estimators.gap.hypotheses.score import Explained
+from estimators.gap.search import robust
+from estimators.gap.search.beam import Explanation, Member, Search
+
+Array = NDArray[np.float64]
+
+#: Log odds against the leading hypothesis beyond which a state of the noise is not followed.
+_FAR: Final = 14.0
+#: The same for a state beside the leading explanation: what it promises is what it is worth.
+_CLOSE: Final = 3.0
+#: Log odds by which a state that names nothing must be better than what was found to be worth a search.
+_BETTER: Final = 2.0
+#: Rounds of search, each under the states of the noise that what was found promises; of those before them.
+_ROUNDS: Final = 6
+_OUTWARDS: Final = 2
+#: So many explanations of a state are weighed beside discrepancies.
+_BESIDE: Final = 4
+#: Log odds against the leading explanation within which others are.
+_NEAR: Final = 6.0
+#: Terms of a discrepancy that are kept of each, for what is left.
+_KEPT: Final = 12
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects under a state of the noise, with or without a discrepancy.
+
+    Attributes:
+        explanation: the mean effects. state: the noise.
+        terms: the discrepancy's terms, the likeliest first; empty without one.
+        log_mass: unnormalised.
+        on_means: the explanation on the means that the discrepancy is told by; None without one.
+    """
+
+    explanation: Explanation
+    state: NoiseState
+    terms: tuple[Weighed, ...]
+    log_mass: float
+    on_means: Linear | None = None
+
+    @property
+    def other(self) -> bool:
+        """Whether it holds something that the catalogue does not have."""
+        return bool(self.terms) or self.state.other
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Effects and places, mean and noise."""
+        return tuple(sorted((*self.explanation.key, *self.state.labels)))
+
+    @cached_property
+    def moments(self) -> tuple[Array, Array]:
+        """Of all parameters, in typical sizes: mean less the fitted values (p,), and covariance (p, p)."""
+        linear, channels = self.explanation.linear, len(self.explanation.data.columns)
+        if self.terms and self.on_means is not None:
+            return robust.moments(self.on_means, channels, self.terms[0])
+        if self.other:
+            return robust.moments(linear, channels)
+        return linear.posterior(linear.precision(linear.averaged[1]))
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Everything that was weighed.
+
+    Attributes:
+        hypotheses: the likeliest first. prior: of sets.
+        scanner, discrepancies: of the data under the floor. candidates: what was considered. absorbed: what the
+            calibration takes.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    prior: Prior
+    scanner: Scanner
+    discrepancies: Discrepancies
+    candidates: tuple[Candidate, ...] = ()
+    absorbed: tuple[Candidate, ...] = ()
+
+    @cached_property
+    def probabilities(self) -> Array:
+        """(h,) of the hypotheses."""
+        masses = np.array([each.log_mass for each in self.hypotheses])
+        return np.asarray(np.exp(masses - total(list(masses))))
+
+    @property
+    def leading(self) -> Hypothesis:
+        """The likeliest."""
+        return self.hypotheses[0]
+
+
+@dataclass
+class _Weighing:
+    data: WhitenedData
+    scanner: Scanner
+    candidates: Sequence[Candidate]
+    prior: Prior
+    without: Sequence[str]
+    at_rest: bool
+    progress: Callable[[float], None] | None
+    common: Sequence[CommonNoise] = ()
+    discrepancies: Discrepancies | None = None
+    hypotheses: dict[tuple[tuple[str, ...], str, bool, bool], Hypothesis] = field(default_factory=dict)
+
+    @property
+    def leading(self) -> Hypothesis:
+        return max(self.hypotheses.values(), key=lambda each: each.log_mass)
+
+    @property
+    def best(self) -> float:
+        return self.leading.log_mass
+
+    def beside_other(self, state: NoiseState) -> list[Explanation]:
+        """The explanation that is likeliest under a state of the noise beside a discrepancy, if there is one."""
+        own = [each for each in self.hypotheses.values() if each.state is state and each.terms]
+        return [max(own, key=lambda each: each.log_mass).explanation] if own else []
+
+    def known(self, explanation: Explanation, state: NoiseState) -> float:
+        """Log mass without a discrepancy, but for its own prior."""
+        return explanation.log_mass + state.log_weight
+
+    def enter(self, hypothesis: Hypothesis) -> None:
+        key = hypothesis.labels, hypothesis.state.name, bool(hypothesis.terms), hypothesis.state.other
+        if key not in self.hypotheses or self.hypotheses[key].log_mass < hypothesis.log_mass:
+            self.hypotheses[key] = hypothesis
+
+    def weigh(
+        self, state: NoiseState, scanner: Scanner, seeds: Sequence[Sequence[Member]], deep: bool
+    ) -> list[Explanation]:
+        """Search under a state of the noise, and enter what was found, with and without a discrepancy."""
+        search = Search(scanner, self.candidates, self.prior, self.progress, given=tuple(state.drawn))
+        discrepancies = None
+        target = -np.inf
+        if deep:  # what a discrepancy alone comes to tells how far sets of effects are worth following
+            self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough)
+            self._beside([search.fine(())], state, search, discrepancies)
+            target = self.best - state.log_weight - search.fine(()).log_mass
+        found = search.run(seeds, deep, target)
+        for each in found:
+            alone = self.known(each, state) + (0.0 if state.other else float(np.log1p(-OTHER)))
+            self.enter(Hypothesis(each, state, (), alone))
+        if self.known(found[0], state) > self.best - _FAR:
+            self._beside(found, state, search, discrepancies or Discrepancies.of(search.data, search.rough))
+        return found
+
+    def _beside(
+        self, found: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
+    ) -> None:
+        """Explanations beside discrepancies, and additions once one of these is there."""
+        done: set[tuple[str, ...]] = set()
+        near = [each for each in found if each.log_mass > found[0].log_mass - _NEAR][:_BESIDE]
+        leading_members = found[0].members
+        drops = {
+            tuple(sorted(member.label for member in leading_members if member is not out)) for out in leading_members
+        }
+        queue = near + [each for each in found if not each.members or each.key in drops]
+        extended = len(found) == 1
+        while queue:
+            each = queue.pop(0)
+            if each.key in done:
+                continue
+            done.add(each.key)
+            means = discrepancies.means.linear(each.linear)
+            terms = weighed(means, discrepancies)
+            for log_mass, fitted in beside(each.linear, self.common):
+                named = replace(state, fitted=(*state.fitted, fitted))
+                prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
+                mass = self.known(each, state) - each.log_prior + prior + log_mass + float(np.log1p(-OTHER))
+                self.enter(Hypothesis(each, named, (), mass))
+            if terms:
+                mass = (
+                    self.known(each, state)
+                    + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
+                    + total([term.log_mass for term in terms])
+                )
+                self.enter(Hypothesis(each, state, tuple(terms[:_KEPT]), mass, means))
+            if not queue and not extended:
+                extended = True
+                leading = max(
+                    (one for one in self.hypotheses.values() if one.terms and one.state is state),
+                    key=lambda one: one.log_mass,
+                    default=None,
+                )
+                if leading is not None and leading.log_mass > self.best - 5.0:
+                    queue += search.beside(leading.explanation, leading.terms[0])
+
+
+#: Log mass that a state promises, the state, the scanner below it, what it was learned beside.
+_Promised = tuple[float, NoiseState, Scanner, Explanation]
+
+
+def explain(
+    data: WhitenedData,
+    without: Sequence[str] = (),
+    at_rest: bool = True,
+    weights: Mapping[str, float] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Posterior:
+    """All hypotheses worth weighing.
+
+    Args:
+        data: of means at their mean poses.
+        without: effects to leave out of the catalogue.
+        at_rest: whether the floor was learned at rest.
+        weights: relative prior weights of effects.
+    """
+    scanner = Scanner.of(data)
+    candidates, absorbed = visible(data, scanner, without)
+    prior = set_prior(candidates, unseen_places(data, without), data, weights or {})
+    work = _Weighing(data, scanner, candidates, prior, without, at_rest, progress, common_noises(data, without))
+    floor = NoiseState()
+    found = work.weigh(floor, scanner, (), deep=True)
+    tried: set[tuple[str, tuple[str, ...]]] = set()
+    frontier = [(floor, scanner, found)]
+    outside = _far_from_it(work, found[0])
+    for _ in range(_ROUNDS):
+        states = [state for each in outside for state in _relearned(work, *on_data(work.scanner.fine.data, each), each)]
+        outside = []
+        for given, given_scanner, explanations in frontier:
+            smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
+            looked_at = [explanations[0], *{len(one.members): one for one in reversed(smallest_first)}.values()]
+            looked_at += work.beside_other(given)
+            for each in {each.key: each for each in looked_at}.values():
+                states += _states(work, given, given_scanner, each)
+        frontier = []
+        reached = work.best  # before what the states promise is entered
+        best: dict[tuple[str, tuple[str, ...]], _Promised] = {}
+        for promise, state, below, each in states:
+            kind = state.name, state.labels
+            anew = kind not in tried or (not state.fitted and promise > reached + _BETTER)
+            if anew and (kind not in best or best[kind][0] < promise):
+                best[kind] = promise, state, below, each
+        for promise, state, _, each in states:
+            alone = promise + (0.0 if state.other else float(np.log1p(-OTHER)))
+            work.enter(Hypothesis(each, state, (), alone))
+        ranked = sorted(best.items(), key=lambda item: -item[1][0])
+        for kind, (promise, state, below, each) in ranked:
+            same = each.key == work.leading.explanation.key and not work.leading.terms
+            if len(frontier) >= 2 or promise < work.best - (_CLOSE if same else _FAR):
+                continue
+            if not state.fitted and promise < reached + _BETTER:
+                continue
+            tried.add(kind)
+            fresh = below.stepped(state.steps[len(_steps_of(below, scanner)) :])
+            seeds = _seeds(each)
+            frontier.append((state, fresh, work.weigh(state, fresh, seeds, deep=False)))
+            if state.other or state.name == UNSEEN:  # learned beside worse causes, or one too many
+                outside += frontier[-1][2]
+        if not frontier:
+            break
+    assert work.discrepancies is not None
+    weighed_all = tuple(sorted(work.hypotheses.values(), key=lambda one: -one.log_mass))
+    return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
+
+
+def _steps_of(scanner: Scanner, first: Scanner) -> tuple[object, ...]:
+    return scanner.fine.data.steps[len(first.fine.data.steps) :]
+
+
+def _states(work: _Weighing, given: NoiseState, scanner: Scanner, each: Explanation) -> list[_Promised]:
+    """States of the noise beyond a given one, beside an explanation: what each promises before anything is refitted."""
+    data = scanner.fine.data if not each.members else around(scanner.fine.data, each.data.pipeline)
+    explained = Explained(data.absorbed, each.linear.left)
+    found = named(data, explained, work.without, given)
+    if not given.name:
+        moved = (moved_floor(data, explained, work.at_rest, slower) for slower in (False, True))
+        for state in (*moved, *_nameless(work, data, explained)):
+            if state is not None:
+                weight = given.log_weight + state.log_weight
+                found.append(replace(state, fitted=given.fitted, steps=(*given.steps, *state.steps), log_weight=weight))
+    return [_promised(work, data, each.linear, scanner, each, state, len(given.steps)) for state in found]
+
+
+def _promised(
+    work: _Weighing,
+    data: WhitenedData,
+    linear: Linear,
+    scanner: Scanner,
+    each: Explanation,
+    state: NoiseState,
+    taken: int = 0,
+) -> _Promised:
+    """What a state is worth beside an explanation that was linearised under the first ``taken`` steps."""
+    prior = work.prior.log_set([*state.drawn, *(member.drawn for member in each.members)])
+    under, determinant = under_steps(data, linear, state.steps[taken:])
+    weight = state.log_weight + determinant
+    return under.averaged[0] + prior + weight, replace(state, log_weight=weight), scanner, each
+
+
+def _nameless(work: _Weighing, data: WhitenedData, explained: Explained) -> list[NoiseState | None]:
+    """Noise without a name; where nothing shows the floor, it may be that."""
+    steady = None if work.at_rest else unnamed(data, explained, steady=True)
+    return [unnamed(data, explained), None if steady is None else unseen_floor(steady)]
+
+
+def on_data(data: WhitenedData, each: Explanation) -> tuple[WhitenedData, Linear]:
+    """An explanation, linearised under other noise than it was found with; and the data around it."""
+    data = around(data, each.data.pipeline)
+    return data, linearised(at(each.fits, data), each.linear.searched)
+
+
+def _relearned(work: _Weighing, data: WhitenedData, linear: Linear, each: Explanation) -> list[_Promised]:
+    """Noise without a name beside an explanation under the floor."""
+    states = _nameless(work, data, Explained(data.absorbed, linear.left))
+    return [_promised(work, data, linear, work.scanner, each, state) for state in states if state is not None]
+
+
+def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
+    """Where noise without a name is far likelier than all that was found, sets of effects that leave ever less.
+
+    They are searched under white noise as large as what is left: a floor that everything misses a hundred times ranks
+    effects by what they do to the least of errors. Noise without a name that is no likelier beside the set that leads
+    then ends it: such sets leave less by their number alone.
+    """
+    found: list[Explanation] = []
+    reached = work.best + _FAR
+    for _ in range(_OUTWARDS):
+        data, linear = on_data(work.scanner.fine.data, each)
+        promised = max((promise for promise, *_ in _relearned(work, data, linear, each)), default=-np.inf)
+        if promised < reached:
+            break
+        reached = promised
+        scanner = work.scanner.stepped(raised(data, Explained(data.absorbed, linear.left)))
+        search = Search(scanner, work.candidates, work.prior, work.progress, wide=True)
+        found += search.run(_seeds(each), deep=False)
+        leading = max(search.found.values(), key=search.gained)
+        if leading.key == each.key:
+            break
+        each = leading
+    return found
+
+
+def _seeds(each: Explanation) -> list[tuple[Member, ...]]:
+    """A set and what is left of it when one or all but one of its members go."""
+    members = each.members
+    found = [members]
+    found += [members[:index] + members[index + 1 :] for index in range(len(members))]
+    found += [(member,) for member in members]
+    return [seed for seed in found if seed]

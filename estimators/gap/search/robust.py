@@ -1,0 +1,104 @@
+"""What a fit is worth where the model is wrong: widths and tests from how the misfit really scatters over time.
+
+Where something outside the catalogue is part of an explanation, neither the floor nor a stand-in for the rest tells how
+far a parameter may be off: the misfit itself does. Covariance A^-1 J A^-1, A the information and J how the score
+scatters (White, Econometrica 50, 1982; of a posterior: Muller, Econometrica 81, 2013): from block to block of time,
+with what neighbouring blocks share (Newey and West, Econometrica 55, 1987), and from channel to channel, which should
+agree (two-way clusters: Cameron, Gelbach and Miller, Journal of Business and Economic Statistics 29, 2011).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f
+
+from estimators.gap.data.projection import project
+from estimators.gap.evidence.discrepancy import Weighed
+from estimators.gap.evidence.laplace import Linear
+from estimators.gap.search.beam import Explanation
+
+Array = NDArray[np.float64]
+
+#: Blocks of time: enough for a covariance to be known to a fifth. So many neighbours of each may share a misfit.
+BLOCKS: Final = 16
+_SHARED: Final = 3
+
+
+def moments(linear: Linear, channels: int, beside: Weighed | None = None) -> tuple[Array, Array]:
+    """Posterior mean less the fitted values (p,), and covariance (p, p), in typical sizes.
+
+    Args:
+        linear: a set of effects, fitted. channels: that its samples are of, one after another.
+        beside: the term of a discrepancy under which it is judged; None: under its own floor.
+    """
+    masked = _in_blocks(linear.left, channels).reshape(len(linear.left), -1)
+    scores, gram = linear.tangent.T @ masked, linear.gram
+    if beside is not None:
+        variance = float(beside.term.variances[int(np.argmax(beside.gains))])
+        along = beside.term.along(np.column_stack([linear.tangent, masked]))
+        tangent, rest = along[:, : len(gram)], along[:, len(gram) :]
+        shrunk = tangent * (variance / (1.0 + variance * beside.term.values))[:, None]
+        scores, gram = scores - shrunk.T @ rest, gram - shrunk.T @ tangent
+    precision = linear.precision(linear.averaged[1])
+    mean, covariance = linear.posterior(precision, gram, scores.sum(axis=1))
+    both = scores.reshape(len(scores), channels, BLOCKS)
+    spread = _spread(both.sum(axis=1)) + _clusters(both.sum(axis=2)) - _clusters(scores)
+    values, vectors = np.linalg.eigh(spread / np.sqrt(np.outer(size := np.diag(gram) + precision, size)))
+    root = vectors * np.sqrt(np.maximum(values, 0.0)) * np.sqrt(size)[:, None]
+    return mean, covariance @ (root @ root.T + np.diag(precision)) @ covariance
+
+
+def log_p(explanation: Explanation, index: int) -> float:
+    """Logarithm of the p-value of one effect of a set: that what it changes is there at all.
+
+    The amplitude of its change is tested, all other effects' freedom projected out, with as many degrees of freedom as
+    the effect has strengths (Hotelling's T^2 of the blocks), and with what was searched.
+
+    Args:
+        index: its number in the set.
+    """
+    linear, data, fits = explanation.linear, explanation.data, explanation.fits
+    others = [fit.effect for number, fit in enumerate(fits) if number != index]
+    change = data.change([fit.effect for fit in fits]) - data.change(others)
+    along = project(data.absorbed, data.whiten(change))
+    beside = linear.tangent[:, linear.owner != index]
+    if beside.shape[1]:
+        along = along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0]
+    size = float(along @ along)
+    scores = along @ _in_blocks(linear.left, len(data.columns)).sum(axis=1)
+    spread = float(_spread(scores[None])[0, 0])
+    if size <= 0.0 or spread <= 0.0:
+        return 0.0
+    rank = min(max(1, sum(item.size for item in fits[index].free if item.strength)), BLOCKS // 2)
+    squared = (size + float(scores.sum())) ** 2 / spread
+    tail = float(f.logsf(squared * (BLOCKS - rank) / (rank * (BLOCKS - 1.0)), rank, BLOCKS - rank))
+    return min(tail + explanation.members[index].searched, 0.0)
+
+
+def _in_blocks(values: Array, channels: int) -> Array:
+    """(m, channels, b): the values (m,) of each channel in each block of time, zero elsewhere."""
+    count = len(values) // channels
+    rows = np.arange(len(values))
+    found = np.zeros((len(values), channels, BLOCKS))
+    found[rows, rows // count, rows % count * BLOCKS // count] = values
+    return found
+
+
+def _spread(scores: Array) -> Array:
+    """(p, p) covariance of a sum of contributions (p, b) of which neighbours may share something."""
+    off = (scores - scores.mean(axis=1, keepdims=True)) * np.sqrt(BLOCKS / (BLOCKS - 1.0))
+    found = off @ off.T
+    for lag in range(1, _SHARED + 1):
+        shared = off[:, lag:] @ off[:, :-lag].T
+        found += (1.0 - lag / (_SHARED + 1.0)) * (shared + shared.T)
+    return np.asarray(found)
+
+
+def _clusters(scores: Array) -> Array:
+    """(p, p) covariance of a sum of independent contributions (p, c)."""
+    many = scores.shape[1]
+    off = scores - scores.mean(axis=1, keepdims=True)
+    return np.asarray(off @ off.T * (many / (many - 1.0)))
