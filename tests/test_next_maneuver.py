@@ -23,7 +23,7 @@ from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import contest, measured, rivals
 from rig.arm import Arm
 from rig.clearance import Clearance
-from rig.effects import Effect, make_effect
+from rig.effects import EFFECTS, Effect, make_effect
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
 from scenarios.diagnosing.improved_rig import improved_rig
@@ -116,6 +116,32 @@ def test_sets_are_told_apart_and_a_smaller_one_only_as_the_wrong_one() -> None:
     (pair,) = found.separations
     assert [len(pair.truth), len(pair.rival)] == [2, 1]
     assert "“backlash of joint 5 and joint scale of joint 1” from “backlash of joint 5”" in found.why
+
+
+def test_a_board_that_warms_as_its_bias_does_is_recorded_in_another_room() -> None:
+    """A bias that follows the temperature and one that follows the time since the start are one in every maneuver."""
+    coefficient = (3e-3, -3e-3, 3e-3)
+    truth = make_effect("bias_temperature", {"where": "accelerometer", "coefficient_per_degC": coefficient})
+    scenario = from_toml(SMALL, "small.toml").with_effects([truth])
+    environment = replace(scenario.rig.environment, temperature_rise_degC=20.0, temperature_tau_s=30.0)
+    scenario = replace(scenario, rig=replace(scenario.rig, environment=environment))
+    run, locked = scenario.simulate(0), scenario.simulate_locked(0)
+    values = {"coefficient_per_degC": (coefficient, (1e-4,) * 3, "V/degC")}
+    named = cause("bias_temperature", "accelerometer", **values)
+    rising = (("bias_warmup", "accelerometer"),)
+    _, calibrated, found = proposed(by_hand("ambiguous", (named,), rivals=(rising,)), run, locked)
+    assert found is not None
+    assert found.warmer_degC > 0.0
+    assert max(found.recorded) < 1.0
+    made = from_toml(found.to_toml(calibrated), "next.toml")
+    warmer = made.rig.environment.temperature_degC
+    assert warmer == calibrated.rig.environment.temperature_degC + found.warmer_degC
+    room = replace(environment, temperature_degC=environment.temperature_degC + found.warmer_degC)
+    again = replace(replace(scenario, rig=replace(scenario.rig, environment=room)).simulate(1), name="warmer")
+    without = [name for name in EFFECTS if name not in ("bias_temperature", "bias_warmup")]
+    told = estimators.diagnose([run, again], [locked, locked], without=without)
+    assert [each.effect for each in told.leading] == ["bias_temperature"]
+    assert told.posterior["nothing"] < 1e-6
 
 
 def test_where_a_recording_decides_nothing_is_contested() -> None:

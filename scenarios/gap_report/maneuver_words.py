@@ -11,9 +11,11 @@ from rig.maneuver import StaticPoses, TorusSweep
 from scenarios.gap_report.words import cause_title
 
 
-def described(maneuver: TorusSweep | StaticPoses) -> str:
-    """A maneuver in words."""
+def described(maneuver: TorusSweep | StaticPoses, warmer_degC: float = 0.0) -> str:
+    """A maneuver in words, and how much warmer or colder than before the room should be."""
     minutes = f"{maneuver.duration_s / 60.0:.3g} minutes"
+    if warmer_degC:
+        minutes += f", the room {warmer_degC:g} degC warmer or colder"
     if isinstance(maneuver, StaticPoses):
         return (
             f"{len(maneuver.angles)} stops of {maneuver.hold_s:.3g} s, {maneuver.move_s:.3g} s apart, at poses of all "

@@ -43,6 +43,8 @@ _QUASI_STATIC: Final = 3.0
 #: A maneuver counts as one that can be calibrated if it still can with so many times the noise and gap of the
 #: recording: another maneuver shows more of what is not modelled.
 _NOISIER: Final = 2.0
+#: By how much another room's temperature differs [degC]: as much as a window or a heater does.
+_ANOTHER_ROOM: Final = 5.0
 _NONE: Final = "No maneuver that was tried tells the explanations apart in this time."
 #: Rounds of refinement, with ever smaller steps.
 _STEPS: Final = (1.0, 0.4)
@@ -59,6 +61,7 @@ class NextManeuver:
         alike: pairs that no maneuver tried separates.
         tried: how many were.
         felt: whether it is so fast that the accelerometer feels the arm's own acceleration.
+        warmer_degC: of the room, where only that separates them, judged together with the recording there is.
     """
 
     maneuver: Joint
@@ -67,6 +70,7 @@ class NextManeuver:
     alike: tuple[tuple[tuple[Effect, ...], tuple[Effect, ...]], ...]
     tried: int
     felt: bool = False
+    warmer_degC: float = 0.0
 
     @property
     def worst(self) -> Separation:
@@ -90,13 +94,18 @@ class NextManeuver:
         words += "."
         if self.felt:
             words += " So fast an arm makes an acceleration of its own as well, which the model leaves out."
+        if self.warmer_degC:
+            words = (
+                f"No other maneuver tells the explanations apart; the same one does with the room {self.warmer_degC:g} "
+                f"degC warmer or colder, both recordings diagnosed together. {words}"
+            )
         return words
 
     def to_json(self, scenario: str | None) -> dict[str, Any]:
         """For a diagnosis' ``next``."""
         return {
             "why": self.why,
-            "maneuver": described(self.maneuver),
+            "maneuver": described(self.maneuver, self.warmer_degC),
             "minutes": round(self.maneuver.duration_s / 60.0, 2),
             **({"scenario": scenario} if scenario else {}),
             "separates": [
@@ -123,8 +132,11 @@ class NextManeuver:
             for effect in (*pair.truth, *pair.rival)
             if (effect.name, effect.where) not in there
         }
+        room = rig.rig.environment
+        room = replace(room, temperature_degC=room.temperature_degC + self.warmer_degC)
         made = replace(
             rig,
+            rig=replace(rig.rig, environment=room),
             motion="inertial" if self.felt else rig.motion,
             maneuver=replace(self.maneuver, rate_Hz=self.maneuver.rate_Hz * rig.rig.acquisition.decimation),
             title=f"What to do next with the rig of {rig.name}",
@@ -166,6 +178,8 @@ def next_maneuver(
         search.most_acceleration = np.inf
         fast = search.best(same)
         found = None if fast is None else replace(fast, felt=True)
+    if found is None and not search.remembers:
+        found = search.in_another_room(same)
     return found
 
 
@@ -255,8 +269,17 @@ class Search:
                         chosen, value = other, new
         return self._promised(chosen, recorded, within, tried)
 
-    def _promised(self, chosen: Joint, recorded: Joint, within: NDArray[np.bool_], tried: int) -> NextManeuver:
-        trial, before = self._trial(chosen, _PROMISED), self._table(recorded)
+    def in_another_room(self, recorded: Joint) -> NextManeuver | None:
+        """The recorded maneuver once more at another room temperature, where that separates any of the explanations."""
+        if not self._warm or not self._calibrates(recorded):  # it was made already
+            return None
+        within = self._table(recorded, _ANOTHER_ROOM) >= _SEPARATED
+        return self._promised(recorded, recorded, within, 1, _ANOTHER_ROOM) if within.any() else None
+
+    def _promised(
+        self, chosen: Joint, recorded: Joint, within: NDArray[np.bool_], tried: int, warmer: float = 0.0
+    ) -> NextManeuver:
+        trial, before = self._trial(chosen, _PROMISED, warmer), self._table(recorded)
         separations, known, alike = [], [], []
         for index, (truth, rival) in enumerate(self._pairs):
             if within[index]:
@@ -264,7 +287,7 @@ class Search:
                 known.append(float(before[index]))
             elif truth < rival or (rival, truth) not in self._pairs:
                 alike.append((trial.explanations[truth].effects, trial.explanations[rival].effects))
-        return NextManeuver(chosen, tuple(separations), tuple(known), tuple(alike), tried)
+        return NextManeuver(chosen, tuple(separations), tuple(known), tuple(alike), tried, warmer_degC=warmer)
 
     @property
     def _pairs(self) -> list[tuple[int, int]]:
@@ -277,23 +300,27 @@ class Search:
             if truth != rival and not self._group[truth].within(self._group[rival])
         ]
 
-    def _table(self, maneuver: Joint) -> Array:
+    def _table(self, maneuver: Joint, warmer: float = 0.0) -> Array:
         """(pairs,) noncentralities, for a pair the smaller of both directions where both count."""
-        found, pairs = self._trial(maneuver, _COMPARED).noncentralities, self._pairs
+        found, pairs = self._trial(maneuver, _COMPARED, warmer).noncentralities, self._pairs
         return np.array([min(found[a, b], found[b, a]) if (b, a) in pairs else found[a, b] for a, b in pairs])
 
-    def _trial(self, maneuver: Joint, samples: int) -> Trial:
-        signals, stride = self._signals(maneuver, samples)
-        return Trial.of(signals, self._pipeline, self._floor, stride, self._group)
-
-    def _signals(self, maneuver: Joint, samples: int) -> tuple[Signals, int]:
+    def _trial(self, maneuver: Joint, samples: int, warmer: float = 0.0) -> Trial:
+        """A maneuver tried; in another room after once in this one, each begun cold."""
         count = round(maneuver.duration_s * maneuver.rate_Hz)
         stride = max(1, count // samples)
         motion = maneuver.trajectory(np.arange(0, count, stride) / maneuver.rate_Hz)
-        temperature = self._environment.temperature(motion.t) if self._warm else None
-        return Signals(
-            motion.t, arm=self.room.arm, q_encoder=motion.q, velocity=motion.qd, temperature=temperature
-        ), stride
+        rooms = np.array([0.0, warmer] if warmer else [0.0])
+        again = np.tile(np.arange(len(motion.t)), len(rooms))
+        board = np.add.outer(rooms, self._environment.temperature(motion.t)).ravel() if self._warm else None
+        signals = Signals(
+            motion.t[again],
+            arm=self.room.arm,
+            q_encoder=motion.q[again],
+            velocity=motion.qd[again],
+            temperature=board,
+        )
+        return Trial.of(signals, self._pipeline, self._floor, stride, self._group)
 
     def allowed(self, maneuver: Joint) -> bool:
         """Whether the arm can make it, a calibration of it alone is not refused, and it is slow enough."""

@@ -18,11 +18,12 @@ class Judged:
 
     Attributes:
         diagnosis: of them together.
-        proposed: the next maneuver, and whether the arm's own acceleration counts in it; None: there is none.
+        proposed: the next maneuver, whether the arm's own acceleration counts in it, and how much warmer the room is
+            then [degC]; None: there is none.
     """
 
     diagnosis: Diagnosis
-    proposed: Callable[[], tuple[TorusSweep | StaticPoses, bool] | None]
+    proposed: Callable[[], tuple[TorusSweep | StaticPoses, bool, float] | None]
 
 
 def judged(runs: Sequence[Recording], locked: Recording) -> Judged:
@@ -36,8 +37,8 @@ def judged(runs: Sequence[Recording], locked: Recording) -> Judged:
     """
     found = examined(list(runs), [locked] * len(runs))
 
-    def proposed() -> tuple[TorusSweep | StaticPoses, bool] | None:
+    def proposed() -> tuple[TorusSweep | StaticPoses, bool, float] | None:
         following = next_of(found)
-        return None if following is None else (following.maneuver, following.felt)
+        return None if following is None else (following.maneuver, following.felt, following.warmer_degC)
 
     return Judged(found.diagnosis, proposed)

@@ -125,21 +125,23 @@ def named(diagnosis: Diagnosis) -> bool:
     return diagnosis.verdict == "named" and not rivals(diagnosis)
 
 
-def _chooser(rig: HiddenRig, strategy: Strategy, first: Recording) -> Callable[[Judged], tuple[Maneuver, bool] | None]:
-    """What gives the next maneuver, and whether the arm's own acceleration counts in it."""
+def _chooser(
+    rig: HiddenRig, strategy: Strategy, first: Recording
+) -> Callable[[Judged], tuple[Maneuver, bool, float] | None]:
+    """What gives the next maneuver, whether the arm's own acceleration counts in it, and by how much the room warms."""
     if strategy == "proposed":
         return lambda found: found.proposed()
     rng = np.random.default_rng([*rig.seed, 3, STRATEGIES.index(strategy)])
     duration_s = rig.setting.maneuver.duration_s
     if strategy == "torus":
-        return lambda found: (draw_sweep(SWEEPS, duration_s, rng), False)
+        return lambda found: (draw_sweep(SWEEPS, duration_s, rng), False, 0.0)
     arm = rig.setting.rig.arm
     assert arm is not None
     assert first.q is not None
     room = Family.of(arm, first.t, first.q)
 
-    def at_random(found: Judged) -> tuple[Maneuver, bool]:
-        return stops(room, duration_s, RATE_HZ, int(rng.integers(1 << 31)), spread=1.0, held=0.5), False
+    def at_random(found: Judged) -> tuple[Maneuver, bool, float]:
+        return stops(room, duration_s, RATE_HZ, int(rng.integers(1 << 31)), spread=1.0, held=0.5), False, 0.0
 
     return at_random
 
@@ -158,6 +160,7 @@ def _step(
         {(cause.effect, cause.where), *((each["effect"], each["where"]) for each in cause.equivalent)}
         for cause in diagnosis.leading
     ]
+    names = [each for index, each in enumerate(names) if each not in names[:index]]  # once for all recordings
     effect, where = rig.cause
     return Step(
         rig=number,

@@ -73,14 +73,18 @@ class HiddenRig:
         """The first maneuver."""
         return self.setting.record((self.effect,), np.random.default_rng([*self.seed, 2, number]), f"run{number}")
 
-    def on(self, maneuver: TorusSweep | StaticPoses, felt: bool = False) -> HiddenRig:
+    def on(self, maneuver: TorusSweep | StaticPoses, felt: bool = False, warmer_degC: float = 0.0) -> HiddenRig:
         """The same rig on another maneuver.
 
         Args:
             felt: whether the arm is so fast that its own acceleration counts.
+            warmer_degC: of the room, then.
         """
         finer = replace(maneuver, rate_Hz=RATE_HZ * FINER)
-        return replace(self, setting=replace(self.setting, maneuver=finer, inertial=felt))
+        room = self.setting.rig.environment
+        room = replace(room, temperature_degC=room.temperature_degC + warmer_degC)
+        rig = replace(self.setting.rig, environment=room)
+        return replace(self, setting=replace(self.setting, maneuver=finer, inertial=felt, rig=rig))
 
 
 def hidden_rig(seed: int, number: int, samples: int) -> HiddenRig:
