@@ -48,11 +48,6 @@ class AllanDeviation:
         """(k,) averaging times m / rate [s]."""
         return np.asarray(self.averaged * self.interval_s, dtype=float)
 
-    @property
-    def differences(self) -> Indices:
-        """(k, s) overlapping differences that each record gives; zero where it is too short."""
-        return np.asarray(np.maximum(self.samples[None] - 2 * self.averaged[:, None] + 1, 0))
-
     def interval(self, freedom: ArrayLike, level: float = 0.95) -> tuple[Array, Array]:
         """Lower and upper end (k,) of a confidence interval [unit].
 

@@ -29,13 +29,11 @@ class Told:
     """What a Fisher information tells, scaled to a unit diagonal.
 
     Attributes:
-        eigenvalues: (p,) of the scaled matrix, ascending.
-        null: (p, d) its orthonormal null directions.
+        null: (p, d) orthonormal null directions of the scaled matrix.
         covariance: (p, p) the Cramer-Rao bound: inverse information, without the null directions.
         condition: largest over smallest eigenvalue; infinite where d > 0.
     """
 
-    eigenvalues: Array
     null: Array
     covariance: Array
     condition: float
@@ -49,7 +47,7 @@ class Told:
         told = eigenvalues > NULL_EIGENVALUE
         spread = scale[:, None] * vectors[:, told]
         condition = float(eigenvalues[-1] / eigenvalues[0]) if told.all() else np.inf
-        return cls(eigenvalues, vectors[:, ~told], (spread / eigenvalues[told]) @ spread.T, condition)
+        return cls(vectors[:, ~told], (spread / eigenvalues[told]) @ spread.T, condition)
 
 
 def is_open(null: Array) -> NDArray[np.bool_]:
@@ -65,8 +63,7 @@ class Information:
         method: which model.
         matrix: (p, p) dimensionless parameters, so dimensionless.
         per_channel: (3, p, p) the channels' shares, which add up to it.
-        eigenvalues: (p,) of the matrix scaled to a unit diagonal, ascending.
-        null: (p, d) orthonormal null directions of the scaled matrix.
+        null: (p, d) orthonormal null directions of the matrix scaled to a unit diagonal.
         covariance: (p, p) the Cramer-Rao bound: inverse information, without its null directions.
         condition: largest over smallest eigenvalue of the scaled matrix; infinite where d > 0.
     """
@@ -74,7 +71,6 @@ class Information:
     method: Method
     matrix: Array
     per_channel: Array
-    eigenvalues: Array
     null: Array
     covariance: Array
     condition: float
@@ -100,7 +96,7 @@ class Information:
         per_channel = weights[:, None, None] * unweighted
         matrix = per_channel.sum(axis=0)
         told = Told.of(matrix)
-        return cls(method, matrix, per_channel, told.eigenvalues, told.null, told.covariance, told.condition)
+        return cls(method, matrix, per_channel, told.null, told.covariance, told.condition)
 
     def with_noise(self, noise: ArrayLike, assumed: ArrayLike) -> Information:
         """The same with other noise (3,) than the ``assumed`` (3,) that it was made with."""

@@ -66,13 +66,6 @@ class Isolability:
         """(m,) whether an effect is seen."""
         return self.seen >= SEEN
 
-    def nearest(self, index: int) -> tuple[int, float]:
-        """The effect that explains one best, of all that are seen, and the standard deviations that it leaves."""
-        row = np.where(self.visible, self.apart[index], np.inf)
-        row[index] = np.inf
-        place = int(np.argmin(row))
-        return place, float(row[place])
-
     @property
     def alike(self) -> list[tuple[Key, Key, float]]:
         """Pairs of effects that are both seen and not told apart, the most alike first."""

@@ -133,12 +133,10 @@ class Autoregression:
     Attributes:
         coefficients: (p,) a; empty for white noise.
         sigma: standard deviation of e [unit].
-        samples: it was learned from.
     """
 
     coefficients: Array
     sigma: float
-    samples: int
 
     @property
     def order(self) -> int:
@@ -186,7 +184,7 @@ def autoregression(records: Sequence[ArrayLike], order: int | None = None) -> Au
     fits = [_yule_walker(covariance, p) for p in orders]
     costs = [n * np.log(variance) + p * np.log(n) for p, (_, variance) in zip(orders, fits, strict=True)]
     coefficients, variance = fits[int(np.argmin(costs))]
-    return Autoregression(coefficients, float(np.sqrt(variance)), n)
+    return Autoregression(coefficients, float(np.sqrt(variance)))
 
 
 def _yule_walker(covariance: Array, order: int) -> tuple[Array, float]:

@@ -40,13 +40,11 @@ class Driven:
     Attributes:
         model: its own to change. actuators: (N,) the number of each joint's servo.
         most_step_s: the longest step that its servos bear [s].
-        ideal: whether the servos are made here.
     """
 
     model: mujoco.MjModel
     actuators: NDArray[np.int64]
     most_step_s: float
-    ideal: bool
 
 
 def driven(arm: Arm) -> Driven:
@@ -57,7 +55,7 @@ def driven(arm: Arm) -> Driven:
     """
     own = _position_actuators(arm.model, arm.chain.joints)
     if (own >= 0).all():
-        return Driven(copy.copy(arm.model), own, math.inf, False)
+        return Driven(copy.copy(arm.model), own, math.inf)
     inertia, stiffest = _inertias(arm)
     if missing := [name for name, value in zip(arm.joint_names, inertia, strict=True) if value < _WEIGHTLESS]:
         raise RigError(
@@ -85,7 +83,7 @@ def driven(arm: Arm) -> Driven:
         )
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model = spec.compile()
-    return Driven(model, _position_actuators(model, arm.chain.joints), _STEP / (omega * stiffest), True)
+    return Driven(model, _position_actuators(model, arm.chain.joints), _STEP / (omega * stiffest))
 
 
 def _inertias(arm: Arm) -> tuple[Array, float]:

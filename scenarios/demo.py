@@ -65,11 +65,6 @@ class Demo:
     files: dict[str, Path]
     seconds: float
 
-    @property
-    def told(self) -> tuple[float, ...]:
-        """The errors in standard deviations of all parameters that can be told."""
-        return tuple(row.error_sigmas for row in self.compared if row.error_sigmas is not None)
-
 
 def run_demo(
     folder: Path, seed: int = 0, tell: Tell = lambda _: None, working: Working = lambda _: nullcontext(_unheard)

@@ -28,14 +28,12 @@ class SensorMotion:
         tip: (m, 3) [m] the sensor, base frame; where only its attitude was recorded, on a sphere about the origin.
         root: (m, 3) [m] the wrist, or a point behind the sensor on the tool axis; the bristle of Renk et al., Figure 2,
             is the segment from root to tip.
-        placed: whether the position was recorded or follows from the joint angles.
     """
 
     rows: Rows
     R_base_tool: Array
     tip: Array
     root: Array
-    placed: bool
 
     @classmethod
     def of_joints(cls, arm: Arm, q: Array, rows: Rows) -> Self:
@@ -43,7 +41,7 @@ class SensorMotion:
         angles = q[rows]
         poses = arm.poses(angles)
         root = arm.link_poses(angles).position[:, max(arm.dof - 2, 0)]
-        return cls(rows, poses.R_base_tool, poses.position, root, placed=True)
+        return cls(rows, poses.R_base_tool, poses.position, root)
 
 
 def arm_of(recording: Recording) -> Arm | None:
@@ -67,5 +65,5 @@ def motion(recording: Recording, arm: Arm | None, rows: Rows) -> SensorMotion | 
     R_base_tool = part.rotations(None).reshape(-1, 3, 3)
     along = BRISTLE_M * R_base_tool[:, :, 2]
     if part.tool_position is None:
-        return SensorMotion(rows, R_base_tool, along, np.zeros_like(along), placed=False)
-    return SensorMotion(rows, R_base_tool, part.tool_position, part.tool_position - along, placed=True)
+        return SensorMotion(rows, R_base_tool, along, np.zeros_like(along))
+    return SensorMotion(rows, R_base_tool, part.tool_position, part.tool_position - along)

@@ -15,7 +15,6 @@ from estimators.ellipsoid.fit import Parameters
 from estimators.ellipsoid.thinned import Thinned
 from estimators.from_recording import arm_of, has_pose, magnitude_of, points_of, statistics_of
 from estimators.live.estimate import AttitudeFree, AttitudeKnown, SensorEstimate
-from estimators.live.stillness import StillStream
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.recording import Recording
@@ -151,10 +150,6 @@ class Calibrator:
     def forgotten_s(self) -> float:
         """With a pose: samples up to this time do not count any more [s]."""
         return max((each.sums.forgotten_s for each in self._known.values()), default=-np.inf)
-
-    def still(self, sensor: str) -> StillStream | None:
-        """The detector of a sensor that has to stand still."""
-        return self._free[sensor].still if sensor in self._free else None
 
     def estimate(self, sensor: str, whole: bool = True) -> SensorEstimate:
         """What is known of a sensor now.

@@ -90,7 +90,7 @@ class Saturation(Effect):
             added = np.zeros(len(CHANNELS))
             added[column] = sigma * np.sqrt(lost.mean())
             effect = cls(where=where, level=sign * level)
-            return Finding(effect, {"level": sigma / float(piled.sum())}, affected, log_p, added, _none())
+            return Finding(effect, {"level": sigma / float(piled.sum())}, affected, log_p, added)
         return None
 
 
@@ -127,12 +127,12 @@ class AdcQuantisation(Effect):
         sigma = readings.sigma[columns]
         if not (steps > 1.5 * known).all() or steps.min() <= 0.0 or (steps**2 / 12.0 < _FELT * sigma**2).all():
             return None
-        rounding = _none()
+        rounding = np.zeros(len(CHANNELS))
         rounding[columns] = np.maximum(steps**2 - known**2, 0.0) / 12.0
         lsb = float(np.median(steps))
         nothing = np.zeros_like(readings.values, dtype=bool)
         effect = cls(where=where, lsb_V=lsb)
-        return Finding(effect, {"lsb_V": lsb * 1e-6}, nothing, -np.inf, np.sqrt(rounding), rounding)
+        return Finding(effect, {"lsb_V": lsb * 1e-6}, nothing, -np.inf, np.sqrt(rounding))
 
 
 @register
@@ -183,7 +183,7 @@ class Outliers(Effect):
         count = int(affected.sum())
         effect = cls(where=where, share=count / total, size_V=float(np.median(np.concatenate(spikes))))
         std: Mapping[str, float | None] = {"share": float(np.sqrt(count)) / total}
-        return Finding(effect, std, affected, log_p, sizes / np.sqrt(len(readings.values)), _none())
+        return Finding(effect, std, affected, log_p, sizes / np.sqrt(len(readings.values)))
 
 
 @register
@@ -226,7 +226,7 @@ class Dropouts(Effect):
         added = np.sqrt(share * (np.mean(differences**2, axis=0) + 2.0 * readings.sigma**2))
         affected = np.repeat(rows[:, None], len(CHANNELS), axis=1)
         std = {"share": float(np.sqrt(share * (1.0 - share) / count))}
-        return Finding(cls(where=where, share=share), std, affected, log_p, added, _none())
+        return Finding(cls(where=where, share=share), std, affected, log_p, added)
 
 
 def _repeat_by_chance(readings: Readings) -> float:
@@ -286,7 +286,3 @@ def lattice_step(values: Array, grid: float = 0.0) -> float:
     slope, start = np.polyfit(numbers, levels, 1)
     off = float(np.abs(levels - start - slope * numbers).max())
     return float(slope) if off < 0.05 * slope + 0.75 * grid else 0.0
-
-
-def _none() -> Array:
-    return np.zeros(len(CHANNELS))

@@ -55,7 +55,6 @@ class Finding:
         affected: (n, 6) bool, the readings that tell nothing else any more.
         log_p: logarithm of the chance of as much without the effect, over all readings and channels looked at.
         added: (6,) [recorded unit] root mean square of what it adds to the readings.
-        rounding: (6,) [recorded unit^2] variance of the further white noise that its rounding makes.
     """
 
     effect: Effect
@@ -63,4 +62,3 @@ class Finding:
     affected: NDArray[np.bool_]
     log_p: float
     added: Array
-    rounding: Array

@@ -144,10 +144,6 @@ class Settings:
         """The seeds of a block: the same whatever else is studied, and wherever it runs."""
         return np.random.SeedSequence(self.seed).spawn(len(ORDERS))[ORDERS.index(order)].spawn(block + 1)[block]
 
-    def loaded(self) -> Scenario:
-        """The scenario."""
-        return from_toml(self.scenario, f"{self.name}.toml")
-
 
 @dataclass(frozen=True, eq=False)
 class Expected:
