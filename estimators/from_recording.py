@@ -199,11 +199,17 @@ def arm_of(batch: Recording, arm: Arm | None, where: str) -> Arm | None:
         )
     if batch.q is None or (arm is None and batch.tool_quaternion is not None):
         return None
-    if arm is None and batch.metadata.arm != "a465":
+    used = arm_or_named(arm, batch.metadata.arm)
+    if used is None:
         raise RigError(
             f"{where}: arm {batch.metadata.arm!r} is not built in, expected its model (--arm FILE), or arm 'a465'"
         )
-    if arm is not None:
+    return used
+
+
+def arm_or_named(arm: Arm | None, name: str | None) -> Arm | None:
+    """The arm that was given, else the one that comes with the rig where a recording or a calibration names that."""
+    if arm is not None or name != "a465":
         return arm
     from rig.arm import Arm  # brings MuJoCo with it: only where it is needed
 

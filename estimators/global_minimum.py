@@ -150,19 +150,29 @@ def explained(problem: Compressed) -> Array:
     normal = products @ problem.covariance.reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9)
     channels = problem.cross.shape[1]
     right = (directions @ problem.cross.reshape(3, 3 * channels)).reshape(-1, 3, channels)
-    # A tiny ridge: where A(f) is singular the directions it cannot see explain nothing. Cholesky factors of all at
-    # once.
-    a11, a21, a31, a22, a32, a33 = (normal[:, i].copy() for i in (0, 3, 6, 4, 7, 8))
-    ridge = 1e-12 * float(np.trace(problem.covariance)) + 1e-300
-    l11 = np.sqrt(a11 + ridge)
+    # A tiny ridge: where A(f) is singular the directions it cannot see explain nothing.
+    factor = cholesky(np.ascontiguousarray(normal.T), 1e-12 * float(np.trace(problem.covariance)) + 1e-300)
+    z1, z2, z3 = forward(tuple(entry[:, None] for entry in factor), right.swapaxes(0, 1))
+    return np.asarray(z1 * z1 + z2 * z2 + z3 * z3)
+
+
+def cholesky(normal: Array, ridge: float | Array) -> tuple[Array, ...]:
+    """Factors of symmetric (3, 3) matrices given as (9, ..): 11, 21, 31, 22, 32, 33."""
+    a11, a21, a31, a22, a32, a33 = (normal[i] for i in (0, 3, 6, 4, 7, 8))
+    l11 = np.sqrt(np.maximum(a11, 0.0) + ridge)
     l21, l31 = a21 / l11, a31 / l11
     l22 = np.sqrt(np.maximum(a22 - l21 * l21, 0.0) + ridge)
     l32 = (a32 - l31 * l21) / l22
     l33 = np.sqrt(np.maximum(a33 - l31 * l31 - l32 * l32, 0.0) + ridge)
-    z1 = right[:, 0] / l11[:, None]
-    z2 = (right[:, 1] - l21[:, None] * z1) / l22[:, None]
-    z3 = (right[:, 2] - l31[:, None] * z1 - l32[:, None] * z2) / l33[:, None]
-    return np.asarray(z1 * z1 + z2 * z2 + z3 * z3)
+    return l11, l21, l31, l22, l32, l33
+
+
+def forward(factor: tuple[Array, ...], right: Array) -> tuple[Array, Array, Array]:
+    """L z = right, for right (3, ..)."""
+    l11, l21, l31, l22, l32, l33 = factor
+    z1 = right[0] / l11
+    z2 = (right[1] - l21 * z1) / l22
+    return z1, z2, (right[2] - l31 * z1 - l32 * z2) / l33
 
 
 def local_minima(problem: Compressed, explained_on_grid: Array, weights: Array) -> list[Solution]:

@@ -15,7 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.global_minimum import FINE_GRID_CONDITION, FINE_GRID_POINTS, GRID_POINTS, MOST_STARTS, half_sphere
+from estimators.global_minimum import (
+    FINE_GRID_CONDITION,
+    FINE_GRID_POINTS,
+    GRID_POINTS,
+    MOST_STARTS,
+    cholesky,
+    forward,
+    half_sphere,
+)
 from rig.directions import tangent_basis
 
 Array = NDArray[np.float64]
@@ -119,18 +127,18 @@ def _explained(problems: Problems, points: int) -> Array:
     directions, _, products = half_sphere(points)
     ridge = 1e-12 * np.trace(problems.covariance, axis1=-2, axis2=-1) + 1e-300
     if problems.covariance.ndim == 2:
-        factor = _cholesky((products @ _for_axes(problems.covariance).T).T, float(ridge))
+        factor = cholesky((products @ _for_axes(problems.covariance).T).T, float(ridge))
         by_field = np.zeros((3, len(directions), 3, 3))  # row j of [f^T C] as a matrix on vec C
         for j in range(3):
             by_field[j, :, :, j] = directions
-        solved = np.stack(_forward(factor, by_field.reshape(3, -1, 9).transpose(0, 2, 1))).transpose(0, 2, 1)
+        solved = np.stack(forward(factor, by_field.reshape(3, -1, 9).transpose(0, 2, 1))).transpose(0, 2, 1)
         z = solved.reshape(-1, 9) @ problems.cross.reshape(9, -1)
         np.multiply(z, z, out=z)
         return np.asarray(z.reshape(3, len(directions), problems.count, -1).sum(axis=(0, 3)))
     normal = np.tensordot(_for_axes(problems.covariance), products, axes=(2, 1))  # (P, 9, g)
-    factor = _cholesky(normal.transpose(1, 0, 2), ridge[:, None])
+    factor = cholesky(normal.transpose(1, 0, 2), ridge[:, None])
     right = np.tensordot(problems.cross.reshape(3, 3, problems.count, -1), directions, axes=(0, 1))  # (3, P, c, g)
-    z = np.stack(_forward(factor, right.transpose(0, 2, 1, 3)))
+    z = np.stack(forward(factor, right.transpose(0, 2, 1, 3)))
     return np.asarray((z * z).sum(axis=(0, 1)).T)
 
 
@@ -199,10 +207,10 @@ class _Point:
     def at(cls, problems: Problems, field: Array) -> _Point:
         products = (field[:, None] * field[None]).reshape(9, -1)
         trace = np.trace(problems.covariance, axis1=-2, axis2=-1)
-        factor = _cholesky(_times(_for_axes(problems.covariance), products), 1e-15 * trace + 1e-300)
+        factor = cholesky(_times(_for_axes(problems.covariance), products), 1e-15 * trace + 1e-300)
         wide = tuple(entry[:, None] for entry in factor)
         right = np.einsum("ip,ijpc->jpc", field, problems.cross.reshape(3, 3, *problems.cross.shape[1:]))
-        axes = np.stack(_backward(wide, _forward(wide, right)))
+        axes = np.stack(_backward(wide, forward(wide, right)))
         return cls(field, axes, factor, right, problems.variance.sum(axis=1) - (right * axes).sum(axis=(0, 2)))
 
     def mean_square(self, problems: Problems) -> Array:
@@ -230,7 +238,7 @@ class _Point:
         )
         hessian = np.einsum("aip,ijp,bjp->abp", basis, for_field, basis)
         coupled = np.einsum("aip,ijp->jap", wide, mixed)  # (3, 2, P c)
-        solved = np.stack(_forward(tuple(np.repeat(entry, c) for entry in self.factor), coupled))
+        solved = np.stack(forward(tuple(np.repeat(entry, c) for entry in self.factor), coupled))
         hessian -= np.einsum("jap,jbp->abp", solved, solved).reshape(2, 2, p, c).sum(axis=3)
         return _descent(hessian, gradient, damping)
 
@@ -278,25 +286,6 @@ def _for_field(covariance: Array) -> Array:
 def _for_both(covariance: Array) -> Array:
     """Maps m_j f_k to B_il, what couples f and m."""
     return _permuted(covariance, (0, 3, 1, 2))
-
-
-def _cholesky(normal: Array, ridge: float | Array) -> tuple[Array, ...]:
-    """Factors of symmetric (3, 3) matrices given as (9, ..): 11, 21, 31, 22, 32, 33."""
-    a11, a21, a31, a22, a32, a33 = (normal[i] for i in (0, 3, 6, 4, 7, 8))
-    l11 = np.sqrt(np.maximum(a11, 0.0) + ridge)
-    l21, l31 = a21 / l11, a31 / l11
-    l22 = np.sqrt(np.maximum(a22 - l21 * l21, 0.0) + ridge)
-    l32 = (a32 - l31 * l21) / l22
-    l33 = np.sqrt(np.maximum(a33 - l31 * l31 - l32 * l32, 0.0) + ridge)
-    return l11, l21, l31, l22, l32, l33
-
-
-def _forward(factor: tuple[Array, ...], right: Array) -> tuple[Array, Array, Array]:
-    """L z = right, for right (3, ..)."""
-    l11, l21, l31, l22, l32, l33 = factor
-    z1 = right[0] / l11
-    z2 = (right[1] - l21 * z1) / l22
-    return z1, z2, (right[2] - l31 * z1 - l32 * z2) / l33
 
 
 def _backward(factor: tuple[Array, ...], z: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:

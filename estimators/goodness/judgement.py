@@ -14,6 +14,7 @@ from scipy.special import chdtrc
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage.seen import Coverage, coverage
 from estimators.ellipsoid import read_thinned
+from estimators.from_recording import arm_or_named
 from estimators.goodness.by_direction import ByDirection, by_direction
 from estimators.goodness.cross_terms import SIX, CrossTerms, cross_terms
 from estimators.goodness.hold_out import HoldOut, hold_out
@@ -128,7 +129,7 @@ def is_it_good(
         RigError: as of ``residuals_of``, or the file cannot be read.
     """
     recording = thinned(run, at_most)
-    used = _arm(calibration, arm)
+    used = arm_or_named(arm, calibration.arm)
     found: dict[str, Goodness] = {}
     for sensor in recording.sensors:
         if sensor in calibration.sensors:
@@ -172,14 +173,6 @@ def judged(
         )
         sensors[sensor] = replace(own, quality=quality)
     return replace(calibration, sensors=sensors)
-
-
-def _arm(calibration: Calibration, arm: Arm | None) -> Arm | None:
-    if arm is not None or calibration.arm != "a465":
-        return arm
-    from rig.arm import Arm  # brings MuJoCo with it: only where it is needed
-
-    return Arm.a465()
 
 
 @dataclass(frozen=True, eq=False)

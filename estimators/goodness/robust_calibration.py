@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.dispatch import calibrate
-from estimators.from_recording import FieldPoints, Noise, magnitude_of
+from estimators.from_recording import FieldPoints, Noise, arm_or_named, magnitude_of
 from estimators.goodness.outliers import CUT, efficiency, robust_scale
 from estimators.kinematic import Weighting, fit_sensor
 from estimators.model import Method
@@ -76,7 +76,8 @@ def robust_calibrate(
     Raises:
         RigError, RefusedFit: as of ``estimators.calibrate`` and ``reject_outliers``.
     """
-    used = arm if arm is not None else _named_arm(run)
+    needed = run.q is not None and run.tool_quaternion is None
+    used = arm_or_named(arm, run.metadata.arm) if needed else arm  # ``calibrate`` says what is missing
     found: dict[str, SensorCalibration] = {}
     rejected: dict[str, Rejection] = {}
     name: str | None = None
@@ -172,11 +173,3 @@ def _near(run: Recording, readings: Array, coefficients: Array, arm: Arm | None,
     left = readings - left.T - coefficients[9]
     rounding = 1e-12 * np.abs(readings).max(axis=0)
     return np.asarray((np.abs(left) <= np.maximum(cut * robust_scale(left), rounding)).all(axis=1))
-
-
-def _named_arm(run: Recording) -> Arm | None:
-    if run.q is None or run.tool_quaternion is not None or run.metadata.arm != "a465":
-        return None  # ``calibrate`` says what is missing
-    from rig.arm import Arm  # brings MuJoCo with it: only where it is needed
-
-    return Arm.a465()

@@ -52,6 +52,14 @@ def recursion(decay: Array, drive: Array) -> Array:
     return np.asarray(solve_banded((1, 0), bands, drive, check_finite=False))
 
 
+def gauss_markov(t: Array, tau: float, white: Array) -> Array:
+    """(n, m) noise with autocovariance exp(-|lag|/tau) at times t (n,), from white noise (n, m); scaled as that is."""
+    lags = np.diff(t) / tau
+    drive = white.copy()
+    drive[1:] *= np.sqrt(-np.expm1(-2.0 * lags))[:, None]
+    return recursion(np.exp(-lags), drive)
+
+
 def play(x: Array, half_width: float, start: float | None = None) -> Array:
     """The play operator: y[0] = start, y[k] = the point of x[k] -+ half_width that is nearest to y[k-1].
 

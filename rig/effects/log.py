@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 from typing_extensions import override
 
-from rig.effects._numerics import exponential_spectrum, recursion, turned
+from rig.effects._numerics import exponential_spectrum, gauss_markov, turned
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.parameters import parameter
 from rig.pose_nodes import one_sign
@@ -125,9 +125,7 @@ class PoseNoise(Effect):
             return signals
         drive = self.sigma_rad * rng.standard_normal((len(signals), 3))
         if self.tau_s > 0.0:
-            lags = np.diff(signals.t) / self.tau_s
-            drive[1:] *= np.sqrt(-np.expm1(-2.0 * lags))[:, None]
-            drive = recursion(np.exp(-lags), drive)
+            drive = gauss_markov(signals.t, self.tau_s, drive)
         turns = Rotation.from_rotvec(drive).as_matrix()
         return replace(signals, R_base_tool=signals.R_base_tool @ turns)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from rig.channels import CHANNELS, SENSORS
-from rig.effects._numerics import exponential_spectrum, recursion
+from rig.effects._numerics import exponential_spectrum, gauss_markov
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.drift import with_volts
 from rig.effects.parameters import parameter
@@ -62,10 +62,8 @@ class NoiseColoured(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        lags = np.diff(signals.t) / self.tau_s
-        drive = rng.standard_normal((len(signals), 3)) * np.asarray(self.sigma_V)
-        drive[1:] *= np.sqrt(-np.expm1(-2.0 * lags))[:, None]
-        return with_volts(signals, self.columns, recursion(np.exp(-lags), drive))
+        white = rng.standard_normal((len(signals), 3)) * np.asarray(self.sigma_V)
+        return with_volts(signals, self.columns, gauss_markov(signals.t, self.tau_s, white))
 
 
 @register

@@ -121,6 +121,19 @@ def progress_bar(title: str) -> Iterator[Progress]:
         bar.stop()
 
 
+def counted(progress: Progress, rows: int | None) -> Callable[[int], None]:
+    """From samples done to the share of all; nothing where their number is not known beforehand."""
+    done = 0
+
+    def count(samples: int) -> None:
+        nonlocal done
+        done += samples
+        if rows:
+            progress(done / rows)
+
+    return count
+
+
 def cluster_option(command: Command) -> Command:
     """``--cluster``: a Dask scheduler."""
     text = "A Dask cluster that is there already."

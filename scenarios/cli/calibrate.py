@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from scenarios.cli._options import (
     arm_options,
     check_output,
     chosen_arm,
+    counted,
     json_option,
     memory_option,
     print_json,
@@ -194,7 +194,7 @@ def calibrate(
                     static_threshold=static_threshold,
                     field_points=field_points,
                 ),
-                progress=_counted(progress, scan.rows),
+                progress=counted(progress, scan.rows),
                 stated=stated,
             )
         if len(several) == 1:
@@ -237,8 +237,8 @@ def _status(calibration: Calibration) -> int:
 def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | None, path: Path) -> None:
     """The directions that the recording has shown each calibrated sensor, by stretches if it is long; those at rest of
     an accelerometer alone that was calibrated by them."""
+    from estimators.from_recording import arm_or_named
     from estimators.goodness.judgement import at_rest
-    from rig.arm import Arm
     from rig.recording import thinned
     from scenarios.overlay import overlays
     from scenarios.plots import projection_figure, save
@@ -248,7 +248,7 @@ def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | N
     if alone is not None and not alone.axes:
         still = at_rest(run, alone)
         recording = recording if still is None else still
-    used = Arm.a465() if arm is None and calibration.arm == "a465" else arm
+    used = arm_or_named(arm, calibration.arm)
     save(projection_figure(recording.t, overlays(recording, calibration, used)), path)
 
 
@@ -281,19 +281,6 @@ def _given(text: str, scan: RecordingScan) -> dict[str, list[float]]:
     }
 
 
-def _counted(progress: Callable[[float], None], rows: int | None) -> Callable[[int], None]:
-    """From samples done to the share of all; nothing where their number is not known beforehand."""
-    done = 0
-
-    def count(samples: int) -> None:
-        nonlocal done
-        done += samples
-        if rows:
-            progress(done / rows)
-
-    return count
-
-
 @click.command(short_help="Turn a recording's volts into m/s² and field units.")
 @click.argument("calibration", type=PATH, metavar="CAL")
 @click.argument("run", type=PATH)
@@ -317,7 +304,7 @@ def apply(calibration: Path, run: Path, output: Path, as_json: bool) -> None:
     found = Calibration.read(calibration)
     scan = scan_recording(run)
     with progress_bar(f"applying {calibration}") as progress:
-        samples = apply_file(found, run, output, _counted(progress, scan.rows))
+        samples = apply_file(found, run, output, counted(progress, scan.rows))
     units = {sensor: scan.metadata.field_unit(sensor) for sensor in scan.sensors if sensor in found.sensors}
     if as_json:
         print_json({"recording": output, "samples": samples, "units": units})

@@ -16,6 +16,7 @@ from scenarios.cli._options import (
     arm_options,
     chosen_arm,
     cluster_option,
+    counted,
     json_option,
     print_json,
     progress_bar,
@@ -239,7 +240,7 @@ def subsets(
             noise=_floor(still),
             noise_source="residuals" if still is None else "locked recording",
             arm=arm,
-            progress=_counted(progress, scan.rows),
+            progress=counted(progress, scan.rows),
         )
     files: list[Path] = []
     if output is not None:
@@ -277,19 +278,6 @@ def _floor(locked: Path | None) -> Callable[[str, str], NDArray[Any] | None]:
         return None if found is None else found[0]
 
     return of
-
-
-def _counted(progress: Callable[[float], None], rows: int | None) -> Callable[[int], None]:
-    """From samples done to the share of all; nothing where their number is not known beforehand."""
-    done = 0
-
-    def count(samples: int) -> None:
-        nonlocal done
-        done += samples
-        if rows:
-            progress(done / rows)
-
-    return count
 
 
 study.add_command(PAPER)
