@@ -129,6 +129,10 @@ def _scenario() -> str:
         kind = effect.numbered()
         rows.append((f"`{name}`", f"{kind}1 .. {kind}N" if kind else ", ".join(effect.places), units))
     parts.append(_table(("effect", "where", "parameters"), rows))
+    parts.append(
+        "`NAME_std` beside a parameter NAME is its standard deviation, in its unit, where the rig was fitted: "
+        "`rig diagnose --save-scenario` writes it, `--rig` judges by it.\n"
+    )
     return "\n".join(parts)
 
 

@@ -14,7 +14,8 @@ from rig.arm import Arm
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.documents import parse_toml, read_toml
 from rig.effects import EFFECTS, Effect, make_effect
-from rig.environment import Environment
+from rig.effects.parameters import Parameter, Value
+from rig.environment import MAGNITUDES, Environment
 from rig.errors import RigError, nearest, unknown_name
 from rig.files import in_utf8
 from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
@@ -29,6 +30,8 @@ Made = TypeVar("Made")
 
 __all__ = ["from_toml", "load", "names"]
 
+#: What a fitted parameter's name gets for its standard deviation.
+_STD: Final = "_std"
 _SECTIONS: Final = ("arm", "maneuver", "environment", *SENSORS, "acquisition", "locked", "effects")
 
 
@@ -86,13 +89,14 @@ def from_toml(text: str, file: str) -> Scenario:
     acquisition = _acquisition(top.sub("acquisition"), sensors)
     if ACCELEROMETER in truths and acquisition.accelerometer_reads == "a-g":  # the rig's own sensors feel g - a
         truths[ACCELEROMETER] = truths[ACCELEROMETER].turned()
+    effects, std = _effects(top.sub("effects"), arm)
     rig = Rig(
         arm=arm,
         environment=environment,
         accelerometer=truths.get(ACCELEROMETER),
         magnetometer=truths.get(MAGNETOMETER),
         acquisition=acquisition,
-        effects=_effects(top.sub("effects"), arm),
+        effects=effects,
     )
     return Scenario(
         name=in_utf8(Path(file).stem),
@@ -106,6 +110,7 @@ def from_toml(text: str, file: str) -> Scenario:
         locked=_fitted(LockedPoses, top.sub("locked"), arm),
         seed=run.seed,
         fitted_to=run.fitted_to,
+        fitted_std=std,
         magnetic_field_unit=unit,
         datasheets={name: sensor.datasheet for name, sensor in sensors.items() if sensor.datasheet},
         nominal={
@@ -155,8 +160,9 @@ def _acquisition(table: Table, sensors: Mapping[str, SensorTable]) -> Acquisitio
     return build(Acquisition, table, leave_out=("noise_V",), given={"noise_V": (*noise[0], *noise[1])})
 
 
-def _effects(table: Table, arm: Arm | None) -> tuple[Effect, ...]:
+def _effects(table: Table, arm: Arm | None) -> tuple[tuple[Effect, ...], tuple[Mapping[str, Value], ...]]:
     effects: list[Effect] = []
+    known: list[Mapping[str, Value]] = []
     for name, values in table.values.items():
         if name not in EFFECTS:
             raise table.error(str(unknown_name("effect", name, EFFECTS)))
@@ -165,8 +171,20 @@ def _effects(table: Table, arm: Arm | None) -> tuple[Effect, ...]:
             if not isinstance(entry, dict):
                 raise table.wrong(name, f"a table [effects.{name}] or several [[effects.{name}]]")
             own = Table(table.file, table.path(name), entry)
-            effects.append(_checked(own, partial(make_effect, name, entry, arm)))
-    return tuple(effects)
+            std = {f"{item.name}{_STD}": item for item in EFFECTS[name].parameters()}
+            known.append({item.name: _std(own, key, item) for key, item in std.items() if key in entry})
+            effects.append(_checked(own, partial(make_effect, name, _without(entry, std), arm)))
+    return tuple(effects), tuple(known) if any(known) else ()
+
+
+def _std(table: Table, key: str, item: Parameter) -> Value:
+    """The standard deviation of a fitted parameter: a number, or one for each of its numbers."""
+    value = table.values[key]
+    numbers = value if isinstance(value, list) else [value]
+    sound = [x for x in numbers if isinstance(x, int | float) and not isinstance(x, bool) and 0.0 <= x <= MAGNITUDES[1]]
+    if len(sound) != len(numbers) or len(numbers) != item.size or isinstance(value, list) != (item.size > 1):
+        raise table.wrong(key, "a number of zero or more" if item.size == 1 else f"{item.size} numbers of zero or more")
+    return tuple(map(float, sound)) if item.size > 1 else float(sound[0])
 
 
 def _without(values: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from rig.arm import Arm
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.directions import angles_from_direction
 from rig.effects import Effect
+from rig.effects.parameters import Value
 from rig.environment import Environment
 from rig.errors import RigError, unknown_name
 from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
@@ -97,6 +98,7 @@ class Scenario:
         datasheets: sensor -> data sheet in models/sensors.
         nominal: sensor -> stated sensitivity [V per m/s^2 or field unit] and offset [V].
         fitted_to: fingerprints of the recordings that its calibration and effects were fitted to.
+        fitted_std: of the rig's first effects, standard deviations of their parameters by name, where fitted.
     """
 
     name: str
@@ -113,6 +115,7 @@ class Scenario:
     datasheets: Mapping[str, str] = field(default_factory=dict)
     nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     fitted_to: tuple[str, ...] = ()
+    fitted_std: tuple[Mapping[str, Value], ...] = ()
 
     @property
     def truth(self) -> Truth:
@@ -236,5 +239,6 @@ def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
     yield "[acquisition]", written
     if locked := set_fields(scenario.locked):
         yield "[locked]", locked
-    for effect in scenario.rig.effects:
-        yield f"[[effects.{effect.name}]]", asdict(effect)
+    for index, effect in enumerate(scenario.rig.effects):
+        known = scenario.fitted_std[index] if index < len(scenario.fitted_std) else {}
+        yield f"[[effects.{effect.name}]]", {**asdict(effect), **{f"{name}_std": std for name, std in known.items()}}

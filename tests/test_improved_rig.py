@@ -207,4 +207,5 @@ def test_a_fitted_rig_knows_the_recording_that_chose_it() -> None:
     run, locked = recorded(backlash())
     made = from_toml(improved(run, locked, *by_hand().causes), "better.toml")
     assert made.fitted_to == (run.fingerprint,)
+    assert [set(each) for each in made.fitted_std] == [{"width_rad"}]
     assert recorded(backlash(), seed=1)[0].fingerprint != run.fingerprint

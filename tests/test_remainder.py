@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
-from diagnosed_recordings import backlash, recorded, scenario
+from diagnosed_recordings import BACKLASH, backlash, recorded, scenario
 from scipy.stats import binom
 
 from estimators.gap.data.basefit import learn_floor, set_up
@@ -16,6 +18,7 @@ from estimators.gap.report.fitted_rig import REFUSED
 from estimators.gap.report.remainder_test import p_value
 from estimators.gap.search.beam import Search
 from rig.effects import Effect, make_effect
+from rig.effects.parameters import Value
 
 RECORDINGS = 3
 
@@ -28,13 +31,13 @@ def data_of(effect: Effect, rig: Effect, seed: int) -> tuple[WhitenedData, White
     return ideal, fitted
 
 
-def p_value_of(data: WhitenedData) -> float:
+def p_value_of(data: WhitenedData, std: Sequence[Mapping[str, Value]] = ()) -> float:
     scanner = Scanner.of(data)
     candidates, _ = visible(data, scanner, ())
     prior = set_prior(candidates, unseen_places(data, ()), data, {})
     search = Search(scanner, [each for each in candidates if not each.effect.tone], prior)
     search.score_tests(search.fitted(()))  # tones are not part of the test, and slow
-    return p_value(scanner, Discrepancies.of(search.data, search.rough), candidates, prior)
+    return p_value(scanner, Discrepancies.of(search.data, search.rough), candidates, prior, std)
 
 
 def test_the_true_rig_is_refused_as_often_as_stated() -> None:
@@ -49,3 +52,20 @@ def test_a_wrong_cause_that_leaves_ten_sigma_is_refused() -> None:
     left = ideal.whiten(ideal.change([truth]) - ideal.change([wrong]))
     assert np.linalg.norm(project(ideal.absorbed, left)) > 10.0
     assert p_value_of(fitted) <= REFUSED
+
+
+def test_a_rig_is_known_no_better_than_it_was_fitted() -> None:
+    """A width off by ten standard deviations of this recording: refused as exact, and not as one that may be so off."""
+    truth = backlash()
+    ideal, _ = data_of(truth, truth, 0)
+    width = BACKLASH["width_rad"]
+    slope = project(ideal.absorbed, ideal.whiten(ideal.change([truth]) - ideal.change([wider(1e-3 * width)])))
+    off = 10.0 * 1e-3 * width / float(np.linalg.norm(slope))
+    _, fitted = data_of(truth, wider(off), 0)
+    assert p_value_of(fitted) <= REFUSED
+    # one standard deviation and a tenth of noise: a p-value below .05 needs two
+    assert p_value_of(fitted, [{"width_rad": off}]) > REFUSED
+
+
+def wider(by: float) -> Effect:
+    return make_effect("backlash", {**BACKLASH, "width_rad": BACKLASH["width_rad"] + by})

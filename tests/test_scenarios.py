@@ -162,6 +162,20 @@ def test_every_effect_can_be_written_and_twice() -> None:
     assert sorted(again, key=repr) == sorted([*made, twice], key=repr)
 
 
+def test_how_well_a_fitted_rig_is_known_is_written_and_read() -> None:
+    effects = [
+        make_effect("joint_offset", {"where": "joint1", "offset_rad": 1e-3}),
+        make_effect("field_gradient", {"where": "base", "gradient_per_m": [0.01] * 5}),
+        make_effect("joint_offset", {"where": "joint5", "offset_rad": 2e-3}),
+    ]
+    known = ({"offset_rad": 1e-4}, {"gradient_per_m": (1e-3,) * 5}, {})
+    scenario = replace(from_toml(SMALL, "small.toml").with_effects(effects), fitted_std=known)
+    again = from_toml(scenario.to_toml(), "small.toml")
+    assert dict(zip(again.rig.effects, map(repr, again.fitted_std), strict=True)) == dict(
+        zip(effects, map(repr, known), strict=True)
+    )
+
+
 def test_the_seed_decides_the_recording() -> None:
     scenario = from_toml(SMALL, "small.toml")
     one, same, other = (scenario.simulate(seed).readings("accelerometer") for seed in (1, 1, 2))
@@ -304,6 +318,10 @@ def test_a_urdf_is_found_beside_the_scenario(tmp_path: Path) -> None:
         (
             ("[maneuver]", '[[effects.backlash]]\nwhere = "joint5"\nwidth = 0.1\n[maneuver]'),
             r"\[effects\.backlash\] effect backlash: unknown key 'width', .*\(nearest: 'width_rad'\)$",
+        ),
+        (
+            ("[maneuver]", '[[effects.backlash]]\nwhere = "joint5"\nwidth_rad_std = -0.1\n[maneuver]'),
+            r"\[effects\.backlash\] width_rad_std: found -0\.1, expected a number of zero or more$",
         ),
         (("[maneuver]", "[effects]\nbacklash = 3\n[maneuver]"), r"\[effects\] backlash: found 3, expected a table"),
         (("[maneuver]", "[locked]\nhold = 3\n[maneuver]"), r"\[locked\] unknown key 'hold' .*\(nearest: 'hold_s'\)$"),

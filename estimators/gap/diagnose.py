@@ -154,7 +154,7 @@ def examined(
     readings = [[*own, *tones] for own, (tones, _) in zip(unmodelled, found, strict=True)]
     result, effects = conclude(laid.recordings, clean, posterior, readings, without, laid.floors, laid.sources)
     if rig is not None:
-        p_value = remainder_p_value(posterior) if laid.at_rest else None
+        p_value = remainder_p_value(posterior, rig.std_of(Kind.MEAN)) if laid.at_rest else None
         verdict = judged(rig, laid.recordings[0], result, ideal, laid.data[0], defects[0], p_value)
         result = replace(result, rig=verdict)
     if one and calibration is None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimators.gap.data.basefit import all_readings
 from estimators.gap.data.defects import lattice
 from estimators.gap.diagnosis import Diagnosis, chance
-from estimators.gap.report.fitted_rig import FittedRig, delayed
+from estimators.gap.report.fitted_rig import FittedRig, delayed, known_to
 from rig.acquisition import Acquisition
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.environment import Environment
@@ -64,6 +64,7 @@ def improved_rig(
     """
     recording = residuals.recording
     before, chosen = ((), ()) if base is None else (base.effects, base.fitted_to)
+    known = () if base is None else (*base.std, *({} for _ in before[len(base.std) :]))
     arm = residuals.data.base.arm
     pipeline = residuals.calibrated
     every = max(1, round(_RATE_HZ / recording.rate_Hz))
@@ -85,6 +86,7 @@ def improved_rig(
         description=sentence(diagnosis),
         source=f"Calibration and effects fitted to {recording.name} by rig diagnose.",
         fitted_to=tuple(dict.fromkeys((*chosen, recording.fingerprint))),
+        fitted_std=(*known, *(known_to(effect, diagnosis) for effect in residuals.causes)),
         magnetic_field_unit=recording.metadata.magnetic_field_unit,  # type: ignore[arg-type]
     )
     return ImprovedRig(scenario, (played.difference, *_remarks(diagnosis, residuals, rig)))
@@ -99,7 +101,7 @@ def read_fitted_rig(path: Path) -> FittedRig:
     scenario = load(path)
     if not scenario.rig.effects:
         raise RigError(f"{path}: found no effect, expected a fitted rig, as rig diagnose --save-scenario writes it")
-    return FittedRig(path.stem, scenario.rig.effects, scenario.fitted_to)
+    return FittedRig(path.stem, scenario.rig.effects, scenario.fitted_to, scenario.fitted_std)
 
 
 def _floor_of(residuals: GapResiduals, sensor: str) -> Array:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from rig.effects import Effect
+from rig.effects.parameters import Value
 from rig.errors import RigError
 from scenarios.loader import load
 from validation.blind.draws import draw_effect
@@ -29,7 +31,7 @@ class ForcedRig:
 
     Attributes:
         setting: everything but the cause. truth, wrong: the two. snr: of the truth. left: signal-to-noise that the
-            wrong one leaves of it, calibration refitted.
+            wrong one leaves of it, calibration refitted. std: how well a recording tells the wrong one's strengths.
     """
 
     setting: Setting
@@ -37,6 +39,7 @@ class ForcedRig:
     wrong: Effect
     snr: float
     left: float
+    std: Mapping[str, Value]
 
 
 def forced_rig(seed: int, number: int, samples: int) -> ForcedRig:
@@ -59,13 +62,13 @@ def forced_rig(seed: int, number: int, samples: int) -> ForcedRig:
             continue
         found = [each for each in _others(setting, truth) if LEFT <= each[0] <= SHARE * snr]
         if found:
-            left, wrong = min(found, key=lambda each: each[0])
-            return ForcedRig(setting, truth, wrong, snr, left)
+            left, wrong, std = min(found, key=lambda each: each[0])
+            return ForcedRig(setting, truth, wrong, snr, left, std)
     raise RigError(f"rig {number}: none of {_DRAWS} draws has a gap of which a wrong cause takes up a part")
 
 
-def _others(setting: Setting, truth: Effect) -> list[tuple[float, Effect]]:
-    """What each other effect leaves at its best strengths [signal-to-noise], and the effect so."""
+def _others(setting: Setting, truth: Effect) -> list[tuple[float, Effect, Mapping[str, Value]]]:
+    """What each other effect leaves at its best strengths [signal-to-noise], the effect so, and how well it is told."""
     change = setting.change((truth,))
     found = []
     for effect, fixed in candidates(setting.ideal):
@@ -73,22 +76,27 @@ def _others(setting: Setting, truth: Effect) -> list[tuple[float, Effect]]:
         if (effect.name, fixed["where"]) == (truth.name, truth.where) or steps_in or effect.tone:
             continue
         try:
-            fitted = _fitted(setting, effect, {**next(iter(effect.spanning())), **fixed}, change)
+            fitted, std = _fitted(setting, effect, {**next(iter(effect.spanning())), **fixed}, change)
             left = setting.projection.snr(change - setting.change((fitted,)))
         except RigError:  # its best strength is beyond its bounds
             continue
-        found.append((left, fitted))
+        found.append((left, fitted, std))
     return found
 
 
-def _fitted(setting: Setting, effect: type[Effect], shape: dict[str, Any], change: np.ndarray) -> Effect:
-    """The effect with the strengths that leave the least of a change (n, 6) [V], to first order."""
+def _fitted(
+    setting: Setting, effect: type[Effect], shape: dict[str, Any], change: np.ndarray
+) -> tuple[Effect, Mapping[str, Value]]:
+    """The effect with the strengths that leave the least of a change (n, 6) [V], to first order, and their standard
+    deviations."""
     strengths = [each for each in effect.parameters() if each.strength]
     zero = {each.name: np.zeros(each.size) for each in strengths}
 
+    def plain(values: dict[str, np.ndarray]) -> dict[str, Value]:
+        return {name: float(each[0]) if each.size == 1 else tuple(map(float, each)) for name, each in values.items()}
+
     def made(values: dict[str, np.ndarray]) -> Effect:
-        plain = {name: float(each[0]) if each.size == 1 else tuple(map(float, each)) for name, each in values.items()}
-        return effect.from_mapping({**shape, **plain})
+        return effect.from_mapping({**shape, **plain(values)})
 
     start = setting.change((made(zero),)) if effect.acts_at_zero else 0.0
     columns = []
@@ -101,4 +109,9 @@ def _fitted(setting: Setting, effect: type[Effect], shape: dict[str, Any], chang
     size = np.maximum(np.linalg.norm(design, axis=0), np.finfo(float).tiny)
     best = np.linalg.lstsq(design / size, setting.projection(change), rcond=1e-6)[0] / size
     cuts = np.cumsum([each.size for each in strengths])[:-1]
-    return made({each.name: part for each, part in zip(strengths, np.split(best, cuts), strict=True)})
+    typical = np.concatenate([np.full(each.size, each.typical) for each in strengths])
+    inverse = np.linalg.pinv(design * typical, rcond=1e-6) * typical[:, None]  # zero of what is not felt
+    names = [each.name for each in strengths]
+    std = np.split(np.linalg.norm(inverse, axis=1), cuts)
+    fitted = made(dict(zip(names, np.split(best, cuts), strict=True)))
+    return fitted, plain(dict(zip(names, std, strict=True)))

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from estimators.gap.diagnose import diagnose, examined
-from estimators.gap.report.fitted_rig import FittedRig
+from estimators.gap.report.fitted_rig import FittedRig, known_to
 from rig.files import child, made_folder, write_text
 from rig.threads import one_blas_thread
 from scenarios.gap_report.words import cause_title
@@ -73,10 +73,12 @@ def trial(settings: Settings, number: int) -> pa.Table:
 
         locked = rig.setting.record_locked(rng(1), "hidden.locked")
         first, fresh = (rig.setting.record((rig.truth,), rng(what), f"run{what}") for what in (2, 3))
-        forced = diagnose(fresh, locked, rig=FittedRig("wrong", (rig.wrong,))).rig
-        chosen = tuple(examined(first, locked).effects)
+        forced = diagnose(fresh, locked, rig=FittedRig("wrong", (rig.wrong,), std=(rig.std,))).rig
+        told = examined(first, locked)
+        chosen = tuple(told.effects)
         found = [(each.name, each.where) for each in chosen] == [(rig.truth.name, rig.truth.where)]
-        own = diagnose(fresh, locked, rig=FittedRig("found", chosen)).rig if found else None
+        known = tuple(known_to(each, told.diagnosis) for each in chosen)
+        own = diagnose(fresh, locked, rig=FittedRig("found", chosen, std=known)).rig if found else None
     assert forced is not None
     row = Row(
         rig=number,

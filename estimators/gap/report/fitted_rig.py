@@ -1,12 +1,14 @@
 """A fitted rig on a recording: the effects that it adds to the model, and whether it is better than the ideal rig.
 
 A rig is called better only by a recording that chose nothing of it: that recording must be likelier under the fitted
-rig than under the ideal one, calibrations refitted for both, and what the fitted rig leaves of it must be the floor.
+rig than under the ideal one, calibrations refitted for both, and what the fitted rig leaves of it must be the floor, but for what
+other values of its own parameters take up, as far as these are as likely as they were known.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
@@ -22,6 +24,7 @@ from estimators.gap.hypotheses.stochastic import known_steps
 from estimators.gap.report.p_values import log_bayes_factor
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
+from rig.effects.parameters import Value
 from rig.recording import Recording
 
 Array = NDArray[np.float64]
@@ -41,11 +44,13 @@ class FittedRig:
         name: of its file.
         effects: on a clock that starts with the recording.
         fitted_to: fingerprints of the recordings that chose them.
+        std: of the first effects, standard deviations of their parameters by name; what is not there is exact.
     """
 
     name: str
     effects: tuple[Effect, ...]
     fitted_to: tuple[str, ...] = ()
+    std: tuple[Mapping[str, Value], ...] = ()
 
     def on(self, recording: Recording) -> FittedRig:
         """On the recording's own clock."""
@@ -56,6 +61,12 @@ class FittedRig:
         """Its effects of a kind."""
         return tuple(effect for effect in self.effects if effect.kind is kind)
 
+    def std_of(self, kind: Kind) -> tuple[Mapping[str, Value], ...]:
+        """Of its effects of a kind, in their order."""
+        exact: Mapping[str, Value] = {}
+        every = (*self.std, *[exact] * (len(self.effects) - len(self.std)))
+        return tuple(std for effect, std in zip(self.effects, every, strict=True) if effect.kind is kind)
+
     def whitened(self, data: WhitenedData) -> WhitenedData:
         """The data with the rig's noise in the floor."""
         for effect in self.of_kind(Kind.NOISE):
@@ -65,6 +76,19 @@ class FittedRig:
     def has(self, defect: Defect) -> bool:
         """Whether a defect of single readings is part of the rig."""
         return any((effect.name, effect.where) == (defect.effect, defect.where) for effect in self.effects)
+
+
+def known_to(effect: Effect, diagnosis: Diagnosis) -> Mapping[str, Value]:
+    """Standard deviations of a diagnosed cause's parameters, by name; zero of what the recording did not feel."""
+    cause = next((one for one in diagnosis.leading if (one.effect, one.where) == (effect.name, effect.where)), None)
+    found: dict[str, Value] = {}
+    for item in effect.parameters():
+        estimate = None if cause is None else cause.parameters.get(item.name)
+        if estimate is not None and estimate.std is not None:
+            std = np.nan_to_num(np.atleast_1d(np.asarray(estimate.std, dtype=float)))
+            if np.any(std > 0.0):
+                found[item.name] = float(std[0]) if item.size == 1 else tuple(map(float, std))
+    return found
 
 
 def delayed(effect: Effect, by_s: float) -> Effect:
@@ -95,15 +119,19 @@ def judged(
         diagnosis: of what the fitted rig leaves.
         ideal, fitted: whitened of single samples; the fitted one with the rig's effects.
         defects: of single readings, left out of both.
-        p_value: of what the fitted rig leaves, against the floor (``remainder_test``); None where the floor is not
-            known well enough to tell.
+        p_value: of what the fitted rig leaves, against the floor and against how well its parameters are known
+            (``remainder_test``); None where the floor is not known well enough to tell.
     """
     before, after = (masked(data, defects) for data in (ideal, fitted))
     steps = after.steps[len(before.steps) :]
     ratio = 0.5 * float(before.whitened @ before.whitened - after.whitened @ after.whitened) + log_det(before, steps)
     ratio += sum(log_bayes_factor(defect.log_p) for defect in defects if rig.has(defect))  # found again
     chose = recording.fingerprint in rig.fitted_to
-    at_floor = diagnosis.verdict == "no-gap"
+    own = Counter((effect.name, effect.where) for effect in rig.effects)
+    found = Counter((cause.effect, cause.where) for cause in diagnosis.leading)
+    # other values of its own parameters are for the test to judge, which knows how well they were known
+    moved = p_value is not None and bool(rig.std) and bool(found) and found <= own
+    at_floor = diagnosis.verdict == "no-gap" or (moved and not diagnosis.hypotheses[0].other)
     refused = p_value is not None and p_value <= REFUSED
     channels: dict[str, dict[str, float]] = {}
     total = [0.0, 0.0]

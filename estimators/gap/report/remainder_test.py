@@ -1,5 +1,7 @@
 """Whether what a fitted rig leaves of a fresh recording is the floor: a test with a stated false-refusal rate.
 
+A rig was fitted: its parameters are known as well as they were found, and no better.
+
 The statistic is a Bayes factor, of something left against nothing left; its p-value comes from noise of the floor
 drawn on the same recording (I. J. Good, "The Bayes/non-Bayes compromise", Journal of the American Statistical
 Association 87, 1992). What may be left: other values of the rig's own parameters; beside these, any effect of the
@@ -9,7 +11,7 @@ catalogue; and any error source along any course (``discrepancy``). Each third w
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -26,6 +28,7 @@ from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import ABSORBED
 from estimators.gap.search.posterior import Posterior
 from rig.effects import Effect
+from rig.effects.parameters import Parameter, Value
 
 Array = NDArray[np.float64]
 
@@ -37,12 +40,13 @@ _SNR: Final = DISCREPANCY_SNR * np.array([0.5, 1.0, 2.0, 4.0])
 _GONE: Final = ABSORBED**2
 
 
-def remainder_p_value(posterior: Posterior) -> float:
-    """The share of the floor's own recordings that look more like something left than this one.
+def remainder_p_value(posterior: Posterior, std: Sequence[Mapping[str, Value]] = ()) -> float:
+    """The share of the rig's own recordings that look more like something left than this one.
 
     Args:
         posterior: of a fresh recording, with the fitted rig's effects given. A coloured floor is taken to go on, slower
             than poses at rest can show, where that is the likelier floor.
+        std: of the first given effects, standard deviations of their parameters by name; exact where there is none.
     """
     scanner, discrepancies = posterior.scanner, posterior.discrepancies
     floors = [each for each in posterior.hypotheses if not each.labels and not each.other]
@@ -50,16 +54,22 @@ def remainder_p_value(posterior: Posterior) -> float:
     if state.name == SLOWER:
         scanner = scanner.stepped(state.steps)
         discrepancies = Discrepancies.of(scanner.fine.data, scanner.rough.data)
-    return p_value(scanner, discrepancies, posterior.candidates, posterior.prior)
+    return p_value(scanner, discrepancies, posterior.candidates, posterior.prior, std)
 
 
-def p_value(scanner: Scanner, discrepancies: Discrepancies, candidates: Sequence[Candidate], prior: Prior) -> float:
+def p_value(
+    scanner: Scanner,
+    discrepancies: Discrepancies,
+    candidates: Sequence[Candidate],
+    prior: Prior,
+    std: Sequence[Mapping[str, Value]] = (),
+) -> float:
     """As ``remainder_p_value``, of candidates that were scanned."""
     data = scanner.fine.data
     means = discrepancies.means
     rng = np.random.default_rng(0)
-    noise = _drawn(data, rng)
-    tangent = _own_tangent(data)
+    tangent, known = _own_tangent(data, std)
+    noise = _drawn(data, rng) + (tangent * known) @ rng.standard_normal((len(known), _DRAWS))
     fine = np.column_stack([data.whitened, project(data.absorbed, noise)])
     rough = np.column_stack([means(fine[:, :1]), means(fine[:, 1:])])
     rough = project(means.absorbed, rough)
@@ -94,18 +104,21 @@ def _drawn(data: WhitenedData, rng: np.random.Generator) -> Array:
     return noise.reshape(-1, _DRAWS)
 
 
-def _own_tangent(data: WhitenedData) -> Array:
-    """(m, p) what the numbers of the rig's own effects do to the whitened readings."""
-    found = []
+def _own_tangent(data: WhitenedData, std: Sequence[Mapping[str, Value]]) -> tuple[Array, Array]:
+    """What the numbers of the rig's own effects do to the whitened readings (m, p), each moved by a little, and how
+    many such moves its standard deviation is (p,)."""
+    found, known = [], []
     for index, effect in enumerate(data.given):
-        for moved in _moved(effect):
+        for moved, item, place in _moved(effect):
             given = (*data.given[:index], moved, *data.given[index + 1 :])
             found.append(data.whiten(replace(data, given=given).modelled - data.modelled))
-    return np.column_stack(found) if found else np.zeros((data.size, 0))
+            own = np.atleast_1d(np.asarray(std[index].get(item.name, 0.0) if index < len(std) else 0.0, dtype=float))
+            known.append(own[min(place, len(own) - 1)] / (STEP * item.typical))
+    return np.column_stack(found) if found else np.zeros((data.size, 0)), np.array(known)
 
 
-def _moved(effect: Effect) -> Iterator[Effect]:
-    """The effect with each of its numbers moved by a little of its typical size."""
+def _moved(effect: Effect) -> Iterator[tuple[Effect, Parameter, int]]:
+    """The effect with each of its numbers moved by a little of its typical size; which parameter, and where in it."""
     for item in effect.parameters():
         values = np.atleast_1d(np.asarray(getattr(effect, item.name), dtype=float))
         if item.name == "at_s" or not np.isfinite(values).all():
@@ -116,7 +129,7 @@ def _moved(effect: Effect) -> Iterator[Effect]:
                 other[place] += sign * STEP * item.typical
                 if item.lower <= other[place] <= item.upper:
                     value = float(other[0]) if item.size == 1 else tuple(map(float, other))
-                    yield replace(effect, **{item.name: value})  # type: ignore[arg-type]
+                    yield replace(effect, **{item.name: value}), item, place  # type: ignore[arg-type]
                     break
 
 
