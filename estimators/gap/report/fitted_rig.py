@@ -1,8 +1,8 @@
 """A fitted rig on a recording: the effects that it adds to the model, and whether it is better than the ideal rig.
 
 A rig is called better only by a recording that chose nothing of it: that recording must be likelier under the fitted
-rig than under the ideal one, calibrations refitted for both, and what the fitted rig leaves of it must be the floor, but for what
-other values of its own parameters take up, as far as these are as likely as they were known.
+rig than under the ideal one, calibrations refitted for both, and what the fitted rig leaves of it must be the floor,
+but for the errors of its own parameters as far as these were to be expected.
 """
 
 from __future__ import annotations
