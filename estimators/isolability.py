@@ -147,7 +147,7 @@ def _contenders(base: Signals, pipeline: Pipeline, left_out: dict[str, str]) -> 
         choices = effect.choices()
         for where in effect.places_on(base):
             names = _names(choices, where)
-            if names is None or not _present(effect, where, names, pipeline):
+            if names is None or not _present(where, names, pipeline):
                 continue
             shapes = [
                 _at_typical(effect, {"where": where, **names, **span, **searched})
@@ -165,7 +165,7 @@ def _names(choices: Mapping[str, Sequence[str]], where: str) -> dict[str, str] |
     return None if None in named.values() else {key: str(name) for key, name in named.items()}
 
 
-def _present(effect: type[Effect], where: str, names: Mapping[str, str], pipeline: Pipeline) -> bool:
+def _present(where: str, names: Mapping[str, str], pipeline: Pipeline) -> bool:
     """Whether the channels of a place, and those that are named, are there."""
     sensors = set(pipeline.sensors)
     known = {channel: sensor for sensor, channels in CHANNELS_OF.items() for channel in channels}

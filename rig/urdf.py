@@ -98,7 +98,7 @@ def read_urdf(path: Path, tip: str | None = None) -> UrdfArm:
     if not moving:
         raise RigError(
             f"{path}: link {tip!r} is fixed to the root: expected a revolute, continuous or prismatic joint between"
-            f" them{_tips_of(robot, path)}"
+            f" them{_tips_of(robot)}"
         )
     parent.add_site(name=SITE, pos=offset[:3, 3], quat=_quaternion(offset))
     _tie(spec, [joint for joint in joints if joint.type != "fixed"])
@@ -154,7 +154,7 @@ def _only_tip(robot: Any, path: Path) -> str:
         last, moved = str(onward[0].child), moved + 1
     if moved == 0 or (onward and moved < _FEWEST_JOINTS):
         what = f"its joints branch off at link {last!r}" if onward else "no joint moves"
-        raise RigError(f"{path}: {what}: expected --tip LINK, the one that carries the sensor{_tips_of(robot, path)}")
+        raise RigError(f"{path}: {what}: expected --tip LINK, the one that carries the sensor{_tips_of(robot)}")
     for flange in _FLANGES:
         for link in together:
             if link == flange or link.endswith(f"_{flange}"):
@@ -162,7 +162,7 @@ def _only_tip(robot: Any, path: Path) -> str:
     return last
 
 
-def _tips_of(robot: Any, path: Path) -> str:
+def _tips_of(robot: Any) -> str:
     """The links that may be a tip, in words: those behind a moving joint, the last ones first."""
     carriers = {str(joint.child): joint for joint in robot.joints}
     depth: dict[str, int] = {}

@@ -176,9 +176,9 @@ class Calibrator:
         try:
             estimate = self.estimate(sensor, whole)
         except RigError as error:
-            return SensorState(sensor, None, str(error).split(f"{sensor}: ", 1)[-1], None, False, self._begin(sensor))
+            return SensorState(sensor, None, str(error).split(f"{sensor}: ", 1)[-1], None, False, self._begin())
         if not np.isfinite(estimate.matrix).all() or not len(estimate.readings):
-            return SensorState(sensor, estimate, estimate.problem, None, False, self._begin(sensor))
+            return SensorState(sensor, estimate, estimate.problem, None, False, self._begin())
         if last is not None and last.rule is not None:
             return SensorState(sensor, estimate, estimate.problem, last.rule, last.enough, last.turn)
         rule = estimate.enough(self.options.to)
@@ -206,5 +206,5 @@ class Calibrator:
             return f"point {direction_name(self.up(sensor, direction))} up and hold it still"
         return f"point {direction_name(direction)} along the field"
 
-    def _begin(self, sensor: str) -> str:
+    def _begin(self) -> str:
         return "move the arm through its sweep" if self.posed else "turn it slowly, about every axis"

@@ -42,12 +42,11 @@ class Clock:
     its time is continued from the last good sample, a period later: nothing is known of how long it really was.
     """
 
-    def __init__(self, rate_Hz: float | None = None, last: float | None = None) -> None:
+    def __init__(self, rate_Hz: float | None = None) -> None:
         """Args:
         rate_Hz: of samples without a time; None: they bring their own.
-        last: time of the last sample of an earlier session [s].
         """
-        self.last = -np.inf if last is None else last
+        self.last = -np.inf
         self.period: float | None = None if rate_Hz is None else 1.0 / rate_Hz
         self.left_out = 0
         self._shift = 0.0

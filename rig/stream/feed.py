@@ -40,7 +40,6 @@ class Feed:
         metadata: Metadata | None = None,
         rate_Hz: float | None = None,
         joints: int | None = None,
-        last_s: float | None = None,
         renamed: Mapping[str, tuple[str, float]] | None = None,
     ) -> None:
         """Args:
@@ -48,12 +47,11 @@ class Feed:
         names: of the cells, of lines without a header. metadata: of a stream that has none.
         rate_Hz: of lines without a time.
         joints: of the arm, where that is known.
-        last_s: time of the last sample of the session that is resumed [s].
         renamed: as of ``LineReader``.
         """
         self.reader = LineReader(source.name, names, metadata, joints, renamed)
         self.ended = self.idle = False
-        self.clock = Clock(rate_Hz, last_s)
+        self.clock = Clock(rate_Hz)
         self._source = source
         self._rate_Hz = rate_Hz
         self._words: list[str] = []

@@ -51,7 +51,8 @@ def compare(first: Path, second: Path, output: Path | None, as_json: bool) -> in
         first, second = second, first
     if output is not None:
         check_output(output, (".png", ".svg", ".pdf"), first, second)
-    found = (_recording if kinds[first] == _RECORDING else _calibrations)(first, second, kinds[second])
+    beside = kinds[first] == _RECORDING
+    found = _recording(first, second) if beside else _calibrations(first, second, kinds[second])
     from scenarios.terminal_tables import show
 
     if output is not None:
@@ -125,7 +126,7 @@ def _calibrations(first: Path, second: Path, kind: str) -> _Found:
     return _Found(document, shown, lambda: errors_figure(rows, f"({names[1]} − {names[0]}) / σ"))
 
 
-def _recording(first: Path, second: Path, kind: str) -> _Found:
+def _recording(first: Path, second: Path) -> _Found:
     """A recording beside what a scenario's rig makes of its maneuver."""
     from rich.text import Text
 

@@ -15,6 +15,7 @@ _WIDTH: Final = 1000.0
 _LABEL: Final = 92.0  # left of the bars
 _VALUES: Final = 190.0  # right of them
 _ROW: Final = 34.0
+_FOLLOWS: Final = 10  # bars of what the gap follows, at most
 
 
 def channel_bars(diagnosis: Diagnosis, shown: Mapping[str, Shown]) -> str:
@@ -55,9 +56,9 @@ def _beside(closed: float | None, relative: float) -> str:
     return of_floor if closed is None else f"{of_floor}, {percent(closed)} closed"
 
 
-def follow_bars(follows: Sequence[Mapping[str, Any]], most: int = 10) -> str:
+def follow_bars(follows: Sequence[Mapping[str, Any]]) -> str:
     """Shares of the gap by what it follows, the largest first."""
-    rows = sorted(follows, key=lambda each: -float(each["share"]))[:most]
+    rows = sorted(follows, key=lambda each: -float(each["share"]))[:_FOLLOWS]
     left = 170.0
     drawing = Drawing(560, 24.0 * len(rows) + 24, "shares of the gap by what it follows")
     scale = Scale(0.0, 1.0, left, 500.0)

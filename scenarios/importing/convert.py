@@ -67,7 +67,6 @@ def import_logs(
     frames = conventions.base_frame, conventions.tool_frame
     logs = [log for path in paths for log in (read_bag(path, *frames) if is_bag(path) else [read_text_log(path)])]
     said = [f"{log.name}: {log.said}" for log in logs if log.said]
-    guessed = mapping is None
     if mapping is None:
         mapping = _guessed(logs, arm, base or Mapping())
     else:
@@ -82,7 +81,7 @@ def import_logs(
                 said.append(f"{track.log}: {track.kind} is taken from {tracks[track.kind].log}: passed over here")
             tracks.setdefault(track.kind, track)
     recording, joined, findings = _joined(tracks, mapping, arm, said)
-    recording, checked = _checked(recording, joined, mapping, arm, guessed)
+    recording, checked = _checked(recording, joined, mapping, arm)
     loud = [line.removeprefix(LOUD) for line in said if line.startswith(LOUD)]
     quiet = tuple(line for line in said if not line.startswith(LOUD))
     return Imported(recording, mapping, quiet, (*loud, *findings, *checked))
@@ -278,7 +277,7 @@ def _on_one_clock(
 
 
 def _checked(
-    recording: Recording, pose: Track | None, mapping: Mapping, arm: Arm | None, guessed: bool
+    recording: Recording, pose: Track | None, mapping: Mapping, arm: Arm | None
 ) -> tuple[Recording, list[str]]:
     """The recording with the accelerometer's sign, and what its conventions show."""
     findings = _unit_findings(recording)

@@ -65,9 +65,8 @@ def _percent(value: float) -> str:
 class Lines:
     """Events as they come and a line every ten seconds, on stderr."""
 
-    def __init__(self, period_s: float = _LINE_S) -> None:
-        """Args: period_s: between lines [s]."""
-        self._period_s = period_s
+    def __init__(self) -> None:
+        """Nothing was shown yet."""
         self._at = -np.inf
 
     def samples(self, batch: Recording) -> None:
@@ -75,7 +74,7 @@ class Lines:
 
     def show(self, snapshot: Snapshot) -> None:
         """A line, if it is time for one."""
-        if time.monotonic() - self._at >= self._period_s:
+        if time.monotonic() - self._at >= _LINE_S:
             self._at = time.monotonic()
             print(one_line(compact(snapshot)), file=sys.stderr, flush=True)
 
