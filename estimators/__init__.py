@@ -2,11 +2,12 @@
 
 ``run`` is a ``rig.Recording``; ``calibrate``, ``diagnose``, ``is_it_good`` and ``judged`` also take the path of one.
 
-- ``calibrate(run)``: a ``Calibration``: for each sensor sensitivities, offsets and axes with their covariance, and what
-  the run cannot tell. ``.write(path)``, ``Calibration.read(path)``; a list of runs makes one calibration.
+- ``calibrate(run)``: a ``Calibration``, of a ``SensorCalibration`` for each sensor: sensitivities, offsets and axes
+  with their covariance, and what the run cannot tell. A list of runs makes one calibration. It is kept in a file by
+  ``.write(path)`` and ``Calibration.read(path)``.
 - ``robust_calibrate(run)``: the same without outliers, and which these are.
-- ``is_it_good(run, calibration)``: ``Goodness`` of each sensor, and the reasons; ``judged(run, calibration)`` writes it
-  into the calibration, ``judged_together(runs, calibration)`` into that of several.
+- ``is_it_good(run, calibration)``: ``Goodness`` of each sensor with the reasons, and the ``Coverage`` of directions;
+  ``judged(run, calibration)`` writes it into the calibration, ``judged_together(runs, calibration)`` of several runs.
 - ``apply(calibration, run)``: readings as fields [m/s^2, unit of the magnetic field].
 - ``diagnose(run)``: a ``Diagnosis``: where a run disagrees with the model, and which unmodelled effects cause it.
 - ``noise_floor(locked)``: the noise of a recording at rest, a ``NoiseFloor``.
@@ -25,7 +26,6 @@ from estimators.dispatch import calibrate
 from estimators.fields import apply
 from estimators.goodness import Goodness, is_it_good, judged, judged_together, robust_calibrate
 from estimators.noise import NoiseFloor, noise_floor
-from estimators.statistics import Statistics
 from estimators.stillness import still_poses
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ __all__ = [
     "Goodness",
     "NoiseFloor",
     "SensorCalibration",
-    "Statistics",
     "apply",
     "calibrate",
     "coverage",

@@ -1,7 +1,8 @@
 """What a user runs: named scenarios, the command line, reports and pictures.
 
 - ``names()``: the scenarios that come with the rig.
-- ``load(name or file)``: a ``Scenario``; its ``simulate(seed)`` is a ``rig.Recording``, its ``truth`` what made it.
+- ``load(name or file)``: a ``Scenario``; its ``simulate(seed)`` is a ``rig.Recording``, its ``truth`` (a ``Truth``)
+  what made it.
 - ``compare(truth, calibration)``: how far every parameter is off, in its own standard deviations.
 
 The console command ``rig`` is ``scenarios.cli``.

@@ -54,3 +54,12 @@ def test_what_the_python_pages_show_is_there() -> None:
     for page in (ROOT / "docs" / "reference").glob("api-*.md"):
         for name in re.findall(r"automodule:: (\S+)", page.read_text(encoding="utf-8")):
             importlib.import_module(name)
+
+
+@pytest.mark.parametrize("package", ["rig", "estimators", "scenarios"])
+def test_help_says_what_each_name_of_a_package_is(package: str) -> None:
+    module = importlib.import_module(package)
+    assert sorted(dir(module)) == sorted(module.__all__)
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+        assert re.search(rf"\b{name}\b", module.__doc__ or ""), f"{package}.{name} is not in the package's docstring"
