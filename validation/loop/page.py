@@ -55,8 +55,9 @@ def _lines(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], 
     yield (
         "Named rightly: of all rigs, with Wilson's 95 % interval. Wrongly: named by another cause. No maneuver: the "
         "diagnosis has none to propose, as it is of a verdict that needs another answer, or no maneuver that was tried "
-        f"tells more. Given up: after {MOST} maneuvers. Open rigs are those that the first recording did not name; "
-        "minutes a name is the arm time after the first recording, of all open rigs, for each of them that ends "
+        "tells more; of several names the truth may be one. The next recording may be in a room 5 degC warmer, where "
+        f"that is proposed. Given up: after {MOST} maneuvers. Open rigs are those that the first recording did not "
+        "name; minutes a name is the arm time after the first recording, of all open rigs, for each of them that ends "
         "rightly."
     )
     yield ""
@@ -98,8 +99,8 @@ def _row(each: Summary) -> tuple[str, ...]:
 
 def _rig(each: Step) -> tuple[str, ...]:
     ends = "rightly" if each.rightly else "wrongly" if each.ended == "named" else each.ended
-    said = " or ".join(cause_title(*label.split("@")) for label in each.said.split(" or ")) if each.said else "–"
-    if " with " in each.said or each.names > 3:
+    said = " with ".join(map(_names, each.said.split(" with "))) if each.said else "–"
+    if each.names > 3:
         said = f"{each.names} names"
     return (
         str(each.rig),
@@ -112,3 +113,8 @@ def _rig(each: Step) -> tuple[str, ...]:
         f"{ends} ({each.verdict} {chance(each.probability)})",
         said,
     )
+
+
+def _names(said: str) -> str:
+    """One cause by all its names."""
+    return " or ".join(cause_title(*label.split("@")) for label in said.split(" or "))
