@@ -19,8 +19,10 @@ from diagnosed_recordings import by_hand, cause
 import estimators
 import scenarios
 from estimators.gap.data.basefit import set_up
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.report.separation import contest, measured, rivals
+from estimators.gap.evidence.refine import refit
+from estimators.gap.report.separation import Explanation, contest, rivals
 from rig.arm import Arm
 from rig.clearance import Clearance
 from rig.effects import EFFECTS, Effect, make_effect
@@ -59,6 +61,12 @@ def proposed(
     residuals = gap_residuals(run, diagnosis, locked)
     rig = improved_rig(diagnosis, residuals, locked).scenario
     return residuals, rig, next_maneuver(diagnosis, residuals, rig)
+
+
+def measured(data: WhitenedData, truth: Explanation, rival: Explanation) -> float:
+    """The chi-square by which the rival fits a recording worse than the truth, both refitted to it."""
+    mine, others = (refit(each.fits, data).explained.residual for each in (truth, rival))
+    return float(others @ others - mine @ mine)
 
 
 def test_the_next_maneuver_splits_twins_as_it_promises() -> None:

@@ -300,22 +300,6 @@ class Spectrum:
         """Where a point has the sizes of parts that were not seen."""
         return slice(self.learned.free - 2 * self.learned.unseen, None, 2)
 
-    def misfit(self, bands: int, fewest: float) -> tuple[float, int]:
-        """How far the squares are from the likeliest floor, and it from what was learned: chi-square and its degrees.
-
-        Args:
-            bands: of frequency, of equal ratio. fewest: squares that a band must hold to be looked at.
-        """
-        point, _ = self.alone
-        penalty = self.learned.penalty(point)[0]
-        edges = np.geomspace(1.0, float(self.counts.sum()) + 1.0, bands + 1)
-        band = np.searchsorted(edges, np.cumsum(self.counts), side="left")
-        many = np.bincount(band, self.counts, bands + 2)
-        ratio = np.bincount(band, self.power / self.floor.at(point), bands + 2) / np.maximum(many, 1.0)
-        kept = many >= fewest
-        deviance = many * (ratio - 1.0 - np.log(np.maximum(ratio, 1e-12)))
-        return float(deviance[kept].sum()) + penalty, int(kept.sum())
-
     @property
     def _bounds(self) -> list[tuple[float, float]]:
         found = [_WHITE, *[_COLOURED, _TIME] * (self.learned.free // 2)]

@@ -18,7 +18,6 @@ from estimators.gap.data.blocks import block_means
 from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.floor.learned import Learned, Spectrum, going_on, groups, parts
 from estimators.gap.hypotheses.score import Explained, evidence
-from estimators.gap.hypotheses.tails import chi2_logsf
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Kind
 
@@ -75,11 +74,6 @@ class FittedNoise:
     def evidence(self) -> float:
         """Twice the log Bayes factor, on the scale of a mean effect's."""
         return evidence(self.gain, self.rank) - 2.0 * float(np.log(self.searched))
-
-    @property
-    def log_p(self) -> float:
-        """Logarithm of the p-value (chi-square bound, corrected for the search)."""
-        return chi2_logsf(self.gain, self.rank) + float(np.log(self.searched))
 
     @property
     def label(self) -> str:

@@ -112,7 +112,7 @@ def _order(label: str) -> tuple[int, str]:
     return list(EFFECTS).index(effect), where
 
 
-def parameters(label: str, posterior: Posterior, holders: Sequence[tuple[Hypothesis, float]]) -> dict[str, Estimate]:
+def parameters(label: str, holders: Sequence[tuple[Hypothesis, float]]) -> dict[str, Estimate]:
     """The parameters of a mean effect: as in the likeliest explanation that holds it, widths over all that do.
 
     Args:

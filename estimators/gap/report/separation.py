@@ -293,9 +293,3 @@ def _left_over(gram: Array, explained: slice, length: Array) -> Array:
     kept = values > _RANK
     along = (vectors[:, kept] / np.sqrt(values[kept])).T @ (gram[explained] / scale[:, None])
     return np.asarray(gram - along.T @ along)
-
-
-def measured(data: WhitenedData, truth: Explanation, rival: Explanation) -> float:
-    """The chi-square by which the rival fits a recording worse than the truth, both refitted to it."""
-    mine, others = (refit(each.fits, data).explained.residual for each in (truth, rival))
-    return float(others @ others - mine @ mine)

@@ -211,7 +211,7 @@ def _causes(
         )
         mean = [(each, weight) for each, weight in held if label in each.explanation.key]
         if mean:
-            estimates = marginal.parameters(label, posterior, mean)
+            estimates = marginal.parameters(label, mean)
             closed = closed_shares.by_cause(label, mean[0][0], posterior, after, before, rng)
         else:
             fitted = next((o for each, _ in held for o in each.state.fitted if o.label == label), None)

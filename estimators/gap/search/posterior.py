@@ -122,7 +122,6 @@ class Posterior:
 
 @dataclass
 class _Weighing:
-    data: WhitenedData
     scanner: Scanner
     candidates: Sequence[Candidate]
     prior: Prior
@@ -238,7 +237,7 @@ def explain(
     scanner = Scanner.of(data)
     candidates, absorbed = visible(data, scanner, without)
     prior = set_prior(candidates, unseen_places(data, without), data, weights or {})
-    work = _Weighing(data, scanner, candidates, prior, without, at_rest, progress, common_noises(data, without))
+    work = _Weighing(scanner, candidates, prior, without, at_rest, progress, common_noises(data, without))
     floor = NoiseState()
     found = work.weigh(floor, scanner, (), deep=True)
     tried: set[tuple[str, tuple[str, ...]]] = set()
