@@ -172,7 +172,7 @@ def test_sets_far_from_everything_are_followed_while_noise_is_likelier_beside_th
     scanner = Scanner.of(data)
     candidates = [each for each in all_candidates(data) if each.label in ("base_dipole@base", "scale_cubic@mag1")]
     prior = set_prior(candidates, {}, data, {})
-    work = posterior._Weighing(data, scanner, candidates, prior, (), at_rest=True, progress=None)
+    work = posterior._Weighing(scanner, candidates, prior, (), at_rest=True, progress=None)
     nothing = Search(scanner, candidates, prior).fine(())
     work.enter(posterior.Hypothesis(nothing, posterior.NoiseState(), (), 0.0))
     told, run = iter(promises), Search.run
