@@ -152,6 +152,14 @@ def test_a_board_that_warms_as_its_bias_does_is_recorded_in_another_room() -> No
     assert told.posterior["nothing"] < 1e-6
 
 
+def test_a_room_is_not_praised_for_what_more_readings_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = object.__new__(Search)
+    monkeypatch.setattr(search, "_warm", True, raising=False)
+    monkeypatch.setattr(search, "_calibrates", lambda _: True)
+    monkeypatch.setattr(search, "_table", lambda _, rooms=(0.0,): np.array([20.0 * len(rooms)]))
+    assert search.in_another_room(StaticPoses()) is None
+
+
 def test_where_a_recording_decides_nothing_is_contested() -> None:
     assert rivals(by_hand()) == ()
     assert rivals(by_hand("no-gap", ())) == ()

@@ -270,16 +270,21 @@ class Search:
         return self._promised(chosen, recorded, within, tried)
 
     def in_another_room(self, recorded: Joint) -> NextManeuver | None:
-        """The recorded maneuver once more at another room temperature, where that separates any of the explanations."""
+        """The recorded maneuver once more at another room temperature, where that separates any of the explanations.
+
+        What as many readings more would tell in the same room does not count.
+        """
         if not self._warm or not self._calibrates(recorded):  # it was made already
             return None
-        within = self._table(recorded, _ANOTHER_ROOM) >= _SEPARATED
+        same, another = (self._table(recorded, (0.0, warmer)) for warmer in (0.0, _ANOTHER_ROOM))
+        within = another - same >= _SEPARATED
         return self._promised(recorded, recorded, within, 1, _ANOTHER_ROOM) if within.any() else None
 
     def _promised(
         self, chosen: Joint, recorded: Joint, within: NDArray[np.bool_], tried: int, warmer: float = 0.0
     ) -> NextManeuver:
-        trial, before = self._trial(chosen, _PROMISED, warmer), self._table(recorded)
+        trial = self._trial(chosen, _PROMISED, (0.0, warmer) if warmer else (0.0,))
+        before = self._table(recorded)
         separations, known, alike = [], [], []
         for index, (truth, rival) in enumerate(self._pairs):
             if within[index]:
@@ -300,17 +305,16 @@ class Search:
             if truth != rival and not self._group[truth].within(self._group[rival])
         ]
 
-    def _table(self, maneuver: Joint, warmer: float = 0.0) -> Array:
+    def _table(self, maneuver: Joint, rooms: Sequence[float] = (0.0,)) -> Array:
         """(pairs,) noncentralities, for a pair the smaller of both directions where both count."""
-        found, pairs = self._trial(maneuver, _COMPARED, warmer).noncentralities, self._pairs
+        found, pairs = self._trial(maneuver, _COMPARED, rooms).noncentralities, self._pairs
         return np.array([min(found[a, b], found[b, a]) if (b, a) in pairs else found[a, b] for a, b in pairs])
 
-    def _trial(self, maneuver: Joint, samples: int, warmer: float = 0.0) -> Trial:
-        """A maneuver tried; in another room after once in this one, each begun cold."""
+    def _trial(self, maneuver: Joint, samples: int, rooms: Sequence[float] = (0.0,)) -> Trial:
+        """A maneuver tried once in each room, so much warmer than this one [degC], each time begun cold."""
         count = round(maneuver.duration_s * maneuver.rate_Hz)
         stride = max(1, count // samples)
         motion = maneuver.trajectory(np.arange(0, count, stride) / maneuver.rate_Hz)
-        rooms = np.array([0.0, warmer] if warmer else [0.0])
         again = np.tile(np.arange(len(motion.t)), len(rooms))
         board = np.add.outer(rooms, self._environment.temperature(motion.t)).ravel() if self._warm else None
         signals = Signals(
