@@ -80,7 +80,16 @@ class FittedRig:
 
 def known_to(effect: Effect, diagnosis: Diagnosis) -> Mapping[str, Value]:
     """Standard deviations of a diagnosed cause's parameters, by name; zero of what the recording did not feel."""
-    cause = next((one for one in diagnosis.leading if (one.effect, one.where) == (effect.name, effect.where)), None)
+    names = effect.choices()  # two crosstalks into a channel differ by their source
+    cause = next(
+        (
+            one
+            for one in diagnosis.leading
+            if (one.effect, one.where) == (effect.name, effect.where)
+            and all(name in one.parameters and one.parameters[name].value == getattr(effect, name) for name in names)
+        ),
+        None,
+    )
     found: dict[str, Value] = {}
     for item in effect.parameters():
         estimate = None if cause is None else cause.parameters.get(item.name)

@@ -112,8 +112,8 @@ def _own_tangent(data: WhitenedData, std: Sequence[Mapping[str, Value]]) -> tupl
         for moved, item, place in _moved(effect):
             given = (*data.given[:index], moved, *data.given[index + 1 :])
             found.append(data.whiten(replace(data, given=given).modelled - data.modelled))
-            own = np.atleast_1d(np.asarray(std[index].get(item.name, 0.0) if index < len(std) else 0.0, dtype=float))
-            known.append(own[min(place, len(own) - 1)] / (STEP * item.typical))
+            own = std[index].get(item.name, 0.0) if index < len(std) else 0.0
+            known.append(np.broadcast_to(own, item.size)[place] / (STEP * item.typical))
     return np.column_stack(found) if found else np.zeros((data.size, 0)), np.array(known)
 
 
