@@ -6,17 +6,13 @@ from pathlib import Path
 
 import click
 
-from scenarios.cli._options import PATH, json_option, print_json, progress_bar
-from scenarios.cli.study import workers_options
+from scenarios.cli._options import PATH, print_json, progress_bar
+from validation.cli._options import hidden_rigs_options
 
 
 @click.command(short_help="Does what the diagnosis proposes end in the right name?")
 @click.option("-o", "--output", type=PATH, required=True, metavar="FOLDER", help="Gets loop.md and its picture.")
-@click.option("--rigs", type=click.IntRange(min=1), default=12, show_default=True, help="Hidden rigs.")
-@click.option("--samples", type=click.IntRange(min=400), default=1664, show_default=True, help="Of each recording.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of everything random.")
-@workers_options
-@json_option
+@hidden_rigs_options(12)
 def loop(
     output: Path, rigs: int, samples: int, seed: int, workers: int | None, cluster: str | None, as_json: bool
 ) -> None:

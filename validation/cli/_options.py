@@ -1,0 +1,34 @@
+"""Options that several commands of the validation take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from scenarios.cli._options import json_option
+from scenarios.cli.study import workers_options
+
+Command = Callable[..., Any]
+
+
+def hidden_rigs_options(rigs: int) -> Callable[[Command], Command]:
+    """Of a study of hidden rigs: how many, ``rigs`` by default, their recordings, the seed, workers and --json."""
+
+    def added(command: Command) -> Command:
+        for option in (
+            json_option,
+            workers_options,
+            click.option(
+                "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of everything random."
+            ),
+            click.option(
+                "--samples", type=click.IntRange(min=400), default=1664, show_default=True, help="Of each recording."
+            ),
+            click.option("--rigs", type=click.IntRange(min=1), default=rigs, show_default=True, help="Hidden rigs."),
+        ):
+            command = option(command)
+        return command
+
+    return added
