@@ -93,7 +93,7 @@ def _ambiguous(diagnosis: Diagnosis) -> list[str]:
 
 def _maneuver(diagnosis: Diagnosis) -> str:
     if diagnosis.next and diagnosis.next.get("maneuver"):
-        return "Record the maneuver below, which tells them apart, and diagnose that recording."
+        return "Record the maneuver below, which tells them apart, and diagnose both: rig diagnose RUN NEXT --together."
     return "Record another maneuver: other joints, other speeds, or longer."
 
 

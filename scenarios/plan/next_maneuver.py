@@ -141,7 +141,9 @@ class NextManeuver:
             maneuver=replace(self.maneuver, rate_Hz=self.maneuver.rate_Hz * rig.rig.acquisition.decimation),
             title=f"What to do next with the rig of {rig.name}",
             description=self.why,
-            source=f"Proposed by rig diagnose: the best of {self.tried} maneuvers, by the least separated pair.",
+            source="Proposed by rig diagnose: the recorded maneuver in another room."
+            if self.warmer_degC
+            else f"Proposed by rig diagnose: the best of {self.tried} maneuvers, by the least separated pair.",
         )
         lines = ["The rig has the likeliest explanation. What the others have instead of it or beside it:"]
         for effect in others.values():
