@@ -43,6 +43,7 @@ class Signals:
         references: (6,) full reference X of each channel: the stated magnitudes [m/s^2, field unit].
         velocity: (n, N) [rad/s] joint velocity; from the encoders where nobody gave it.
         temperature: (n,) [degC], currents: joint number -> (n,) [A], supply: (n,) [V]; where recorded.
+        electrical: whether the readings are a voltage or a converter's count, not a field that a chip computed.
         known_links: the link poses of one array ``q``, so that effects which leave it alone need not compute them
         again.
         known_nodes: the nodes of the poses as they were logged, where these were looked for: effects that change the
@@ -65,6 +66,7 @@ class Signals:
     temperature: Array | None = None
     currents: Mapping[int, Array] = field(default_factory=dict)
     supply: Array | None = None
+    electrical: bool = True
     known_links: tuple[Array, LinkPoses] | None = None
     known_nodes: tuple[PoseNodes | None] | None = None
 

@@ -21,6 +21,9 @@ UNITS: Final[dict[str, tuple[str, ...]]] = {
     MAGNETOMETER: ("V", "mV", "raw", "G", "uT", "nT"),
 }
 
+#: What a sensor's output is recorded in before anything is made of it: a voltage, or the converter's count.
+ELECTRICAL: Final = ("V", "mV", "raw")
+
 #: Unit -> (unit it is a multiple of, multiple).
 _BASE: Final[dict[str, tuple[str, float]]] = {
     "V": ("V", 1.0),

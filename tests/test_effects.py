@@ -280,6 +280,9 @@ def test_what_a_recording_lacks_is_said() -> None:
         with pytest.raises(RigError) as caught:
             apply_stage((made(name),), EFFECTS[name].stage, bare, rng())
         assert text in str(caught.value) or "joint angles" in str(caught.value)
+    chips = replace(measured(), electrical=False)
+    assert EFFECTS["supply_ratiometric"].lacking(chips) == "readings as the sensors give them (V, mV, raw)"
+    assert not EFFECTS["supply_ratiometric"].lacking(measured())
 
 
 @pytest.mark.parametrize("name", EFFECTS)

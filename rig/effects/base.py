@@ -20,6 +20,7 @@ from rig.effects.readings import Finding, Readings
 from rig.environment import MAGNITUDES
 from rig.errors import RigError, nearest, unknown_name
 from rig.signals import Signals
+from rig.units import ELECTRICAL
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -58,7 +59,7 @@ LINKS: Final = tuple(f"link{number}" for number in range(1, 6))
 _NUMBERED: Final = re.compile(r"(joint|link)([1-9]\d?)")
 MOVED_RAD: Final = 1e-3  #: a joint that turns by less is locked
 
-Requirement = Literal["joints", "position", "temperature", "poses", "nodes"]
+Requirement = Literal["joints", "position", "temperature", "poses", "nodes", "volts"]
 
 
 @dataclass(frozen=True)
@@ -278,6 +279,7 @@ class Effect(ABC):
             "joints": (joints, "joint angles (columns q1_rad..qN_rad)"),
             "position": (joints or signals.position.size > 0, "the sensor's position (columns tool_x_m..tool_z_m)"),
             "temperature": (signals.temperature is not None, "the temperature (column temperature_degC)"),
+            "volts": (signals.electrical, f"readings as the sensors give them ({', '.join(ELECTRICAL)})"),
             "poses": (not joints and signals.R_base_tool.size > 0, "tool poses (columns tool_qw..tool_qz)"),
         }
         if "nodes" in cls.requires:

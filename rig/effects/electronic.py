@@ -44,10 +44,11 @@ class SupplyRatiometric(Effect):
     e(t) = supply_V (U(t)/mean U - 1) + sum_k w_k cos(pi k (t - t0)/(t1 - t0)), k = 1 to 24: the recorded supply U,
     followed in full where supply_V is 1 (one that was not recorded counts as constant); and a smooth waveform over the
     recording from t0 to t1, which resolves a twelfth of it. The mean is left out: sensitivities and offsets hold it.
-    0.1-1 %; a guess.
+    A chip that gives a field in the field's own unit has a reference of its own. 0.1-1 %; a guess.
     """
 
     name = "supply_ratiometric"
+    requires = ("volts",)
     of_recording = True
     stage = Stage.VOLTS
     places = ("supply",)

@@ -30,6 +30,7 @@ from rig.recording import Recording, RecordingScan
 from rig.recording.columns import JOINTS_OF_ARM
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals
+from rig.units import ELECTRICAL
 
 Array = NDArray[np.float64]
 
@@ -144,6 +145,7 @@ def signals_of(recording: Recording, arm: Arm | None) -> Signals:
         temperature=recording.temperature,
         currents=recording.currents,
         supply=recording.supply,
+        electrical=all(unit in ELECTRICAL for unit in recording.units.values()),
     )
 
 
