@@ -48,11 +48,12 @@ def cube() -> Array:
     return np.asarray(points / np.linalg.norm(points, axis=1)[:, None])
 
 
-def bound(directions: Array, gain: Array, noise: Array) -> Array:
-    """The Cramer-Rao bound of gain entries and offsets where every direction is unknown.
+def linearised(directions: Array, gain: Array, noise: Array) -> tuple[Array, Array, Array]:
+    """What a reading tells where every direction is unknown: |A^-1 (V - b)|, to first order.
 
-    A reading V tells |A^-1 (V - b)| only, whose derivatives are -u . A^-1 (dA u + db) and whose variance is
-    sum (A^-1 u)_k^2 sigma_k^2.
+    Returns:
+        (n, p) its derivatives by gain entries and offsets, -u . A^-1 (dA u + db); (n, 3) those by the reading, A^-1 u;
+        (n,) its variance, sum (A^-1 u)_k^2 sigma_k^2.
     """
     inverse = np.linalg.inv(gain)
     normal = directions @ inverse
@@ -62,7 +63,12 @@ def bound(directions: Array, gain: Array, noise: Array) -> Array:
         for i, j in ENTRIES[: 3 if diagonal else 6]
     ]
     jacobian = np.column_stack([*columns, -normal])
-    variance = np.square(normal) @ np.square(np.broadcast_to(noise, 3))
+    return jacobian, normal, np.square(normal) @ np.square(np.broadcast_to(noise, 3))
+
+
+def bound(directions: Array, gain: Array, noise: Array) -> Array:
+    """The Cramer-Rao bound of gain entries and offsets."""
+    jacobian, _, variance = linearised(directions, gain, noise)
     return np.asarray(np.linalg.inv(jacobian.T @ (jacobian / variance[:, None])))
 
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import ellipsoid_examples as example
 import numpy as np
 import pytest
+from scipy.optimize import OptimizeResult, least_squares
+from scipy.special import stdtrit
 
-from estimators.ellipsoid import Start, fit_ellipsoid
+from estimators.ellipsoid import Start, fit_ellipsoid, levenberg
 from estimators.ellipsoid.algebraic import adjusted, constrained
 from estimators.ellipsoid.distances import Residuals
+from estimators.ellipsoid.likelihood import solve
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import (
     FREE,
@@ -22,7 +26,8 @@ from estimators.ellipsoid.monomials import (
     symmetric,
     table,
 )
-from estimators.ellipsoid.outliers import heavy_tailed
+from estimators.ellipsoid.outliers import FALSE_ALARM, any_outlying, heavy_tailed, least_median, outlying
+from estimators.ellipsoid.refusal import missing
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
 from estimators.ellipsoid.used_rows import spread_rows
 from rig.errors import RefusedFit, RigError
@@ -167,13 +172,28 @@ def test_moments_are_the_weighted_sums(counted: bool) -> None:
 
 def test_moments_of_parts_add() -> None:
     rng = np.random.default_rng(5)
-    readings = example.sphere(rng, 20_000) @ example.GAIN + example.OFFSET
-    whole = Moments.of(readings, TRUE, np.ones(3))
-    parts = Moments.of(readings[:7], TRUE, np.ones(3)) + Moments.of(readings[7:], TRUE, np.ones(3))
-    assert parts.rows == whole.rows
-    assert parts.gram == pytest.approx(whole.gram, rel=1e-11, abs=1e-9)
+    readings = example.sphere(rng, 20_000) @ example.GAIN + example.OFFSET + 0.05 * rng.standard_normal((20_000, 3))
+    variances, counts = np.array([1.0, 0.5, 2.0]), rng.integers(1, 20, 20_000).astype(float)
+    whole = Moments.of(readings, TRUE, variances, counts)
+    parts = Moments.of(readings[:7], TRUE, variances, counts[:7]) + Moments.of(
+        readings[7:], TRUE, variances, counts[7:]
+    )
+    for name in ("rows", "gram", "first", "second", "drift", "largest", "fourth"):
+        assert getattr(parts, name) == pytest.approx(getattr(whole, name), rel=1e-11, abs=1e-9), name
     with pytest.raises(RigError, match="two preliminary ellipsoids"):
         whole + Moments.of(readings, UNIT, np.ones(3))
+
+
+@pytest.mark.parametrize("count", [20, 20_000])
+def test_what_rounding_leaves_is_told_from_noise(count: int) -> None:
+    """Residuals of 6e-8 of the radius cannot be seen in sums of squares; those of 1e-6 can, at any length."""
+    rng = np.random.default_rng(11)
+    directions = example.sphere(rng, count)
+    for noise, exact in ((0.0, True), (1e-6, False)):
+        readings = directions @ example.GAIN + example.OFFSET + noise * rng.standard_normal((count, 3))
+        found = solve(Moments.of(readings, TRUE, np.ones(3)), 9, known=False)
+        assert found is not None
+        assert bool(found.exact) is exact
 
 
 def test_the_algebraic_fits() -> None:
@@ -213,6 +233,49 @@ def test_heavy_tails_are_seen_and_gaussian_ones_are_not() -> None:
     assert not heavy_tailed(5000, float(squares @ squares), float(squares.mean()))
     squares[:100] = 100.0
     assert heavy_tailed(5000, float(squares @ squares), float(squares.mean()))
+
+
+def test_a_reading_is_judged_by_the_fit_to_all_the_others() -> None:
+    """Of a straight line, where that fit can be made: a reading is an outlier as its prediction says, at any size."""
+    rng = np.random.default_rng(12)
+    x, y = np.linspace(0.0, 1.0, 12), rng.standard_normal(12)
+    design = np.column_stack([np.ones(12), x])
+    leverage = (design @ np.linalg.inv(design.T @ design) * design).sum(axis=1)
+    limit = -stdtrit(9, 0.5 * FALSE_ALARM / 12)
+    others = np.arange(12) != 3
+    rest = design[others] @ np.linalg.lstsq(design[others], y[others], rcond=None)[0]
+    deviation = np.sqrt(np.square(y[others] - rest).sum() / 9 / (1.0 - leverage[3]))
+    predicted = design[3] @ np.linalg.lstsq(design[others], y[others], rcond=None)[0]
+    for share, is_outlier in ((0.99, False), (1.01, True)):
+        y[3] = predicted + share * limit * deviation
+        squares = np.square(y - design @ np.linalg.lstsq(design, y, rcond=None)[0])
+        variance = squares.sum() / 10
+        found = outlying(squares, leverage, np.ones(12, dtype=bool), variance, 10)
+        assert found.tolist() == [number == 3 and is_outlier for number in range(12)]
+        assert any_outlying(squares, leverage, variance, 10) == is_outlier
+
+
+def test_the_start_stands_45_percent_of_outliers_in_one_place() -> None:
+    """To a tenth of the field, from which the way to the optimum is sure."""
+    rng = np.random.default_rng(13)
+    readings = example.sphere(rng, 400) @ example.GAIN + example.OFFSET + 0.01 * rng.standard_normal((400, 3))
+    readings[:180] = [4.0, 0.0, 1.0] + 0.3 * rng.standard_normal((180, 3))
+    found = least_median(readings, np.ones(3), 9)
+    assert found is not None
+    assert np.abs(found.center - example.OFFSET).max() < 0.1
+    assert np.abs(found.gain - example.GAIN).max() < 0.1
+
+
+@pytest.mark.parametrize("away", np.vstack([np.eye(3), [0.6, -0.64, 0.48]]))
+def test_what_is_missing_is_where_no_reading_was(away: Array) -> None:
+    """A cap of 70 degrees about one direction lacks the opposite one: of 500 directions the next is 5 degrees off, and
+    the weakest combination is the cap's own axis but for the draw of 400 readings, some degrees."""
+    cap = example.cap(np.random.default_rng(14), 400, 70.0)
+    across = np.linalg.svd(away[None])[2][1:]
+    directions = cap @ np.vstack([across, away])
+    found = solve(Moments.of(directions, UNIT, np.full(3, 1e-6)), 9, known=True)
+    assert found is not None
+    assert missing(found) @ away < -np.cos(np.radians(20.0))
 
 
 def test_sampled_rows_follow_no_cycle() -> None:
@@ -255,11 +318,27 @@ def test_levenberg_marquardt_ends_where_the_paper_s_sum_is_least(parameters: int
     assert fit.chi_square == pytest.approx(600 - parameters, rel=1e-12)
 
 
+def test_the_sign_that_levenberg_marquardt_ends_with_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The residuals are even in the inverse gain: the search may end at either."""
+    readings = example.sphere(np.random.default_rng(15), 60) @ example.GAIN + example.OFFSET
+
+    def other_way(*arguments: Any, **options: Any) -> OptimizeResult:
+        found = least_squares(*arguments, **options)
+        return OptimizeResult({**found, "x": found.x * np.repeat([-1.0, 1.0], [6, 3])})
+
+    expected = fit_ellipsoid(readings, start=Start(1.4))
+    monkeypatch.setattr(levenberg, "least_squares", other_way)
+    found = fit_ellipsoid(readings, start=Start(1.4))
+    assert found.values == pytest.approx(expected.values, rel=1e-12)
+    assert found.covariance == pytest.approx(expected.covariance, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("start", "message"),
     [
         (Start([1.0, 2.0]), "expected one number, three, or for the gain 3 by 3"),
         (Start(-1.0), "expected positive numbers"),
+        (Start(0.0), "expected positive numbers"),
         (Start(1.0, [0.0, 0.0]), "expected one number, three"),
     ],
 )

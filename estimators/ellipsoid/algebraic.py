@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators._small import eigh, solve
-from estimators.ellipsoid.monomials import FREE, TERMS, multiply_out, noise_in_products
+from estimators.ellipsoid.monomials import FREE, TERMS, multiply_out
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
 
 Array = NDArray[np.float64]
@@ -28,17 +28,14 @@ _LI_GRIFFITHS: Final = np.array(
 )
 
 
-def first_ellipsoid(
-    readings: Array, variances: Array, parameters: int, counts: Array | None = None
-) -> Ellipsoid | None:
+def first_ellipsoid(readings: Array, parameters: int, counts: Array | None = None) -> Ellipsoid | None:
     """An ellipsoid near the best one, by a direct solution; None if the readings lie on none.
 
     The plain algebraic fit with a constant of one about the mean of the readings, which lies inside; where noise makes
-    that another quadric, the one freed of its noise bias; and where that is none either, the constrained one.
+    that another quadric, the constrained one.
 
     Args:
         readings: (n, 3) [recorded unit].
-        variances: (3,) of a sample's noise, up to a common factor.
         parameters: 6 or 9.
         counts: (n,) how many samples each reading is the mean of.
     """
@@ -60,19 +57,10 @@ def first_ellipsoid(
     gram = gram[used, used]
     plain = solve(gram[1:, 1:], gram[1:, 0])
     found = None if plain is None else Quadric.of(frame, -1.0, plain)
-    if found is None:
-        first = np.zeros(TERMS)
-        first[used] = rows.sum(axis=1)[used]
-        noise = np.zeros(6)
-        noise[:3] = variances * frame.whitening[0, 0] ** 2
-        found = _ellipsoid(frame, adjusted(gram, noise_in_products(noise, first, 0.0)[0][used, used]))
     if found is None and parameters == 9:
-        found = _ellipsoid(frame, constrained(gram))
+        coefficients = constrained(gram)
+        found = Quadric.of(frame, float(coefficients[0]), coefficients[1:])
     return None if found is None else found.ellipsoid
-
-
-def _ellipsoid(frame: Ellipsoid, coefficients: Array) -> Quadric | None:
-    return Quadric.of(frame, float(coefficients[0]), coefficients[1:])
 
 
 def adjusted(gram: Array, noise: Array) -> Array:
@@ -94,7 +82,7 @@ def adjusted(gram: Array, noise: Array) -> Array:
 def constrained(gram: Array) -> Array:
     """The ellipsoid-specific fit of Li and Griffiths, "Least squares ellipsoid specific fitting" (2004).
 
-    Always an ellipsoid, but biased by noise; a start where the adjusted fit is another quadric.
+    Always an ellipsoid, but biased by noise; a start where the plain fit is another quadric.
     """
     quadratic, rest = slice(4, 10), slice(0, 4)
     back = np.linalg.lstsq(gram[rest, rest], gram[rest, quadratic], rcond=None)[0]

@@ -126,9 +126,9 @@ def plain(readings: Readings, variances: Array | None = None) -> Estimate | None
     """The same without a look for outliers; ``variances`` of the noise are found where they are not known."""
     sample = readings.sample()
     weights = readings.assumed if variances is None else variances
-    start = _first(sample, weights)
+    start = _first(sample)
     if start is None and len(sample) < len(readings):
-        start = _first(readings, weights)
+        start = _first(readings)
     if start is None:
         return None
     if variances is None and readings.noise is None and len(readings) >= _FEWEST_FOR_CHANNELS:
@@ -145,13 +145,13 @@ def plain(readings: Readings, variances: Array | None = None) -> Estimate | None
     return None
 
 
-def _first(readings: Readings, variances: Array) -> Ellipsoid | None:
+def _first(readings: Readings) -> Ellipsoid | None:
     """An ellipsoid near the best one of readings; of every third if there are many, as weights do not need the best."""
     step = 3 if len(readings) >= _THIRD else 1
     counts = None if readings.counts is None else readings.counts[::step]
-    found = first_ellipsoid(readings.values[::step], variances, readings.parameters, counts)
+    found = first_ellipsoid(readings.values[::step], readings.parameters, counts)
     if found is None and step > 1:
-        found = first_ellipsoid(readings.values, variances, readings.parameters, readings.counts)
+        found = first_ellipsoid(readings.values, readings.parameters, readings.counts)
     return found
 
 
