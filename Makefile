@@ -83,7 +83,7 @@ lock: .venv/.installed
 	@touch $@
 
 clean:
-	rm -rf out dist build docs/_build docs/reference/effects .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf out dist build docs/_build docs/reference/effects .hypothesis .mypy_cache .pytest_cache .ruff_cache mutants
 	find benchmarks docs documenting estimators rig scenarios tests validation -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 distclean: clean

@@ -64,6 +64,17 @@ def test_a_refit_reaches_the_minimum_of_least_squares(arm: Arm) -> None:
     assert float(explained.residual @ explained.residual) < 2.0 * best.cost + 0.1
 
 
+def test_derivatives_of_a_fit_that_went_far_are_those_where_it_ended(arm: Arm) -> None:
+    """A dipole that starts half as strong, 5 cm off: what is handed on is not what was foretold at the start."""
+    data = whitened_data(1, arm, DIPOLE)
+    fit = first_fit(data, "base_dipole@base")
+    best = refit([fit], data).fits[0].values
+    away = replace(fit, values=best + np.array([0.05, -0.05, 0.0, *(-0.5 * best[3:])]))
+    found = refit([away], data)
+    whole = found.fits[0].tangent(data)
+    np.testing.assert_allclose(found.columns, whole, rtol=0.0, atol=1e-6 * np.abs(whole).max())
+
+
 def test_derivatives_are_taken_beside_what_touches_the_same_channels(arm: Arm) -> None:
     """To the last bits those beside all others: of a lag of each sensor, a magnet, and a channel that reads another."""
     data = whitened_data(1, arm, DIPOLE)

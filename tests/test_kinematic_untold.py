@@ -17,13 +17,13 @@ from kinematic_examples import (
 from scipy.spatial.transform import Rotation
 
 from estimators.identifiability import Information, bound
-from estimators.kinematic import fit_sensor
+from estimators.kinematic import WEIGHTINGS, fit_sensor
 from estimators.model import METHODS, Method, SensorParameters
 from estimators.reported import report
 from estimators.statistics import Statistics
 from rig.arm import Arm
 from rig.directions import direction_from_angles
-from rig.errors import RefusedFit
+from rig.errors import RefusedFit, RigError
 
 BOTH = pytest.mark.parametrize("method", METHODS)
 
@@ -120,11 +120,29 @@ def test_a_channel_that_does_not_respond_is_refused() -> None:
     truth, noise = TRUTHS["table5"]
     volts = readings(sweep_rotations(), truth)
     rng = np.random.default_rng(15)
-    for dead, reason in ((np.full(6656, 2.5), "channel 2 reads the same"), (rng.normal(2.5, 0.0136, 6656), "axis2")):
+    same = "channel 2 reads the same"
+    for dead, reason in (
+        (np.full(6656, 2.5), same),
+        (np.zeros(6656), same),
+        (rng.normal(2.5, 0.0136, 6656), "axis2"),
+    ):
         spoilt = volts + noise * rng.standard_normal(volts.shape)
         spoilt[:, 1] = dead
         with pytest.raises(RefusedFit, match=reason):
             fit_sensor(Statistics.from_rotations(sweep_rotations(), spoilt), 9.8)
+
+
+def test_a_fit_says_what_it_is_and_a_refusal_of_which_sensor() -> None:
+    truth, noise = TRUTHS["table5"]
+    statistics = sweep_statistics().draw(np.random.default_rng(17), truth.coefficients, noise)
+    for weighting in WEIGHTINGS:
+        fit = fit_sensor(statistics, 9.8, weighting=weighting)
+        assert (fit.method, fit.weighting, fit.count) == ("simultaneous", weighting, 6656)
+    few = Statistics.from_rotations(sweep_rotations(5), np.ones((5, 3)))
+    with pytest.raises(RigError, match=r"^wrist: found 5 samples"):
+        fit_sensor(few, name="wrist")
+    with pytest.raises(RefusedFit, match=r"^wrist: channel 1 reads the same"):
+        fit_sensor(Statistics.from_rotations(sweep_rotations(50), np.ones((50, 3))), name="wrist")
 
 
 def test_gamma_cannot_be_told_with_beta_at_90_degrees() -> None:

@@ -8,6 +8,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -27,10 +28,15 @@ def sources(*folders: str) -> list[Path]:
     return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
 def imports(path: Path) -> Iterator[tuple[int, str]]:
     """Line and absolute dotted name of everything that the file imports, wherever in it the statement stands."""
     package = path.relative_to(ROOT).parent.parts
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield node.lineno, alias.name
@@ -60,7 +66,7 @@ def test_no_module_imports_itself_in_a_circle() -> None:
     imported: dict[str, set[str]] = {}
     for name, path in known.items():
         found: set[str] = set()
-        for node in runtime(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in runtime(parsed(path)):
             if isinstance(node, ast.Import):
                 found |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:
@@ -123,7 +129,7 @@ def test_nothing_is_unpickled() -> None:
     found = []
     for path in sources(*LAYERS):
         found += [place(path, line) for line, name in imports(path) if name.split(".")[0] in UNSAFE_LOADERS]
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path)):
             # The bare presence is enough: allow_pickle=False is the default of numpy.load.
             if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
                 found.append(place(path, node.value.lineno))

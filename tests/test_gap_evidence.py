@@ -1,0 +1,131 @@
+"""Parts of the evidence, each against what it says it is: noise that all channels share, tones, widths, floors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_gap_whitened import recorded
+
+from estimators.gap.data.basefit import estimated_floor, set_up
+from estimators.gap.data.stack import only_in
+from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.gap.evidence.common import beside, common_noises, is_common
+from estimators.gap.evidence.fast_tones import fast_tones
+from estimators.gap.evidence.laplace import Linear, _width
+from estimators.gap.evidence.refine import Fitted
+from estimators.gap.evidence.states import NoiseState, log_det, under_steps, unseen_floor
+from estimators.gap.hypotheses.candidates import all_candidates
+from estimators.gap.hypotheses.prior import FLOOR_RAISED
+from rig.arm import Arm
+from rig.effects import EFFECTS
+from rig.simulate import quaternions
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return Arm.a465()
+
+
+@pytest.fixture(scope="module")
+def data(arm: Arm) -> WhitenedData:
+    run = recorded(1)
+    return set_up(run, estimated_floor(run, arm), arm)
+
+
+def unexplained(left: np.ndarray) -> Linear:
+    none = np.zeros(0)
+    return Linear(left, np.zeros((len(left), 0)), none, none > 0, none, np.zeros(0, dtype=np.intp))
+
+
+def with_poses(data: WhitenedData, arm: Arm) -> WhitenedData:
+    run = recorded(1)
+    tool = replace(run, q=None, tool_quaternion=quaternions(arm.poses(run.q).R_base_tool))  # type: ignore[arg-type]
+    return set_up(tool, data.floor, None)
+
+
+def test_the_strength_of_an_error_that_all_channels_share_is_found(data: WhitenedData, arm: Arm) -> None:
+    """Of the floor's size, from sample to sample or for as long as the effect remembers. The grid of amplitudes tells a
+    strength to 6 %, 249 errors and more to 5 %: .4 is five standard deviations."""
+    rng = np.random.default_rng(0)
+    tried = set()
+    for each in (data, with_poses(data, arm)):
+        for noise in common_noises(each, ()):
+            (item,) = [one for one in noise.effect.parameters() if one.strength]
+            tau_s = getattr(noise.effect, "tau_s", 0.0)
+            duration_s = float(np.ptp(each.t))
+            pieces = each.count if tau_s < each.interval_s else max(8, int(duration_s / (2.0 * tau_s)))
+            edges = np.linspace(0, each.count, pieces, endpoint=False).astype(int)
+            piece = np.searchsorted(edges, np.arange(each.count), "right")
+            whitened = noise.response / np.sqrt([channel.variance for channel in each.floor])[:, None]
+            size = 1.0 / np.sqrt(np.mean(whitened**2))
+            errors = size * rng.standard_normal((pieces + 1, noise.response.shape[2]))[piece]
+            left = np.einsum("ncr,nr->cn", whitened, errors)[each.columns]
+            ((_, found),) = beside(unexplained((left + rng.standard_normal(left.shape)).ravel()), [noise])
+            strength = getattr(found.effect, item.name)
+            assert strength == pytest.approx(size, rel=0.4)
+            assert found.std[0] < 0.15 * size
+            tried.add(type(noise.effect).name)
+    assert tried == {name for name, effect in EFFECTS.items() if is_common(effect)}
+
+
+def test_a_floor_that_nothing_at_rest_shows_costs_what_it_is_raised_by() -> None:
+    """Normal in the log of the variance: one standard deviation costs half a nat."""
+
+    def cost(raised: float) -> float:
+        step = Step(0, np.full(40, np.exp(-0.5 * raised)), in_time=False)
+        return unseen_floor(NoiseState("noise", (), (step,), 0.0)).log_weight
+
+    for deviations in (1.0, -2.0, 3.0):
+        assert cost(0.0) - cost(deviations * FLOOR_RAISED) == pytest.approx(0.5 * deviations**2, rel=1e-9)
+
+
+def test_the_determinant_of_a_step_is_that_of_the_readings_it_is_of(data: WhitenedData) -> None:
+    """Restricted likelihood, by its definition: half the change of log |B' B| for the basis B of the calibration."""
+    rng = np.random.default_rng(1)
+    factor = np.exp(0.3 * rng.standard_normal(data.count))
+    steps = [Step(data.columns[1], factor, in_time=True)]
+    weights = np.ones((len(data.columns), data.count))
+    weights[1] = factor
+    moved = data.absorbed * weights.ravel()[:, None]
+    expected = float(np.log(factor).sum()) - 0.5 * float(np.linalg.slogdet(moved.T @ moved)[1])
+    assert log_det(data, steps) == pytest.approx(expected, rel=1e-9)
+    assert under_steps(data, unexplained(data.whitened), steps)[1] == pytest.approx(expected, rel=1e-9)
+    assert log_det(data, []) == 0.0
+
+
+@pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if effect.tone])
+def test_a_tone_is_expected_anywhere_in_its_band(data: WhitenedData, name: str) -> None:
+    """A normal density that is one over the band where it is highest: the catalogue's bands, or up to Nyquist's."""
+    candidate = next(each for each in all_candidates(data) if each.effect.name == name)
+    (item,) = [each for each in candidate.effect.parameters() if each.name == "freq_Hz"]
+    bands = candidate.effect.bands
+    band = sum(high - low for low, high in bands) if bands else 0.5 / data.interval_s
+    fit = Fitted(candidate, np.ones(1), {})
+    width_Hz = _width(fit, "freq_Hz", item.typical, data) * item.typical
+    assert 1.0 / (np.sqrt(2.0 * np.pi) * width_Hz) == pytest.approx(1.0 / band, rel=1e-12)
+    assert _width(fit, "at_s", 1.0, data) == 1.0
+    if not bands:  # of several recordings the one in which it acts says how fast it was read, single samples counted
+        beside = SimpleNamespace(parts=[data, SimpleNamespace(samples=4, interval_s=2.0)])
+        second = Fitted(replace(candidate, effect=only_in(candidate.effect, 1)), np.ones(1), {})
+        expected = _width(fit, "freq_Hz", 1.0, data) * 2.0 * data.interval_s
+        assert _width(second, "freq_Hz", 1.0, beside) == pytest.approx(expected, rel=1e-12)  # type: ignore[arg-type]
+
+
+def test_a_tone_that_means_would_hide_is_taken_out_of_the_channels_that_it_moves(arm: Arm) -> None:
+    """Of .3 of the rate, in one channel: its size there to five standard deviations, and nothing in the others."""
+    volts = 0.05
+    run = recorded(3)
+    frequency = 0.3 / float(np.median(np.diff(run.t)))
+    tone = volts * np.cos(2.0 * np.pi * frequency * run.t)[:, None] * [0.0, 1.0, 0.0]
+    run = replace(run, accelerometer=run.accelerometer + tone)
+    humming = set_up(run, estimated_floor(run, arm), arm)
+    assert fast_tones(humming, 1, ()) == ([], humming)
+    (found,), cleared = fast_tones(humming, 2, ())
+    assert found.where == "accelerometer"
+    error = 5.0 * np.sqrt([channel.variance / humming.count for channel in humming.floor])
+    assert np.all(np.abs(found.gap - volts / np.sqrt(2.0) * np.array([0, 1, 0, 0, 0, 0])) < error)
+    moved = np.sqrt(np.mean((humming.readings - cleared.readings) ** 2, axis=0))
+    assert moved == pytest.approx(found.gap, rel=1e-9, abs=1e-15)
