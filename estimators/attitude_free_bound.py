@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators._json import nullable
+from estimators._json import bounds, nullable
 from estimators.coverage.attitude_free_information import design_rows
 from estimators.identifiability import Told, is_open
 from estimators.refusal import UNCERTAINTY_LIMIT
@@ -51,15 +51,11 @@ class FreePrediction:
 
     def to_json(self) -> dict[str, Any]:
         """A JSON object; what cannot be told is null."""
-        rows = zip(self.names, self.values, self.std, strict=True)
         return {
             "method": "ellipsoid",
             "samples": self.samples,
             "noise": nullable(self.noise),
-            "parameters": {
-                name: {"value": nullable(value), "std": nullable(std), "told": self.untold.get(name, True)}
-                for name, value, std in rows
-            },
+            "parameters": bounds(self.names, self.values, self.std, self.untold),
             "condition": nullable(self.condition),
             "problem": self.problem,
         }

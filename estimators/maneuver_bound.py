@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators._json import nullable
+from estimators._json import bounds, nullable
 from estimators.agreement import angles_between
 from estimators.batch.parameters import ManyParameters, Uncertainty, places
 from estimators.identifiability import Information
@@ -60,15 +60,11 @@ class Prediction:
 
     def to_json(self) -> dict[str, Any]:
         """A JSON object; what cannot be told is null."""
-        rows = zip(self.names, self.values, self.std, strict=True)
         return {
             "method": self.method,
             "samples": self.samples,
             "noise": nullable(self.noise),
-            "parameters": {
-                name: {"value": nullable(value), "std": nullable(std), "told": self.untold.get(name, True)}
-                for name, value, std in rows
-            },
+            "parameters": bounds(self.names, self.values, self.std, self.untold),
             "axis_std_deg": nullable(self.axis_std_deg),
             "field_std_deg": nullable(self.field_std_deg),
             "angles_between_std_deg": {pair: nullable(std) for pair, std in self.angles_between_std_deg.items()},

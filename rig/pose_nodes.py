@@ -146,6 +146,11 @@ def _instants(kinked: NDArray[np.bool_], change: Array) -> tuple[NDArray[np.intp
     return np.array(rows), np.array(shares)
 
 
+def quaternions(R_base_tool: Array) -> Array:
+    """Unit quaternions (n, 4), scalar first, of rotations (n, 3, 3) or (n, 9) by rows."""
+    return np.asarray(Rotation.from_matrix(R_base_tool.reshape(-1, 3, 3)).as_quat(scalar_first=True))
+
+
 def one_sign(quaternion: Array) -> Array:
     """Quaternions (n, 4) with the sign that keeps each near the one before."""
     turns = np.einsum("ni,ni->n", quaternion[1:], quaternion[:-1]) < 0.0

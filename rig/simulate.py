@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from rig.acquisition import Acquisition
 from rig.arm import Arm
@@ -19,6 +17,7 @@ from rig.environment import Environment
 from rig.errors import RigError, unknown_name
 from rig.maneuver import Maneuver
 from rig.pipeline import Pipeline
+from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals, sampled
@@ -178,8 +177,3 @@ class Rig:
             velocity=trajectory.qd,
             acceleration=acceleration,
         )
-
-
-def quaternions(R_base_tool: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit quaternions (n, 4), scalar first, of rotations (n, 3, 3)."""
-    return np.asarray(Rotation.from_matrix(R_base_tool).as_quat(scalar_first=True))

@@ -21,7 +21,7 @@ from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.prior import FLOOR_RAISED
 from rig.arm import Arm
 from rig.effects import EFFECTS
-from rig.simulate import quaternions
+from rig.pose_nodes import quaternions
 
 
 @pytest.fixture(scope="module")

@@ -18,8 +18,8 @@ from estimators.gap import Diagnosis, Estimate
 from estimators.gap.diagnosis import Hypothesis, chance, verdict_of
 from rig.arm import Arm
 from rig.effects import make_effect
+from rig.pose_nodes import quaternions
 from rig.recording import Recording
-from rig.simulate import quaternions
 from scenarios.gap_report import GapResiduals, diagnosis_tables, gap_residuals, page
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.maps import axis_pairs

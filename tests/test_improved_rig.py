@@ -13,8 +13,8 @@ from rig.arm import Arm
 from rig.assets import model_path
 from rig.effects import make_effect
 from rig.maneuver import HandTumble, StaticPoses, TorusSweep
+from rig.pose_nodes import quaternions
 from rig.recording import Recording
-from rig.simulate import quaternions
 from scenarios.diagnosing.improved_rig import improved_rig
 from scenarios.gap_report import gap_residuals
 from scenarios.loader import from_toml

@@ -16,8 +16,8 @@ from estimators.from_recording import summarise
 from estimators.kinematic import SensorFit, fit_sensor
 from estimators.statistics import Statistics
 from rig.arm import Arm
+from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording, RecordingWriter, scan_recording
-from rig.simulate import quaternions
 from rig.units import conversion_factor
 
 EPS = np.finfo(float).eps

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from estimators.calibration import Calibration
 from estimators.from_recording import arm_of
 from estimators.goodness.judgement import MOST_SAMPLES, judged
 from rig.channels import ACCELEROMETER, MAGNETOMETER
+from rig.pose_nodes import quaternions
 from rig.recording import Recording, RecordingScan, joined, thinned
 from rig.units import conversion_factor
 
@@ -86,7 +86,7 @@ def _bare(
     }
     turns = part.tool_quaternion
     if arm is not None:
-        turns = Rotation.from_matrix(part.rotations(arm).reshape(-1, 3, 3)).as_quat(scalar_first=True)
+        turns = quaternions(part.rotations(arm))
     return Recording(
         t=part.t - part.t[0] + start,
         tool_quaternion=turns,

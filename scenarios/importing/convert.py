@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
+from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording
 from rig.recording.metadata import FIELD_SIZES
 from rig.units import STANDARD_GRAVITY
@@ -178,7 +178,7 @@ def _joined(
         t=t - t[0] if main.t is not None else t,
         q=joints,
         slides=tracks["joints"].slides if "joints" in tracks else (),
-        tool_quaternion=None if turns is None else _quaternions(turns),
+        tool_quaternion=None if turns is None else quaternions(turns),
         tool_position=position if turns is not None else None,
         accelerometer=at("accel"),
         magnetometer=at("mag"),
@@ -221,10 +221,6 @@ def _arm_name(pose: Track | None, mapping: Mapping, arm: Arm | None) -> str:
         return arm.name
     named = [name for name, target in mapping.columns.items() if is_joint(target) and not is_numbered(name)]
     return "unknown" if named or pose.values.shape[1] != Arm.a465().dof else "a465"
-
-
-def _quaternions(turns: Array) -> Array:
-    return np.asarray(Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_quat(scalar_first=True))
 
 
 def _rotations(pose: Track, arm: Arm | None) -> Array | None:

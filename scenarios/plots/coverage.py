@@ -49,16 +49,15 @@ def coverage_figure(t: Array, overlays: Mapping[str, Overlay]) -> Figure:
         panels = figure.subplots(len(overlays), 1, subplot_kw={"projection": "mollweide"}, squeeze=False)[:, 0]
         for panel, overlay in zip(panels, overlays.values(), strict=True):
             _map(panel, t, overlay)
-        span = Normalize(float(t[0]), max(float(t[-1]), float(t[0]) + 1e-9))
-        figure.colorbar(
-            ScalarMappable(span, ELAPSED_MAP),
-            ax=list(panels),
-            location="bottom",
-            shrink=0.6,
-            aspect=40,
-            label="time [s]",
-        )
+        time_bar(figure, list(panels), t, 0.6)
     return figure
+
+
+def time_bar(figure: Figure, panels: list[Axes], t: Array, shrink: float) -> None:
+    """The colours of times t (n,) [s] below panels, so much narrower than these."""
+    span = Normalize(float(t[0]), max(float(t[-1]), float(t[0]) + 1e-9))
+    bar = ScalarMappable(span, ELAPSED_MAP)
+    figure.colorbar(bar, ax=panels, location="bottom", shrink=shrink, aspect=40, label="time [s]")
 
 
 def _map(axis: Axes, t: Array, overlay: Overlay) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from rig.errors import RigError
 from scenarios.colours import BLACK, GREY, VERMILLION
 from scenarios.decimation import evenly
 from scenarios.overlay import Overlay
-from scenarios.plots.coverage import ELAPSED_MAP
+from scenarios.plots.coverage import ELAPSED_MAP, time_bar
 from scenarios.plots.coverage_cells import outlines, unseen
 from scenarios.plots.style import new_figure, style
 
@@ -51,9 +50,7 @@ def projection_figure(t: Array, overlays: Mapping[str, Overlay]) -> Figure:
             _sphere(figure.add_subplot(grid[row, 0], projection="3d"), t, overlay, span)
             panels.append(figure.add_subplot(grid[row, 1]))
             _angles(panels[-1], t, overlay, span)
-        figure.colorbar(
-            ScalarMappable(span, ELAPSED_MAP), ax=panels, location="bottom", shrink=0.5, aspect=40, label="time [s]"
-        )
+        time_bar(figure, panels, t, 0.5)
     return figure
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from estimators.calibration import Calibration
 from estimators.gap.data.basefit import (
@@ -33,6 +32,7 @@ from estimators.goodness.words import copied
 from estimators.together import calibrate_together, check_alike
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RefusedFit, RigError
+from rig.pose_nodes import quaternions
 from rig.recording import Recording, locked_beside, read_recording
 from rig.units import conversion_factor
 
@@ -220,7 +220,7 @@ def _with_tool_poses(recording: Recording, arm: Arm | None) -> Recording:
         return recording
     turns = recording.tool_quaternion
     if turns is None:
-        turns = Rotation.from_matrix(recording.rotations(arm).reshape(-1, 3, 3)).as_quat(scalar_first=True)
+        turns = quaternions(recording.rotations(arm))
     return replace(recording, q=None, slides=(), tool_quaternion=turns)
 
 
