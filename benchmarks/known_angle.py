@@ -17,9 +17,9 @@ import estimators
 import scenarios
 from benchmarks._measure import Call, Cell, Goal, Report, Settings, Timing, interleaved, timing_table
 from benchmarks.baselines import papers_way
-from estimators.identifiability import Information
-from estimators.model import SensorParameters
-from estimators.statistics import Statistics
+from estimators.known_angle.identifiability import Information
+from estimators.known_angle.model import SensorParameters
+from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.channels import COLUMNS_OF
 from rig.recording import Recording

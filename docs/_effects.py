@@ -11,7 +11,7 @@ from sphinx.util.display import status_iterator
 
 from rig.effects import EFFECTS, Effect
 from rig.errors import RigError
-from scenarios.terminal_tables import effect_record
+from scenarios.terminal.tables import effect_record
 
 FOLDER = Path(__file__).parent / "reference" / "effects"
 

@@ -32,12 +32,12 @@ from documenting.json_schema import (
     said,
     table_of,
 )
-from estimators import calibration as calibrations
-from estimators import calibration_parts as parts
-from estimators import export as exports
+from estimators.calibration import contract as calibrations
+from estimators.calibration import export as exports
+from estimators.calibration import parts
+from estimators.design.isolability import Isolability
 from estimators.gap import diagnosis as diagnoses
 from estimators.gap.diagnosis import Cause, Channel, Closed, Estimate, Remainder
-from estimators.isolability import Isolability
 from rig.channels import CHANNELS, READS, SENSORS
 from rig.effects import EFFECTS
 from rig.files import write_text

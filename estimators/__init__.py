@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 
 from estimators import coverage, ellipsoid, stillness
 from estimators.calibration import Calibration, SensorCalibration
+from estimators.calibration.fields import apply
 from estimators.coverage import Coverage
 from estimators.dispatch import calibrate
-from estimators.fields import apply
 from estimators.goodness import Goodness, is_it_good, judged, judged_together, robust_calibrate
 from estimators.noise import NoiseFloor, noise_floor
 from estimators.stillness import still_poses

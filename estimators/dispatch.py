@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from estimators.assemble import assemble
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage import with_missing_directions
 from estimators.ellipsoid import Options, calibrate_attitude_free
-from estimators.from_recording import (
+from estimators.known_angle.assemble import assemble
+from estimators.known_angle.fit import Weighting, fit_sensor
+from estimators.known_angle.from_recording import (
     FieldPoints,
     Noise,
     PathLike,
@@ -25,9 +26,8 @@ from estimators.from_recording import (
     scanned,
     summarise,
 )
-from estimators.kinematic import Weighting, fit_sensor
-from estimators.model import Method
-from estimators.together import calibrate_together
+from estimators.known_angle.model import Method
+from estimators.known_angle.together import calibrate_together
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, RecordingScan, thinned
 
@@ -54,7 +54,7 @@ def calibrate(
 
     Args:
         run: a recording; a path is read in batches, so that its length does not matter. Several: one calibration holds
-            for all of them (``estimators.together``); by attitude only.
+            for all of them (``estimators.known_angle.together``); by attitude only.
         method: "simultaneous": one field direction a sensor, Renk (15), (21); "separate": one a channel, (14), (20);
             "ellipsoid": without the attitude, from the constant magnitude of the fields, Camps et al. None:
             simultaneous, or ellipsoid where the recording has no pose.

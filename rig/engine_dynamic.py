@@ -17,9 +17,9 @@ from mujoco.rollout import Rollout
 from numpy.typing import ArrayLike, NDArray
 
 from rig.arm import Arm
+from rig.arm.servos import Driven, driven
 from rig.errors import RigError
 from rig.maneuver import Maneuver
-from rig.servos import Driven, driven
 from rig.trajectory import JointTrajectory, sample_times
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def follow(
     """Let the arm's servos follow a maneuver from its start, where it has settled.
 
     Args:
-        arm: driven by the servos of its model, or by ideal ones (``rig.servos``).
+        arm: driven by the servos of its model, or by ideal ones (``rig.arm.servos``).
         maneuver: of joints, without jumps.
         gravity: (3,) [m/s^2], base frame.
         progress: called with the share done, 0 to 1.

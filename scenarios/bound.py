@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators._json import nullable
-from estimators.attitude_free_bound import FreePrediction, FreeSensor
-from estimators.identifiability import Told, is_open
-from estimators.maneuver_bound import Growth, Prediction, growth, predict
-from estimators.model import Method, SensorParameters
-from estimators.statistics import Statistics
+from estimators.design.attitude_free_bound import FreePrediction, FreeSensor
+from estimators.design.maneuver_bound import Growth, Prediction, growth, predict
+from estimators.known_angle.identifiability import Told, is_open
+from estimators.known_angle.model import Method, SensorParameters
+from estimators.known_angle.statistics import Statistics
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.errors import RigError
 from rig.trajectory import PoseTrajectory

@@ -19,12 +19,12 @@ from rig.effects import make_effect
 from rig.files import atomic_path, made_folder
 from rig.recording import Recording
 from rig.simulate import Progress
-from scenarios.calibration_report import calibration_report, comparison_table
 from scenarios.comparison import Compared, compare
 from scenarios.gap_report.terminal import diagnosis_tables
 from scenarios.loader import load
 from scenarios.scenario import Scenario
-from scenarios.terminal_tables import plus_minus
+from scenarios.terminal.calibration import calibration_report, comparison_table
+from scenarios.terminal.tables import plus_minus
 
 if TYPE_CHECKING:
     from scenarios.gap_report.residuals import GapResiduals

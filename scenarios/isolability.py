@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from estimators.isolability import SEEN, Isolability, Key, isolability
-from rig.clearance import Clearance, finite_limits
+from estimators.design.isolability import SEEN, Isolability, Key, isolability
+from rig.arm.clearance import Clearance, finite_limits
 from rig.errors import RigError
 from rig.maneuver import Maneuver, StaticPoses
 from rig.maneuver.fitting import slide_numbers

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.kinematic import SensorFit
-from estimators.model import Method, SensorParameters, columns_of_channels
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import SensorFit
+from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
+from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.directions import direction_from_angles
 from rig.maneuver import TorusSweep

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtr
 
 from estimators.batch import ManyFits, ManyParameters, draw_many, fit_many
-from estimators.kinematic import fit_sensor
-from estimators.model import METHODS, Method
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.model import METHODS, Method
+from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.errors import RigError
 

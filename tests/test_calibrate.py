@@ -13,9 +13,9 @@ from kinematic_examples import BOTH_NOISES, BOTH_SENSORS, TRUTHS, run_of, sweep_
 from scipy.spatial.transform import Rotation
 
 import estimators
-from estimators.fields import apply_file, field_of
-from estimators.from_recording import summarise
-from estimators.model import METHODS, Method
+from estimators.calibration.fields import apply_file, field_of
+from estimators.known_angle.from_recording import summarise
+from estimators.known_angle.model import METHODS, Method
 from rig.arm import Arm
 from rig.channels import COLUMNS_OF
 from rig.errors import RefusedFit, RigError
@@ -71,8 +71,8 @@ def test_separate_fits_agree_on_one_field_as_often_as_they_should() -> None:
     summed = summarise(run, ["magnetometer"])
     for _ in range(200):
         statistics = summed.statistics.draw(rng, TRUTHS["table10"][0].coefficients, BOTH_NOISES[1])
-        fit = estimators.kinematic.fit_sensor(statistics, 1.0, method="separate", noise=BOTH_NOISES[1])
-        agreement = estimators.assemble.assemble(fit, noise_source="given").quality.field_agreement
+        fit = estimators.known_angle.fit.fit_sensor(statistics, 1.0, method="separate", noise=BOTH_NOISES[1])
+        agreement = estimators.known_angle.assemble.assemble(fit, noise_source="given").quality.field_agreement
         assert agreement is not None
         values.append(agreement["p_value"])
     uniform = np.sort(values)
@@ -110,8 +110,8 @@ def test_a_short_locked_recording_is_not_trusted_beyond_its_length() -> None:
         floor = estimators.noise_floor(locked(seed, count=200)).of("magnetometer")
         assert floor is not None
         statistics = base.draw(rng, truth.coefficients, BOTH_NOISES[1])
-        fit = estimators.kinematic.fit_sensor(statistics, 1.0, noise=floor[0])
-        values.append(estimators.assemble.against_floor(fit, floor[1])["p_value"])
+        fit = estimators.known_angle.fit.fit_sensor(statistics, 1.0, noise=floor[0])
+        values.append(estimators.known_angle.assemble.against_floor(fit, floor[1])["p_value"])
     uniform = np.sort(values)
     assert np.abs(uniform - (np.arange(150) + 0.5) / 150).max() < 2.2 / np.sqrt(150)
 

@@ -12,9 +12,9 @@ from scipy.special import chdtri
 
 import estimators
 import scenarios
-from estimators.from_recording import statistics_of
-from estimators.kinematic import fit_sensor
-from estimators.together import Part, contributions, fit_together
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.from_recording import statistics_of
+from estimators.known_angle.together import Part, contributions, fit_together
 from rig.arm import Arm
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording

@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 
 import estimators
 from estimators.calibration import FORMAT, Calibration
-from estimators.model import METHODS, Method
+from estimators.known_angle.model import METHODS, Method
 from rig.errors import RigError
 
 SIMULTANEOUS = [

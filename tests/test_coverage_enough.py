@@ -19,8 +19,8 @@ from estimators.coverage import (
     enough_known_angles,
     with_missing_directions,
 )
-from estimators.identifiability import Information
-from estimators.statistics import Statistics
+from estimators.known_angle.identifiability import Information
+from estimators.known_angle.statistics import Statistics
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
 

@@ -12,8 +12,8 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from estimators.calibration import Calibration
+from estimators.calibration.fields import apply
 from estimators.ellipsoid import Options, Start, align, calibrate, calibrate_attitude_free, fit_ellipsoid
-from estimators.fields import apply
 from estimators.stillness import average_poses, find_still
 from rig.acquisition import Acquisition
 from rig.environment import Environment

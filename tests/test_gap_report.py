@@ -33,7 +33,7 @@ from scenarios.gap_report.words import (
     headline,
     share_words,
 )
-from scenarios.terminal_tables import show
+from scenarios.terminal.tables import show
 
 #: Two readings of the same voltage differ by the converter's rounding: sqrt(2) 1.2207 mV / sqrt(12).
 ROUNDING_V = np.sqrt(2.0 / 12.0) * 20.0 / 2**14

@@ -16,11 +16,11 @@ from scipy.special import chdtri
 
 import estimators
 import scenarios
-from estimators.attitude_free_bound import FreeSensor
-from estimators.kinematic import fit_sensor
-from estimators.maneuver_bound import growth, predict
-from estimators.model import METHODS, Method, parameter_names
-from estimators.statistics import Statistics
+from estimators.design.attitude_free_bound import FreeSensor
+from estimators.design.maneuver_bound import growth, predict
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.model import METHODS, Method, parameter_names
+from estimators.known_angle.statistics import Statistics
 from rig.directions import angles_from_direction, direction_from_angles
 from rig.errors import RigError
 from rig.maneuver import HandTumble, LockedPoses

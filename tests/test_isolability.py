@@ -12,10 +12,10 @@ from cli_support import Rig
 
 import estimators
 import scenarios
-from estimators.isolability import Isolability
+from estimators.design.isolability import Isolability
 from rig.effects import make_effect
 from scenarios.isolability import EffectsBound, isolability_of
-from scenarios.isolability_report import classes, names
+from scenarios.terminal.isolability import classes, names
 
 
 @pytest.fixture(scope="module")

@@ -22,10 +22,10 @@ from kinematic_examples import (
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from estimators.global_minimum import Compressed, refine
-from estimators.kinematic import fit_sensor
-from estimators.model import METHODS, Method, SensorParameters, parameter_names
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.global_minimum import Compressed, refine
+from estimators.known_angle.model import METHODS, Method, SensorParameters, parameter_names
+from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.directions import angles_from_direction, direction_from_angles, tangent_basis
 from rig.errors import RefusedFit, RigError

@@ -11,10 +11,10 @@ from kinematic_examples import (
 )
 from scipy.special import stdtrit
 
-from estimators.identifiability import Information, bound
-from estimators.kinematic import fit_sensor
-from estimators.model import METHODS, Method, parameter_names
-from estimators.reported import report
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.identifiability import Information, bound
+from estimators.known_angle.model import METHODS, Method, parameter_names
+from estimators.known_angle.reported import report
 from rig.directions import angles_from_direction
 
 BOTH = pytest.mark.parametrize("method", METHODS)

@@ -16,11 +16,11 @@ from kinematic_examples import (
 )
 from scipy.spatial.transform import Rotation
 
-from estimators.identifiability import Information, bound
-from estimators.kinematic import WEIGHTINGS, fit_sensor
-from estimators.model import METHODS, Method, SensorParameters
-from estimators.reported import report
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import WEIGHTINGS, fit_sensor
+from estimators.known_angle.identifiability import Information, bound
+from estimators.known_angle.model import METHODS, Method, SensorParameters
+from estimators.known_angle.reported import report
+from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.directions import direction_from_angles
 from rig.errors import RefusedFit, RigError

@@ -16,9 +16,16 @@ from scipy.special import bdtr, chdtr, chdtrc, stdtrit
 
 from estimators.batch import ManyFits, ManyParameters, draw_many, fit_many
 from estimators.batch.global_minima import Problems, descend
-from estimators.identifiability import bound
-from estimators.model import METHODS, PARAMETERS_OF, Method, SensorParameters, columns_of_channels, parameter_names
-from estimators.reported import ANGLE_LIMIT_DEG, NORMAL_95, report
+from estimators.known_angle.identifiability import bound
+from estimators.known_angle.model import (
+    METHODS,
+    PARAMETERS_OF,
+    Method,
+    SensorParameters,
+    columns_of_channels,
+    parameter_names,
+)
+from estimators.known_angle.reported import ANGLE_LIMIT_DEG, NORMAL_95, report
 
 DRAWS = 10_000
 COUNTS = (100, 1000, 6656)

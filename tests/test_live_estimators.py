@@ -15,8 +15,8 @@ from estimators.ellipsoid import Options as EllipsoidOptions
 from estimators.ellipsoid.fit import fit_ellipsoid
 from estimators.ellipsoid.running import brought_up
 from estimators.ellipsoid.thinned import Thinned
+from estimators.known_angle.statistics import Statistics
 from estimators.live import PROCEDURES, Calibrator, Cloud, Guide, Options, SlidingSum, StillStream
-from estimators.statistics import Statistics
 from rig.errors import RigError
 from rig.recording import Recording
 

@@ -24,7 +24,7 @@ from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.evidence.refine import refit
 from estimators.gap.report.separation import Explanation, contest, rivals
 from rig.arm import Arm
-from rig.clearance import Clearance
+from rig.arm.clearance import Clearance
 from rig.effects import EFFECTS, Effect, make_effect
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording

@@ -13,18 +13,18 @@ from cli_support import Rig
 import estimators
 import scenarios
 from estimators.batch import ManyParameters, fit_many
-from estimators.identifiability import bound
-from estimators.model import SensorParameters
-from estimators.pose_design import Criterion, exchange
+from estimators.design.poses import Criterion, exchange
+from estimators.known_angle.identifiability import bound
+from estimators.known_angle.model import SensorParameters
 from estimators.stillness.at_rest import SETTLE_S, at_rest_samples
 from rig.arm import Arm
+from rig.arm.clearance import Clearance, finite_limits
 from rig.channels import COLUMNS_OF
-from rig.clearance import Clearance, finite_limits
 from rig.engine_dynamic import follow
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import TorusSweep
+from rig.maneuver.moves import Dynamics
 from rig.maneuver.profile import PEAK_ACCELERATION, PEAK_SPEED, quintic
-from rig.moves import Dynamics
 from rig.signals import Signals
 from scenarios.bound import noise_of
 from scenarios.isolability import isolability_of

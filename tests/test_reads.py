@@ -11,11 +11,11 @@ import pytest
 import estimators
 import scenarios
 from estimators import Calibration
-from estimators.export import export
+from estimators.calibration.export import export
+from estimators.calibration.turned import turned
 from estimators.gap.data.basefit import fitted_pipeline
 from estimators.gap.diagnosis import Cause, Closed, Estimate
 from estimators.gap.report.recorded_units import in_recorded_units
-from estimators.turned import turned
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.maneuver import TorusSweep

@@ -12,9 +12,9 @@ from rich.text import Text
 import estimators
 import scenarios
 from rig.effects import EFFECTS
-from scenarios.calibration_report import symbol
 from scenarios.comparison import compare, units
-from scenarios.terminal_tables import effect_record, plus_minus, shortened, show, table, with_sigma
+from scenarios.terminal.calibration import symbol
+from scenarios.terminal.tables import effect_record, plus_minus, shortened, show, table, with_sigma
 
 # Without an attitude (camps) or with effects the calibration does not model (renk2005-gap) there is no truth to meet.
 MODELLED = [name for name in scenarios.names() if not name.startswith("camps") and not scenarios.load(name).rig.effects]

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
+from rig.arm.rotation_map import RotationMap, moving_joints
 from rig.errors import RigError
 from rig.maneuver import TorusSweep
-from rig.rotation_map import RotationMap, moving_joints
 
 Array = NDArray[np.float64]
 
@@ -167,7 +167,7 @@ def test_a_joint_that_moves_once_is_moving() -> None:
 
 def test_the_sweeps_map_has_only_the_products_that_do_not_vanish(rotation_map: RotationMap) -> None:
     """Joint 5 is at right angles to joints 1 and 6: of 27 products 13 have a coefficient."""
-    from rig.rotation_map import _terms
+    from rig.arm.rotation_map import _terms
 
     q = TorusSweep().trajectory(np.array([0.0, 1.0])).q
     axes, R_zero = rotation_map.folded(q[0], [0, 4, 5])

@@ -16,7 +16,7 @@ from rig.errors import RigError
 from rig.maneuver import FourierSweep, HandTumble, Maneuver, StaticPoses, TorusSweep
 from scenarios.loader import from_toml
 from scenarios.scenario import Scenario
-from scenarios.terminal_tables import example
+from scenarios.terminal.tables import example
 from scenarios.toml_tables import EarthTable
 
 RENK_TABLE_5 = {  # sensitivity, offset, beta, gamma

@@ -15,8 +15,8 @@ from jsonschema.exceptions import ValidationError
 import estimators
 import scenarios
 from documenting.schemas import schemas, text_of
-from estimators.export import export
-from estimators.noise_study import study_noise
+from estimators.calibration.export import export
+from estimators.noise.study import study_noise
 from rig.effects import make_effect
 from rig.maneuver import LockedPoses, TorusSweep
 from scenarios.bound import bound_of

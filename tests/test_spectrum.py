@@ -12,11 +12,11 @@ from scipy.signal import fftconvolve, lfilter
 
 import scenarios
 from estimators import calibrate
-from estimators.allan import allan_deviation
-from estimators.allan_model import allan_model
-from estimators.allan_terms import TERMS, NoiseTerms, fit_terms
-from estimators.noise_study import study_noise
-from estimators.spectrum import autocovariance, autoregression, power_spectrum, whiteness
+from estimators.noise.allan import allan_deviation
+from estimators.noise.allan_model import allan_model
+from estimators.noise.allan_terms import TERMS, NoiseTerms, fit_terms
+from estimators.noise.spectrum import autocovariance, autoregression, power_spectrum, whiteness
+from estimators.noise.study import study_noise
 from rig.errors import RigError
 from rig.recording import Metadata, Recording
 

@@ -10,7 +10,7 @@ from kinematic_examples import TRUTHS, readings, sweep_angles, sweep_rotations, 
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtr
 
-from estimators.statistics import BLOCK, ROTATION_TERMS, Statistics, wishart_root
+from estimators.known_angle.statistics import BLOCK, ROTATION_TERMS, Statistics, wishart_root
 from rig.arm import Arm
 from rig.errors import RigError
 

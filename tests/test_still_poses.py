@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 from stillness_examples import ACCELEROMETER, NOISE, at_rest, rig
 
-from estimators.kinematic import fit_sensor
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.statistics import Statistics
 from estimators.stillness import (
     average_poses,
     find_still,

@@ -12,9 +12,9 @@ import pytest
 from kinematic_examples import MAGNETOMETER_NOISE, TRUTHS, readings, sweep_angles, sweep_rotations
 
 from estimators import Calibration, calibrate, noise_floor
-from estimators.from_recording import summarise
-from estimators.kinematic import SensorFit, fit_sensor
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import SensorFit, fit_sensor
+from estimators.known_angle.from_recording import summarise
+from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording, RecordingWriter, scan_recording

@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import binomtest, chi2
 
 import scenarios
-from estimators.kinematic import fit_sensor
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.statistics import Statistics
 from rig.channels import ACCELEROMETER
 from rig.effects import make_effect
 from rig.errors import RigError

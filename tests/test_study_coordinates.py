@@ -10,7 +10,7 @@ from kinematic_examples import ACCELEROMETER_NOISE, TRUTHS, random_truth, sweep_
 from numpy.typing import NDArray
 
 from estimators.batch import ManyParameters, draw_many, fit_many
-from estimators.model import METHODS, Method, SensorParameters, columns_of_channels, parameter_names
+from estimators.known_angle.model import METHODS, Method, SensorParameters, columns_of_channels, parameter_names
 from rig.directions import direction_from_angles
 from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, calibration_values, elevation_azimuth_basis
 from scenarios.studies.second_order import _curvatures, second_order_bias

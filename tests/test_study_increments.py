@@ -8,7 +8,7 @@ from kinematic_examples import ACCELEROMETER_NOISE, TABLE_5, readings, sweep_rot
 from numpy.typing import NDArray
 from scipy.stats import ks_2samp, kstest, norm
 
-from estimators.model import SensorParameters
+from estimators.known_angle.model import SensorParameters
 from scenarios.studies.increments import Increments
 from scenarios.studies.orders import ORDERS, order_of
 

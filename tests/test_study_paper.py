@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib.image import imread
 
-from estimators.identifiability import bound
+from estimators.known_angle.identifiability import bound
 from rig.channels import SENSORS
 from rig.errors import RigError
 from scenarios.plots.style import save

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import scenarios
-from estimators.kinematic import fit_sensor
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.channels import COLUMNS_OF
 from rig.effects import Effect, make_effect

@@ -8,8 +8,8 @@ import pytest
 from recording_examples import example
 
 from rig.arm import Arm
+from rig.arm.urdf_file import drawable_urdf
 from rig.errors import RigError
-from rig.urdf_file import drawable_urdf
 from scenarios.cli import _app
 
 SECRET = "solid secret of this machine\n"

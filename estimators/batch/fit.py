@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimators.batch.optimum import Centred, Optimum, separate, simultaneous
 from estimators.batch.parameters import ManyParameters, Uncertainty
-from estimators.kinematic import WEIGHTINGS, Weighting
-from estimators.model import METHODS, PARAMETERS_AT_ONCE, Method, SensorParameters, columns_of_channels
-from estimators.refusal import AMBIGUOUS_CHI_SQUARE, SAME_SIGMAS, UNCERTAINTY_LIMIT
+from estimators.known_angle.fit import WEIGHTINGS, Weighting
+from estimators.known_angle.model import METHODS, PARAMETERS_AT_ONCE, Method, SensorParameters, columns_of_channels
+from estimators.known_angle.refusal import AMBIGUOUS_CHI_SQUARE, SAME_SIGMAS, UNCERTAINTY_LIMIT
 from rig.directions import tangent_basis
 from rig.errors import RigError, unknown_name
 from rig.threads import one_blas_thread
@@ -197,7 +197,7 @@ def _fit(table: _Table, method: Method, weighting: Weighting, magnitude: float) 
 
 
 def _parameters(optimum: Optimum, data: Centred, magnitude: float, points: Array) -> ManyParameters:
-    """With the sign that puts each field on the side of ``points`` (m, 3), as in ``estimators.kinematic``."""
+    """With the sign that puts each field on the side of ``points`` (m, 3), as in ``estimators.known_angle.fit``."""
     fields = optimum.fields
     along = np.einsum("mki,mi->mk", fields, points) / np.linalg.norm(points, axis=1)[:, None]
     largest = np.take_along_axis(fields, np.abs(fields).argmax(axis=2)[:, :, None], axis=2)[:, :, 0]

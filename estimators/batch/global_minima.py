@@ -1,4 +1,4 @@
-"""The search of ``estimators.global_minimum`` for many data sets at once.
+"""The search of ``estimators.known_angle.global_minimum`` for many data sets at once.
 
 Same cost, same grid, same local minima. The refinement differs: variable projection leaves two unknowns, the tangent
 coordinates of the field's direction, and Newton's method with the exact Hessian of the projected cost takes some five
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.global_minimum import (
+from estimators.known_angle.global_minimum import (
     FINE_GRID_CONDITION,
     FINE_GRID_POINTS,
     GRID_POINTS,

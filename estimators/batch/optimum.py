@@ -1,4 +1,4 @@
-"""The best solutions of many centred problems, as ``estimators.kinematic`` has them for one."""
+"""The best solutions of many centred problems, as ``estimators.known_angle.fit`` has them for one."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.batch.global_minima import Minima, Problems, descend, local_minima
-from estimators.global_minimum import RANK_TOLERANCE
-from estimators.kinematic import Weighting
-from estimators.model import PARAMETERS_OF
+from estimators.known_angle.fit import Weighting
+from estimators.known_angle.global_minimum import RANK_TOLERANCE
+from estimators.known_angle.model import PARAMETERS_OF
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-#: As in ``estimators.kinematic``: relative change of the weights that ends their iteration.
+#: As in ``estimators.known_angle.fit``: relative change of the weights that ends their iteration.
 _SETTLED: Final = 1e-6
 _MOST_WEIGHTS: Final = 50
-#: As in ``estimators.global_minimum``: fields whose product is within this of one are the same minimum.
+#: As in ``estimators.known_angle.global_minimum``: fields whose product is within this of one are the same minimum.
 _SAME: Final = 1e-10
 
 

@@ -9,8 +9,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.identifiability import NULL_EIGENVALUE
-from estimators.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
+from estimators.known_angle.identifiability import NULL_EIGENVALUE
+from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
 from rig.directions import tangent_basis
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.identifiability import Told, is_open
+from estimators.known_angle.identifiability import Told, is_open
 from rig.errors import RigError
 
 Array = NDArray[np.float64]

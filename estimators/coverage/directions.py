@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators.calibration import SensorCalibration
-from estimators.fields import field_of
+from estimators.calibration.fields import field_of
 from rig.errors import RigError
 from rig.recording import Recording
 from rig.threads import one_blas_thread
@@ -44,7 +44,7 @@ def directions_of(recording: Recording, sensor: str, calibration: SensorCalibrat
         (n, 3) unit vectors; zero where a reading lies in the fitted centre.
 
     Raises:
-        RigError: as of ``Recording.rotations`` and ``estimators.fields.field_of``.
+        RigError: as of ``Recording.rotations`` and ``estimators.calibration.fields.field_of``.
     """
     field = calibration.field_direction
     known = recording.tool_quaternion is not None or (recording.q is not None and arm is not None)

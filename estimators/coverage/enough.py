@@ -18,8 +18,8 @@ from estimators.coverage.attitude_free_information import AttitudeFreeInformatio
 from estimators.coverage.cells import SphereCells
 from estimators.coverage.directions import direction_name
 from estimators.coverage.seen import Coverage, coverage
-from estimators.identifiability import Information
-from estimators.model import columns_of_channels
+from estimators.known_angle.identifiability import Information
+from estimators.known_angle.model import columns_of_channels
 from rig.errors import RefusedFit, RigError
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from estimators.calibration import SensorCalibration
-from estimators.calibration_parts import Quality
+from estimators.calibration.parts import Quality
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.monomials import PAIRS
 

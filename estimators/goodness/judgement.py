@@ -14,7 +14,6 @@ from scipy.special import chdtrc
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage.seen import Coverage, coverage
 from estimators.ellipsoid import read_thinned
-from estimators.from_recording import arm_or_named
 from estimators.goodness.by_direction import ByDirection, by_direction
 from estimators.goodness.cross_terms import SIX, CrossTerms, cross_terms
 from estimators.goodness.hold_out import HoldOut, hold_out
@@ -24,6 +23,7 @@ from estimators.goodness.raw_readings import Clipped, Repeats, clipped, copies, 
 from estimators.goodness.residuals import Residuals, residuals_of, selected
 from estimators.goodness.whiteness import Whiteness, whiteness
 from estimators.goodness.words import reasons, remarks
+from estimators.known_angle.from_recording import arm_or_named
 from estimators.stillness import still_poses
 from rig.channels import ACCELEROMETER
 from rig.errors import RefusedFit, RigError

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimators.calibration import SensorCalibration
 from estimators.coverage.attitude_free_information import design_rows
-from estimators.model import METHODS, Method, SensorParameters
+from estimators.known_angle.model import METHODS, Method, SensorParameters
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.dispatch import calibrate
-from estimators.from_recording import FieldPoints, Noise, arm_or_named, magnitude_of
 from estimators.goodness.outliers import CUT, efficiency, robust_scale
-from estimators.kinematic import Weighting, fit_sensor
-from estimators.model import Method
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import Weighting, fit_sensor
+from estimators.known_angle.from_recording import FieldPoints, Noise, arm_or_named, magnitude_of
+from estimators.known_angle.model import Method
+from estimators.known_angle.statistics import Statistics
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
 from rig.threads import one_blas_thread

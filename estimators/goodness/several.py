@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimators.calibration import Calibration
-from estimators.from_recording import arm_of
 from estimators.goodness.judgement import MOST_SAMPLES, judged
+from estimators.known_angle.from_recording import arm_of
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.pose_nodes import quaternions
 from rig.recording import Recording, RecordingScan, joined, thinned

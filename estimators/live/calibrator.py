@@ -13,7 +13,7 @@ from estimators.coverage import Enough, direction_name
 from estimators.ellipsoid.calibrate import Options as EllipsoidOptions
 from estimators.ellipsoid.fit import Parameters
 from estimators.ellipsoid.thinned import Thinned
-from estimators.from_recording import arm_of, has_pose, magnitude_of, points_of, statistics_of
+from estimators.known_angle.from_recording import arm_of, has_pose, magnitude_of, points_of, statistics_of
 from estimators.live.estimate import AttitudeFree, AttitudeKnown, SensorEstimate
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError

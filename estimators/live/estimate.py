@@ -19,12 +19,12 @@ from estimators.ellipsoid.calibrate import Options, fit_attitude_free
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.running import brought_up
 from estimators.ellipsoid.thinned import Thinned
-from estimators.kinematic import SensorFit, fit_sensor
+from estimators.known_angle.fit import SensorFit, fit_sensor
+from estimators.known_angle.reported import report
+from estimators.known_angle.statistics import Statistics
 from estimators.live.cloud import Cloud
 from estimators.live.stillness import StillStream
 from estimators.live.window import SlidingSum
-from estimators.reported import report
-from estimators.statistics import Statistics
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 

@@ -12,9 +12,9 @@ from estimators.calibration import SensorCalibration
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, design_rows
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.goodness.residuals import fitted_parameters
-from estimators.kinematic import SensorFit
+from estimators.known_angle.fit import SensorFit
+from estimators.known_angle.model import SensorParameters
 from estimators.live.estimate import SensorEstimate
-from estimators.model import SensorParameters
 from rig.recording import Recording
 from rig.threads import one_blas_thread
 

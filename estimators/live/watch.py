@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from estimators.calibration import Calibration
-from estimators.from_recording import arm_of, has_pose
+from estimators.known_angle.from_recording import arm_of, has_pose
 from estimators.live.alarm import Alarm
 from estimators.live.estimate import SensorEstimate
 from estimators.live.reference import Reference

@@ -17,10 +17,10 @@ from estimators._rows import working_rows
 from estimators.stillness.stretches import Signals, mask_of, split_where_it_drifts, stretches_of
 from estimators.stillness.threshold import choose_threshold
 from estimators.stillness.variance import variance_by_half_windows, weighted_variance, windowed_variance
+from rig.arm.rotation_map import moving_joints
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Recording
-from rig.rotation_map import moving_joints
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.statistics import Statistics
+from estimators.known_angle.statistics import Statistics
 from estimators.stillness.detection import SPEED_LIMIT, Stillness, continuous, find_still
 from estimators.stillness.stretches import sums_over
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
@@ -53,7 +53,7 @@ class StillPoses:
         return len(self.counts)
 
     def statistics(self, arm: Arm | None = None, sensors: Sequence[str] | None = None) -> Statistics:
-        """The sufficient statistics of all samples of the poses, for ``estimators.kinematic.fit_sensor``.
+        """The sufficient statistics of all samples of the poses, for ``estimators.known_angle.fit.fit_sensor``.
 
         With the scatter about the means added back they are those of the single readings, each in its pose's mean
         orientation: the poses count as often as they were read.

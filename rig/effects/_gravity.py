@@ -13,8 +13,8 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arm.rotation_map import moving_joints
 from rig.errors import RigError
-from rig.rotation_map import moving_joints
 from rig.signals import Signals
 
 Array = NDArray[np.float64]

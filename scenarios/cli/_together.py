@@ -11,8 +11,8 @@ from rig.errors import RigError
 
 if TYPE_CHECKING:
     from estimators import Calibration
-    from estimators.from_recording import FieldPoints, Noise
-    from estimators.kinematic import Weighting
+    from estimators.known_angle.fit import Weighting
+    from estimators.known_angle.from_recording import FieldPoints, Noise
     from rig.arm import Arm
     from rig.recording import Recording
 
@@ -33,10 +33,10 @@ def calibrated(
         RigError: as of ``estimators.calibrate``, or a recording without a pose.
     """
     import estimators
-    from estimators.from_recording import has_pose
     from estimators.goodness import as_one
+    from estimators.known_angle.from_recording import has_pose
+    from estimators.known_angle.together import calibrate_together
     from estimators.noise import noise_floor
-    from estimators.together import calibrate_together
     from rig.recording import locked_beside, scan_recording, whole_or_beginning
 
     scans = [scan_recording(run, joints=None if arm is None else arm.dof) for run in runs]

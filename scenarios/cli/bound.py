@@ -79,8 +79,8 @@ def bound(
     if as_json:
         print_json(found.to_json())
         return
-    from scenarios.bound_report import bound_report
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.bound import bound_report
+    from scenarios.terminal.tables import show
 
     show(bound_report(found))
     if output is not None:
@@ -101,8 +101,8 @@ def _effects(scenario: Scenario, output: Path | None, as_json: bool) -> None:
     if as_json:
         print_json(found.to_json())
         return
-    from scenarios.isolability_report import isolability_report
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.isolability import isolability_report
+    from scenarios.terminal.tables import show
 
     show(isolability_report(found))
     if output is not None:

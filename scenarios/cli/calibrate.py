@@ -27,7 +27,7 @@ from scenarios.cli._stated import stated_by_place, stated_metadata, stated_optio
 
 if TYPE_CHECKING:
     from estimators import Calibration, NoiseFloor
-    from estimators.kinematic import Weighting
+    from estimators.known_angle.fit import Weighting
     from rig.arm import Arm
     from rig.recording import Recording, RecordingScan
 
@@ -124,7 +124,7 @@ def calibrate(
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators
     from estimators.ellipsoid import Options
-    from estimators.from_recording import has_pose
+    from estimators.known_angle.from_recording import has_pose
     from rig.files import atomic_path
     from rig.recording import Recording, locked_beside, scan_recording, whole_or_thinned
     from scenarios.cli._start import parsed_start
@@ -200,7 +200,7 @@ def calibrate(
         if len(several) == 1:
             calibration = with_assumptions(estimators.judged(source, calibration, arm), scan, stated)
         if fminunc:
-            from estimators.as_renk import as_renk
+            from estimators.known_angle.as_renk import as_renk
 
             ends = as_renk(source if isinstance(source, Recording) else scan, calibration, arm)
             extra = {**calibration.extra, "fminunc": {name: end.to_json() for name, end in ends.items()}}
@@ -213,8 +213,8 @@ def calibrate(
     if as_json:
         click.echo(calibration.to_text())
         return _status(calibration)
-    from scenarios.calibration_report import calibration_report
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.calibration import calibration_report
+    from scenarios.terminal.tables import show
 
     if method is None and attitude_free:
         click.echo(f"{run}: has no pose: calibrated by the magnitude of the fields, as by --method ellipsoid\n")
@@ -237,8 +237,8 @@ def _status(calibration: Calibration) -> int:
 def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | None, path: Path) -> None:
     """The directions that the recording has shown each calibrated sensor, by stretches if it is long; those at rest of
     an accelerometer alone that was calibrated by them."""
-    from estimators.from_recording import arm_or_named
     from estimators.goodness.judgement import at_rest
+    from estimators.known_angle.from_recording import arm_or_named
     from rig.recording import thinned
     from scenarios.overlay import overlays
     from scenarios.plots import projection_figure, save
@@ -298,7 +298,7 @@ def apply(calibration: Path, run: Path, output: Path, as_json: bool) -> None:
     """
     check_output(output, RECORDING_SUFFIXES, calibration, run)
     from estimators import Calibration
-    from estimators.fields import apply_file
+    from estimators.calibration.fields import apply_file
     from rig.recording import scan_recording
 
     found = Calibration.read(calibration)

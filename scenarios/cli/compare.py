@@ -53,7 +53,7 @@ def compare(first: Path, second: Path, output: Path | None, as_json: bool) -> in
         check_output(output, (".png", ".svg", ".pdf"), first, second)
     beside = kinds[first] == _RECORDING
     found = _recording(first, second) if beside else _calibrations(first, second, kinds[second])
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.tables import show
 
     if output is not None:
         from scenarios.plots import save
@@ -91,10 +91,10 @@ def _calibrations(first: Path, second: Path, kind: str) -> _Found:
     from rich.text import Text
 
     from estimators.calibration import Calibration
-    from scenarios.calibration_report import comparison_table
     from scenarios.comparison import apart, compare, compare_two
     from scenarios.loader import load
     from scenarios.plots import errors_figure
+    from scenarios.terminal.calibration import comparison_table
 
     one = Calibration.read(first)
     if kind == _SCENARIO:
@@ -134,7 +134,7 @@ def _recording(first: Path, second: Path) -> _Found:
     from scenarios.beside_simulation import beside_simulation
     from scenarios.loader import load
     from scenarios.plots import residuals_figure
-    from scenarios.terminal_tables import table
+    from scenarios.terminal.tables import table
 
     scenario = load(second)
     arm = scenario.rig.arm

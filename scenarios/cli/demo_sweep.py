@@ -41,7 +41,7 @@ def demo(output: Path, seed: int, as_json: bool) -> None:
       rig demo -o results --seed 7
     """
     from scenarios.demo import run_demo
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.tables import show
 
     result = run_demo(output, seed, tell=(lambda _: None) if as_json else show, working=progress_bar)
     if as_json:

@@ -203,7 +203,7 @@ def _fleet(tasks: Sequence[Task], workers: Workers, out: Path, as_json: bool) ->
     if as_json:
         print_json([_document(entry) for entry in every])
     else:
-        from scenarios.terminal_tables import show
+        from scenarios.terminal.tables import show
 
         show(fleet_tables(every))
         kept_words = f", {there} of them kept as they were" if there else ""
@@ -272,7 +272,7 @@ def _check(
 def _tell(outcome: Outcome, out: Path, saved: Path | None) -> None:
     from scenarios.diagnosing.kept import paths
     from scenarios.gap_report.terminal import diagnosis_tables
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.tables import show
 
     document, page, proposal, calibration = paths(out, outcome.diagnosis.name)
     show(diagnosis_tables(outcome.diagnosis, outcome.units))

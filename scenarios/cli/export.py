@@ -32,7 +32,7 @@ def export(calibration: Path, target: str, output: Path | None, field_unit: str 
     if output is not None:
         check_output(output, _SUFFIXES[target], calibration)
     from estimators.calibration import Calibration
-    from estimators.export import export as exported
+    from estimators.calibration.export import export as exported
     from rig.files import write_text
 
     text = exported(Calibration.read(calibration), target, field_unit)

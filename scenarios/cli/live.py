@@ -243,7 +243,7 @@ def _list_procedures(as_json: bool) -> None:
         return
     from rich.text import Text
 
-    from scenarios.terminal_tables import show, table
+    from scenarios.terminal.tables import show, table
 
     listed = table("procedure", "steps", "what it is", "what it lacks", numbers=("steps",))
     for row in rows:
@@ -376,8 +376,8 @@ def _report(session: Session, made: Path, cal: Path, calibration: Calibration | 
         click.echo(f"{alarm}; it looks like {alarm.looks_like}")
     if calibration is None:
         return
-    from scenarios.calibration_report import calibration_report
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.calibration import calibration_report
+    from scenarios.terminal.tables import show
 
     show(calibration_report(calibration))
     click.echo(f"{cal}: written")

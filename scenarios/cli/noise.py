@@ -30,7 +30,7 @@ def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: 
     if output is not None:
         check_output(output, (".png", ".svg", ".pdf"), locked, calibration)
     from estimators.calibration import Calibration
-    from estimators.noise_study import study_noise
+    from estimators.noise.study import study_noise
     from rig.errors import one_line
     from rig.recording import whole_or_beginning
 
@@ -48,8 +48,8 @@ def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: 
     if as_json:
         print_json(study.to_json())
         return
-    from scenarios.noise_report import noise_report
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.noise import noise_report
+    from scenarios.terminal.tables import show
 
     show(noise_report(study, found, recording.metadata.magnetic_field_unit))
     if output is not None:

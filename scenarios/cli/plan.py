@@ -128,7 +128,7 @@ def plan(
         print_json({**found.to_json(), "file": output})
         return
     from scenarios.plan.report import plan_report
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.tables import show
 
     show(plan_report(found))
     for written in (output, csv, plot):

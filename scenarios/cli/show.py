@@ -51,7 +51,7 @@ def scenarios(name: str | None, as_json: bool) -> None:
         if as_json:
             print_json([{"name": key, "title": title} for key, title in titles().items()])
             return
-        from scenarios.terminal_tables import scenarios_table, show
+        from scenarios.terminal.tables import scenarios_table, show
 
         show(scenarios_table(titles()))
         return
@@ -88,7 +88,7 @@ def effects(name: str | None, output: Path | None, where: str | None, as_json: b
         raise unknown_name("effect", name, EFFECTS)
     if output is not None or where is not None:
         _draw_effect(name, output, where)
-    from scenarios.terminal_tables import effect_description, effect_record, effects_table, show
+    from scenarios.terminal.tables import effect_description, effect_record, effects_table, show
 
     if as_json:
         print_json(effect_record(EFFECTS[name]) if name else [effect_record(effect) for effect in EFFECTS.values()])
@@ -239,7 +239,7 @@ def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) ->
 
 def _tell_left_out(urdf: Path) -> None:
     """One line on the meshes that are not drawn."""
-    from rig.urdf_file import drawable_urdf
+    from rig.arm.urdf_file import drawable_urdf
 
     left_out = drawable_urdf(urdf)[1]
     if left_out:

@@ -126,7 +126,7 @@ def consistency(
             _print_consistency(summary, output, files)
             return
         from scenarios.studies.report import consistency_report
-        from scenarios.terminal_tables import show
+        from scenarios.terminal.tables import show
 
         show(consistency_report(summary, shown))
     click.echo(f"\n{output}: {errors.num_rows:,} fits; look at them: rig view {output}")
@@ -257,7 +257,7 @@ def subsets(
         print_json({**asdict(found), "study": output, "plots": files})
         return
     from scenarios.studies.report import subsets_report
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.tables import show
 
     show(subsets_report(found))
     if output is not None:

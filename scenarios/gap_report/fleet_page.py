@@ -21,7 +21,7 @@ from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.page import document
 from scenarios.gap_report.svg import Drawing
 from scenarios.gap_report.words import VERDICTS, alike_words, and_words, cause_title, cause_words, closed_words
-from scenarios.terminal_tables import table
+from scenarios.terminal.tables import table
 
 #: A recording in the picture is so wide [px], or narrower where they are many.
 _CELL: Final = 22.0

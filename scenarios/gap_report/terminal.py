@@ -33,7 +33,7 @@ from scenarios.gap_report.words import (
     share_words,
     status_words,
 )
-from scenarios.terminal_tables import table
+from scenarios.terminal.tables import table
 
 _COLOURS = {
     "no-gap": "green",

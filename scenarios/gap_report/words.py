@@ -10,7 +10,7 @@ from typing import Final
 
 from estimators.gap.diagnosis import ESTABLISHED, NAMED, Cause, Closed, Diagnosis, Estimate, Hypothesis, chance, percent
 from rig.effects import EFFECTS
-from scenarios.terminal_tables import plus_minus, shortened
+from scenarios.terminal.tables import plus_minus, shortened
 
 #: A parameter of more numbers is not written out.
 _MOST_NUMBERS: Final = 6

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from estimators.kinematic import SensorFit, fit_sensor
-from estimators.statistics import Statistics
+from estimators.known_angle.fit import SensorFit, fit_sensor
+from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.errors import RigError
 from scenarios.importing.tracks import Track

@@ -16,13 +16,13 @@ from estimators.live import SensorState
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording, joined
-from scenarios.calibration_report import symbol
 from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rgb
 from scenarios.decimation import extremes
 from scenarios.live.layout import GUIDE, INTERVALS, NOW, READINGS, RESIDUALS, SPHERES, live_blueprint
 from scenarios.live.session import Event, Snapshot
 from scenarios.motion import arm_of
-from scenarios.terminal_tables import plus_minus
+from scenarios.terminal.calibration import symbol
+from scenarios.terminal.tables import plus_minus
 from scenarios.view.arm import ArmView
 from scenarios.view.timeline import TIMELINE, at
 from scenarios.view.viewer import start_viewer

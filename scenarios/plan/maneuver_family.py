@@ -14,8 +14,8 @@ from rig.arm import Arm
 from rig.errors import RigError
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.maneuver.fitting import slide_numbers
+from rig.maneuver.reach import Reach
 from rig.maneuver.static_poses import between
-from rig.reach import Reach
 
 Array = NDArray[np.float64]
 

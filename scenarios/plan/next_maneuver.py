@@ -9,13 +9,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.design.maneuver_bound import predict
 from estimators.gap.data.basefit import set_up
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import Explanation, Separation, Trial, contest, rivals
-from estimators.maneuver_bound import predict
-from estimators.model import SensorParameters
-from estimators.statistics import Statistics
+from estimators.known_angle.model import SensorParameters
+from estimators.known_angle.statistics import Statistics
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect
 from rig.maneuver import StaticPoses, TorusSweep

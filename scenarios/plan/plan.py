@@ -9,26 +9,26 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.isolability import Isolability, Key
-from estimators.model import SensorParameters
-from estimators.pose_design import OPEN, Criterion
-from estimators.statistics import Statistics
+from estimators.design.isolability import Isolability, Key
+from estimators.design.poses import OPEN, Criterion
+from estimators.known_angle.model import SensorParameters
+from estimators.known_angle.statistics import Statistics
 from estimators.stillness.at_rest import SETTLE_S
 from rig.arm import Arm
+from rig.arm.clearance import Clearance
 from rig.channels import ACCELEROMETER, COLUMNS_OF
-from rig.clearance import Clearance
 from rig.errors import RigError
 from rig.maneuver import FourierSweep, StaticPoses, TorusSweep
 from rig.maneuver.fitting import slide_numbers
+from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
-from rig.moves import Dynamics
 from scenarios.bound import noise_of
 from scenarios.isolability import shown_by
-from scenarios.isolability_report import names
 from scenarios.plan.poses import WORTHLESS, PosePlan, PoseSearch
 from scenarios.plan.sweeps import SweepPlan, SweepSearch, sweep_curve, tenths
 from scenarios.plan.telling import telling, telling_sweep
 from scenarios.scenario import Scenario
+from scenarios.terminal.isolability import names
 
 Array = NDArray[np.float64]
 Kind = Literal["poses", "sweep"]

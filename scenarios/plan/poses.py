@@ -9,13 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.pose_design import Criterion, exchange
+from estimators.design.poses import Criterion, exchange
 from estimators.stillness.at_rest import SETTLE_S
 from rig.arm import Arm
-from rig.clearance import Clearance, finite_limits
+from rig.arm.clearance import Clearance, finite_limits
 from rig.errors import RigError
+from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
-from rig.moves import Dynamics
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]

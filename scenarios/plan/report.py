@@ -10,15 +10,15 @@ from matplotlib.figure import Figure
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from estimators.isolability import Isolability
-from estimators.pose_design import OPEN
+from estimators.design.isolability import Isolability
+from estimators.design.poses import OPEN
 from estimators.stillness.at_rest import SETTLE_S
 from scenarios.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY_BLUE, VERMILLION
-from scenarios.isolability_report import names
 from scenarios.plan.plan import REFERENCE, Plan
 from scenarios.plan.sweeps import SweepPlan
 from scenarios.plots.style import new_figure, style
-from scenarios.terminal_tables import table
+from scenarios.terminal.isolability import names
+from scenarios.terminal.tables import table
 
 #: More causes than these are summed up.
 _FEW: Final = 6

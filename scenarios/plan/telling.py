@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.isolability import SEEN, Isolability, Key
+from estimators.design.isolability import SEEN, Isolability, Key
 from rig.errors import RigError, nearest
 from rig.maneuver import StaticPoses
 from rig.maneuver.fitting import slide_numbers

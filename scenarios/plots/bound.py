@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from estimators.maneuver_bound import Growth
+from estimators.design.maneuver_bound import Growth
 from scenarios.colours import AXES_ON_PAPER, GREY, PURPLE, SKY_BLUE
 from scenarios.plots.style import new_figure, style
 

@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
-from estimators.isolability import SEEN
+from estimators.design.isolability import SEEN
 from scenarios.colours import BLUE, GREY
 from scenarios.isolability import EffectsBound
-from scenarios.isolability_report import names
 from scenarios.plots.style import new_figure, style
+from scenarios.terminal.isolability import names
 
 #: Bounds of the classes [σ], and their colours: from not at all to well.
 _BOUNDS: Final = (0.0, 1.0, 5.0, 10.0, 30.0, 1e9)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from estimators.noise_study import ChannelNoise, NoiseStudy
+from estimators.noise.study import ChannelNoise, NoiseStudy
 from rig.channels import CHANNELS_OF
 from scenarios.colours import AXES_ON_PAPER, GREY
 from scenarios.plots.style import new_figure, style

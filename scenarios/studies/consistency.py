@@ -14,7 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from estimators.batch import fit_many
-from estimators.model import METHODS
+from estimators.known_angle.model import METHODS
 from rig.threads import one_blas_thread
 from scenarios.studies.coordinates import Coordinates, coordinate_names
 from scenarios.studies.settings import Settings, expected, increments

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators.batch import ManyFits, ManyParameters
-from estimators.identifiability import bound
-from estimators.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
+from estimators.known_angle.identifiability import bound
+from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
 from rig.directions import angles_from_direction, tangent_basis
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ class Coordinates:
 
 
 def calibration_values(estimates: ManyParameters, method: Method) -> Array:
-    """(m, p) the parameters as a calibration has them, in the order of ``estimators.model.parameter_names``: S, delta
+    """(m, p) the parameters as a calibration has them, in the order of ``known_angle.model.parameter_names``: S, delta
     [recorded unit], beta, gamma, phi, psi [deg]."""
     result = np.empty((len(estimates), PARAMETERS_OF[method]))
     axes, fields = (np.stack(angles_from_direction(v), axis=-1) for v in (estimates.axes, estimates.fields))

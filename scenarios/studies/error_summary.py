@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import beta as beta_distribution
 from scipy.stats import chi2, t
 
-from estimators.model import Method, columns_of_channels
+from estimators.known_angle.model import Method, columns_of_channels
 from scenarios.studies.coordinates import Coordinates
 from scenarios.studies.orders import Order
 from scenarios.studies.second_order import second_order_bias

@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.statistics import ROTATION_TERMS
+from estimators.known_angle.statistics import ROTATION_TERMS
 
 Array = NDArray[np.float64]
 

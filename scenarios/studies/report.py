@@ -13,7 +13,7 @@ from rich.text import Text
 from scenarios.studies.error_summary import Cell, Summary
 from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetStudy
 from scenarios.studies.verdict import verdicts
-from scenarios.terminal_tables import table, with_sigma
+from scenarios.terminal.tables import table, with_sigma
 
 _SHOWN_COUNTS: Final = 3
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.identifiability import Information
-from estimators.model import Method, SensorParameters, columns_of_channels
+from estimators.known_angle.identifiability import Information
+from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.model import METHODS, Method, SensorParameters
+from estimators.known_angle.model import METHODS, Method, SensorParameters
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.effects import Kind
 from rig.errors import RigError, unknown_name
@@ -38,7 +38,7 @@ class Settings:
         name: of the scenario.
         counts: numbers of samples, growing.
         noise_factors: the scenario's white noise times these.
-        methods, orders: of ``estimators.model.METHODS`` and ``ORDERS``.
+        methods, orders: of ``estimators.known_angle.model.METHODS`` and ``ORDERS``.
         draws: of the noise, for each of these.
         block: draws that one trial makes; the random order is drawn anew for each block.
         seed: of everything random.

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.model import Method
+from estimators.known_angle.model import Method
 
 Array = NDArray[np.float64]
 FloorSource = Literal["locked recording", "given", "residuals"]

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 from scipy.stats import chi2
 
-from estimators.agreement import common_field
 from estimators.batch import ManyFits, fit_many
-from estimators.identifiability import Information
-from estimators.kinematic import SensorFit, fit_sensor
-from estimators.model import Method, SensorParameters, columns_of_channels
-from estimators.reported import Reported, report
-from estimators.statistics import Statistics
+from estimators.known_angle.agreement import common_field
+from estimators.known_angle.fit import SensorFit, fit_sensor
+from estimators.known_angle.identifiability import Information
+from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
+from estimators.known_angle.reported import Reported, report
+from estimators.known_angle.statistics import Statistics
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from scenarios.studies.coordinates import Coordinates, calibration_values
 from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetParameter

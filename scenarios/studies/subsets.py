@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.from_recording import Summed, magnitude_of, summarise
-from estimators.model import Method
-from estimators.statistics import Statistics
+from estimators.known_angle.from_recording import Summed, magnitude_of, summarise
+from estimators.known_angle.model import Method
+from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.recording import Recording, RecordingScan

@@ -14,7 +14,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy.stats import binom, chi2, norm, t
 
-from estimators.model import Method
+from estimators.known_angle.model import Method
 from scenarios.studies.error_summary import LEVEL, SMALL_BOUND, Cell, Rate, Summary
 
 #: A bias beyond so many standard errors is given a reason.

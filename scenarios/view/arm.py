@@ -12,9 +12,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arm.urdf_file import drawable_urdf
 from rig.errors import RigError, one_line
 from rig.files import scratch_folder
-from rig.urdf_file import drawable_urdf
 from scenarios.colours import GREY, rgb
 from scenarios.view.geoms import Shapes
 from scenarios.view.timeline import at

@@ -37,7 +37,7 @@ def loop(
     if as_json:
         print_json({"files": made.files, "summaries": [each.to_json() for each in made.summaries]})
         return
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.tables import show
     from validation.loop.report import loop_table
 
     show(loop_table(made.summaries))

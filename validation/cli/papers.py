@@ -36,7 +36,7 @@ def paper(output: Path, draws: int, workers: int | None, cluster: str | None, as
 
         print_json({"files": made.files, **document(made.comparison)})
         return
-    from scenarios.terminal_tables import show
+    from scenarios.terminal.tables import show
     from validation.paper.report import paper_report
 
     show(paper_report(made.comparison))

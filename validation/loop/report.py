@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from rich.table import Table
 
-from scenarios.terminal_tables import table
+from scenarios.terminal.tables import table
 from validation.loop.summary import ENDS, Summary
 
 

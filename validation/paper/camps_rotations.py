@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.attitude_free_bound import FreeSensor
+from estimators.design.attitude_free_bound import FreeSensor
 from rig.channels import SENSORS
 from rig.maneuver import AxisRotations, HandTumble
 from validation.paper.camps import truth, tumbles

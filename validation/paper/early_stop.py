@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
-from estimators.model import Method
-from estimators.quasi_newton import FIELD_START, QuasiNewton, quasi_newton
-from estimators.statistics import Statistics
+from estimators.known_angle.model import Method
+from estimators.known_angle.quasi_newton import FIELD_START, QuasiNewton, quasi_newton
+from estimators.known_angle.statistics import Statistics
 from rig.channels import ACCELEROMETER
 from rig.directions import angles_from_direction
 from scenarios.studies.increments import Increments

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erf
 
-from estimators.model import Method
+from estimators.known_angle.model import Method
 from rig.channels import ACCELEROMETER
 from scenarios.loader import load
 from scenarios.studies.coordinates import Coordinates

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 from scipy.stats import chi2
 
-from estimators.agreement import common_field
-from estimators.identifiability import Information
-from estimators.model import SensorParameters
+from estimators.known_angle.agreement import common_field
+from estimators.known_angle.identifiability import Information
+from estimators.known_angle.model import SensorParameters
 from estimators.noise import DB_PER_BIT, FULL_SCALE_V
 from rig.arm import Arm
 from rig.channels import SENSORS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from scenarios.terminal_tables import table
+from scenarios.terminal.tables import table
 from validation.paper.compare import Comparison, findings
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.batch import ManyParameters, fit_many
-from estimators.model import Method, SensorParameters, parameter_names
+from estimators.known_angle.model import Method, SensorParameters, parameter_names
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.threads import one_blas_thread
 from scenarios.loader import load

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import f
 
 from estimators import Calibration, calibrate
-from estimators.model import Method
+from estimators.known_angle.model import Method
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.directions import angles_from_direction, direction_from_angles
 from rig.effects import Effect, make_effect

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
+from estimators.calibration.turned import turned
 from estimators.dispatch import calibrate
-from estimators.from_recording import arm_of
 from estimators.gap.data.whitened import WhitenedData, known
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.rounded import COARSE, rounded_floor
 from estimators.goodness.residuals import residuals_of
+from estimators.known_angle.from_recording import arm_of
 from estimators.noise import held_poses
-from estimators.turned import turned
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect

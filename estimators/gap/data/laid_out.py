@@ -29,7 +29,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.goodness.raw_readings import copies
 from estimators.goodness.words import copied
-from estimators.together import calibrate_together, check_alike
+from estimators.known_angle.together import calibrate_together, check_alike
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RefusedFit, RigError
 from rig.pose_nodes import quaternions

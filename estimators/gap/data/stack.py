@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
+from estimators.calibration.turned import turned
 from estimators.gap.data.whitened import Step, WhitenedData
-from estimators.turned import turned
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.directions import tangent_basis
 from rig.effects import Effect

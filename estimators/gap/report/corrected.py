@@ -15,9 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.assemble import assemble
 from estimators.calibration import Calibration
-from estimators.from_recording import magnitude_of, reads_of, summarise
+from estimators.calibration.turned import turned
 from estimators.gap.data.basefit import cleared
 from estimators.gap.data.projection import orthonormal
 from estimators.gap.data.rebase import around, stepped
@@ -27,10 +26,11 @@ from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Means, Weighed
 from estimators.gap.evidence.refine import Fitted, tangents
 from estimators.gap.search.posterior import Hypothesis, Posterior
-from estimators.identifiability import Told
-from estimators.kinematic import fit_sensor
-from estimators.model import SensorParameters
-from estimators.turned import turned
+from estimators.known_angle.assemble import assemble
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.from_recording import magnitude_of, reads_of, summarise
+from estimators.known_angle.identifiability import Told
+from estimators.known_angle.model import SensorParameters
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, READS
 from rig.directions import tangent_basis
 from rig.pipeline import Pipeline

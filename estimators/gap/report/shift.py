@@ -11,7 +11,7 @@ from estimators.dispatch import calibrate
 from estimators.gap.data.basefit import cleared, floor_of
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import ChannelNoise
-from estimators.together import calibrate_together
+from estimators.known_angle.together import calibrate_together
 from rig.channels import CHANNELS_OF
 from rig.effects import Effect
 from rig.errors import RigError

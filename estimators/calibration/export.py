@@ -1,0 +1,172 @@
+"""A calibration for use elsewhere, as YAML, JSON or a C header, with the formula that applies it in the file.
+
+    field = matrix (reading - bias)
+
+Every number is written with the fewest digits that give it back to the last bit.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+from estimators._json import dump
+from estimators.calibration.contract import Calibration, SensorCalibration
+from estimators.calibration.export_ros import ros_yaml
+from estimators.calibration.number_text import number
+from rig.channels import ACCELEROMETER, CHANNELS_OF
+from rig.errors import RigError, unknown_name
+
+#: The format of an export, version included.
+FORMAT: Final = "rig-export/1"
+TARGETS: Final = ("yaml", "json", "c", "ros")
+FORMULA: Final = "field = matrix * (reading - bias)"
+
+
+def export(calibration: Calibration, target: str, field_unit: str | None = None) -> str:
+    """The text of a file that applies a calibration.
+
+    Args:
+        calibration: to be used elsewhere.
+        target: "yaml", "json", "c" or "ros".
+        field_unit: unit of the magnetic field, G or uT; None: that of its reference magnitude.
+
+    Raises:
+        RigError: an unknown target, or a sensor whose axes do not span space, which has no matrix.
+    """
+    if target not in TARGETS:
+        raise unknown_name("export", target, TARGETS)
+    if target == "ros":
+        return ros_yaml(calibration, field_unit)
+    content = contents(calibration, field_unit)
+    if target == "json":
+        return dump(content)
+    return _yaml(content) if target == "yaml" else _c_header(content)
+
+
+def contents(calibration: Calibration, field_unit: str | None = None) -> dict[str, Any]:
+    """What every export holds; arguments and errors as of ``export``."""
+    return {
+        "format": FORMAT,
+        "recording": calibration.recording,
+        "formula": FORMULA,
+        "sensors": {name: _sensor(name, sensor, field_unit) for name, sensor in calibration.sensors.items()},
+    }
+
+
+def _sensor(name: str, sensor: SensorCalibration, field_unit: str | None) -> dict[str, Any]:
+    numbers = (*sensor.matrix.ravel(), *sensor.bias)
+    if not all(math.isfinite(value) for value in numbers):
+        raise RigError(f"{name}: its axes do not span space, so there is no matrix to export")
+    force = "a - g, the specific force" if sensor.reads == "a-g" else "g - a, minus the specific force"
+    about = force if name == ACCELEROMETER else "the magnetic field"
+    frame = "the tool frame" if sensor.axes else "the sensor's own frame"
+    unit = "m/s^2" if name == ACCELEROMETER else field_unit or "that of reference_magnitude"
+    return {
+        "field": f"{about}, in {frame}",
+        "field_unit": unit,
+        "reading_unit": sensor.unit,
+        "channels": list(CHANNELS_OF[name]),
+        "reference_magnitude": float(sensor.reference_magnitude),
+        "matrix": [[float(value) for value in row] for row in sensor.matrix],
+        "bias": [float(value) for value in sensor.bias],
+        "bias_std": [_std(sensor, k) for k in (1, 2, 3)],
+        "noise": None if sensor.noise is None else [float(value) for value in sensor.noise],
+        "method": sensor.method,
+        "samples": int(sensor.samples),
+        "warnings": list(sensor.quality.warnings),
+    }
+
+
+def _std(sensor: SensorCalibration, k: int) -> float | None:
+    """Of an offset, where the calibration tells it."""
+    name = f"offset{k}"
+    std = sensor.std(name) if name in (*sensor.parameters, *sensor.vector_parameters) else math.nan
+    return std if math.isfinite(std) else None
+
+
+# --- YAML ------------------------------------------------------------------------------------------------------------
+
+
+def _yaml(content: Mapping[str, Any]) -> str:
+    """Block mappings with flow sequences; what YAML 1.1 and 1.2 both read as the same."""
+    lines = [
+        f"# {content['formula']}",
+        "# With numpy: field = (reading - bias) @ matrix.T for readings (n, 3) in reading_unit.",
+    ]
+    for key, value in content.items():
+        if key != "sensors":
+            lines.append(f"{key}: {_flow(value)}")
+    lines.append("sensors:")
+    for name, sensor in content["sensors"].items():
+        lines.append(f"  {name}:")
+        for key, value in sensor.items():
+            if key == "matrix":
+                lines.append("    matrix:")
+                lines += [f"      - {_flow(row)}" for row in value]
+            else:
+                lines.append(f"    {key}: {_flow(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _flow(value: Any) -> str:
+    """A scalar or a list on one line."""
+    if isinstance(value, list):
+        return f"[{', '.join(_flow(item) for item in value)}]"
+    if isinstance(value, float):
+        return number(value)
+    return json.dumps(value)  # JSON's texts, whole numbers, true, false and null are YAML's as well
+
+
+# --- C ---------------------------------------------------------------------------------------------------------------
+
+
+def _c_header(content: Mapping[str, Any]) -> str:
+    """A C99 header, which is C++ too: constants and a function for each sensor."""
+    names = "_".join(content["sensors"])
+    guard = f"RIG_CALIBRATION_{names.upper()}_H"
+    title = f"Calibration from {content['recording']}" if content["recording"] else "Calibration"
+    parts = [
+        f"/* {_comment(title)}.\n *\n *     {content['formula']}\n */",
+        f"#ifndef {guard}\n#define {guard}",
+        *(_c_sensor(name, sensor) for name, sensor in content["sensors"].items()),
+        f"#endif /* {guard} */",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _c_sensor(name: str, sensor: Mapping[str, Any]) -> str:
+    prefix = f"rig_{name}"
+    rows = ",\n".join(f"    {{{', '.join(number(value) for value in row)}}}" for row in sensor["matrix"])
+    bias = ", ".join(number(value) for value in sensor["bias"])
+    warnings = "".join(f"\n * Warning: {_comment(text)}" for text in sensor["warnings"])
+    return f"""\
+/* {name}, {_comment(sensor["method"])}, {sensor["samples"]} samples
+ * reading[3]: {", ".join(sensor["channels"])} [{_comment(sensor["reading_unit"])}]
+ * field[3]: {sensor["field"]} [{_comment(sensor["field_unit"])}]
+ * reference magnitude: {number(sensor["reference_magnitude"])}{warnings}
+ */
+static const double {prefix}_matrix[3][3] = {{
+{rows}
+}};
+static const double {prefix}_bias[3] = {{{bias}}};
+
+static inline void {prefix}_field(const double reading[3], double field[3])
+{{
+    const double x = reading[0] - {prefix}_bias[0];
+    const double y = reading[1] - {prefix}_bias[1];
+    const double z = reading[2] - {prefix}_bias[2];
+    for (int i = 0; i < 3; ++i)
+        field[i] = {prefix}_matrix[i][0] * x
+                 + {prefix}_matrix[i][1] * y
+                 + {prefix}_matrix[i][2] * z;
+}}"""
+
+
+def _comment(text: str) -> str:
+    """A text that cannot end a comment, or hold what a compiler warns of: printable ASCII on one line."""
+    plain = re.sub(r"[^ -~]", "?", " ".join(text.split()))
+    return plain.replace("*/", "* /").replace("/*", "/ *").replace("??", "?")

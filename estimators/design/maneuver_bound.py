@@ -1,0 +1,207 @@
+"""What a maneuver can tell, before anyone runs it: the Cramer-Rao bound of poses, a truth and a noise floor.
+
+No unbiased estimate has a smaller covariance than the inverse of the Fisher information, and the known-angle fit
+reaches it. The information needs the poses only through the Gram matrix of [vec R, 1], so that a maneuver's worth up to
+any instant is a prefix sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators._json import bounds, nullable
+from estimators.batch.parameters import ManyParameters, Uncertainty, places
+from estimators.known_angle.agreement import angles_between
+from estimators.known_angle.fit import fit_sensor
+from estimators.known_angle.identifiability import Information
+from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
+from estimators.known_angle.reported import report
+from estimators.known_angle.statistics import Statistics
+from rig.errors import RefusedFit
+from rig.threads import one_blas_thread
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The bound of one sensor's parameters: what the best calibration from these samples will be uncertain by.
+
+    Attributes:
+        method: of the calibration.
+        samples: n. noise: (3,) standard deviation of a reading [recorded unit].
+        names, values: (p,) parameters, in the order and units of a calibration: angles in degrees.
+        std: (p,) their standard deviations; NaN where they cannot be told.
+        untold: name -> why it cannot be told.
+        axis_std_deg: (3,) root mean square angle between each axis and its estimate [deg]; NaN where it is not told.
+        field_std_deg: the same of the field: (1,), or (3,) of separate fits.
+        angles_between_std_deg: of the angles between axes, by ``1-2``, ``1-3``, ``2-3`` [deg].
+        condition: of the Fisher information scaled to a unit diagonal; infinite where something is not told.
+        problem: why a calibration from these samples would be refused; None where it would not.
+    """
+
+    method: Method
+    samples: int
+    noise: Array
+    names: tuple[str, ...]
+    values: Array
+    std: Array
+    untold: Mapping[str, str]
+    axis_std_deg: Array
+    field_std_deg: Array
+    angles_between_std_deg: Mapping[str, float]
+    condition: float
+    problem: str | None
+
+    def to_json(self) -> dict[str, Any]:
+        """A JSON object; what cannot be told is null."""
+        return {
+            "method": self.method,
+            "samples": self.samples,
+            "noise": nullable(self.noise),
+            "parameters": bounds(self.names, self.values, self.std, self.untold),
+            "axis_std_deg": nullable(self.axis_std_deg),
+            "field_std_deg": nullable(self.field_std_deg),
+            "angles_between_std_deg": {pair: nullable(std) for pair, std in self.angles_between_std_deg.items()},
+            "condition": nullable(self.condition),
+            "problem": self.problem,
+        }
+
+
+def predict(
+    gram: ArrayLike, count: int, truth: SensorParameters, noise: ArrayLike, method: Method = "simultaneous"
+) -> Prediction:
+    """The bound of one sensor.
+
+    Args:
+        gram: (10, 10) sum of x x^T, x = [vec R_base_tool by rows, 1], as of ``Statistics``.
+        count: n, the number of samples in it.
+        truth: where the information is taken; a data sheet's values will do.
+        noise: (3,) standard deviation of a reading, above zero [recorded unit].
+        method: of the calibration that is foreseen.
+    """
+    poses = np.asarray(gram, dtype=float)
+    sigma = np.broadcast_to(np.asarray(noise, dtype=float), (3,))
+    with one_blas_thread():
+        information = Information.of(poses, truth, sigma, method)
+        covariance = information.covariance
+        reported = report(truth, covariance, method)
+        pairs = angles_between(truth, covariance, method)
+        problem = _problem(poses, count, truth, sigma, method)
+    lost = information.undetermined()
+    untold = dict(reported.untold)
+    for name in reported.names:
+        if _group(name) in lost:
+            untold[name] = f"{_group(name)} is left open by these poses"
+    std = np.sqrt(reported.covariance.diagonal())
+    std[[name in untold for name in reported.names]] = np.nan
+    spread = np.sqrt(covariance.diagonal())
+    axes = [np.hypot(*spread[start + 2 : start + 4]) for _, start, _ in columns_of_channels(method)]
+    fields = [np.hypot(*spread[of_field]) for _, _, of_field in columns_of_channels(method)]
+    field_names = ["field"] if method == "simultaneous" else ["field1", "field2", "field3"]
+    return Prediction(
+        method=method,
+        samples=count,
+        noise=sigma,
+        names=reported.names,
+        values=reported.values,
+        std=std,
+        untold=untold,
+        axis_std_deg=np.array([np.nan if f"axis{k}" in lost else np.degrees(value) for k, value in enumerate(axes, 1)]),
+        field_std_deg=np.array(
+            [np.nan if name in lost else np.degrees(value) for name, value in zip(field_names, fields, strict=False)]
+        ),
+        angles_between_std_deg={
+            pair: np.nan if any(f"axis{number}" in lost for number in pair.split("-")) else value
+            for pair, (_, value) in pairs.items()
+        },
+        condition=information.condition,
+        problem=problem,
+    )
+
+
+def _problem(gram: Array, count: int, truth: SensorParameters, noise: Array, method: Method) -> str | None:
+    """Why a fit to readings of these poses would be refused: such a fit is tried, without the noise in the readings."""
+    theta = truth.coefficients
+    exact = Statistics(count, gram, gram @ theta, theta.T @ gram @ theta)
+    try:
+        fit = fit_sensor(
+            exact,
+            truth.reference_magnitude,
+            method=method,
+            noise=noise,
+            field_points=truth.fields[0],
+            refuse=False,
+        )
+    except RefusedFit as refusal:
+        return str(refusal).removeprefix("sensor: ")
+    return fit.problem
+
+
+def _group(name: str) -> str:
+    """The vector or number that a parameter belongs to, as ``Information.undetermined`` calls it."""
+    stem = name.removesuffix("_deg")
+    letters = stem.rstrip("123")
+    return {"beta": "axis", "gamma": "axis", "phi": "field", "psi": "field"}.get(letters, letters) + stem[
+        len(letters) :
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """How the bound of one sensor falls as a maneuver goes on.
+
+    Attributes:
+        sensitivity: (b, 3) standard deviation relative to S_k. offset: (b, 3) [recorded unit].
+        axis_deg: (b, 3) root mean square angle between each axis and its estimate [deg].
+        field_deg: (b, 1), or (b, 3) of separate fits [deg].
+        share: (b,) of everything learned in the end, what each interval has paid for: tr(C F_i) / p with C the final
+            bound and F_i the information of interval i. The shares add up to one; NaN where the end leaves something
+            open.
+
+    After b intervals of the maneuver each; NaN until the parameters are determined.
+    """
+
+    sensitivity: Array
+    offset: Array
+    axis_deg: Array
+    field_deg: Array
+    share: Array
+
+
+def growth(grams: ArrayLike, truth: SensorParameters, noise: ArrayLike, method: Method = "simultaneous") -> Growth:
+    """The bound after each interval of a maneuver.
+
+    Args:
+        grams: (b, 10, 10) of each interval alone, as of ``predict``.
+        truth, noise, method: as of ``predict``.
+    """
+    parts = np.asarray(grams, dtype=float)
+    sigma = np.broadcast_to(np.asarray(noise, dtype=float), (len(parts), 3))
+    with one_blas_thread():
+        many = ManyParameters.of([truth] * len(parts))
+        own = many.information(parts)
+        found = Uncertainty.of(np.cumsum(own, axis=0), sigma, method)
+        final = found.covariance[-1]
+        paid = [
+            np.einsum("ij,bji->b", final[np.ix_(place, place)], own[:, k]) / sigma[0, k] ** 2
+            for k, place in enumerate(places(method))
+        ]
+    variance = np.where(found.determined[:, None], np.einsum("bii->bi", found.covariance), np.nan)
+    share = np.sum(paid, axis=0) / variance.shape[1]
+    starts = [(start, of_field) for _, start, of_field in columns_of_channels(method)]
+    fields = starts[:1] if method == "simultaneous" else starts
+    return Growth(
+        sensitivity=np.sqrt(np.stack([variance[:, start] for start, _ in starts], axis=1)),
+        offset=np.sqrt(np.stack([variance[:, start + 1] for start, _ in starts], axis=1)) * truth.scales[:, 1],
+        axis_deg=np.degrees(
+            np.sqrt(np.stack([variance[:, start + 2 : start + 4].sum(axis=1) for start, _ in starts], axis=1))
+        ),
+        field_deg=np.degrees(np.sqrt(np.stack([variance[:, of_field].sum(axis=1) for _, of_field in fields], axis=1))),
+        share=share if found.determined[-1] else np.full(len(parts), np.nan),
+    )

@@ -1,0 +1,104 @@
+"""The bound of a scenario as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from estimators.design.attitude_free_bound import FreePrediction
+from estimators.design.maneuver_bound import Growth, Prediction
+from scenarios.bound import FreeGrowth, ScenarioBound, SensorBound
+from scenarios.terminal.calibration import symbol
+from scenarios.terminal.tables import plus_minus, table
+
+#: Minutes from the start whose bound is shown, and the end.
+_SHOWN: Final = (1, 2, 3, 5, 10, 20, 30, 60)
+
+
+def bound_report(bound: ScenarioBound) -> Group:
+    """What each sensor's parameters will be uncertain by, what stays open and why, and what the minutes pay."""
+    parts: list[RenderableType] = []
+    for name, sensor in bound.sensors.items():
+        parts += [*_sensor(name, sensor), Text(""), _minutes(sensor.growth, bound.time_s / 60.0), Text("")]
+    parts += [Text(f"taken as given: {line}") for line in bound.given]
+    if bound.left_out:
+        parts.append(Text(f"left out of the bound: {', '.join(bound.left_out)}", style="yellow"))
+    return Group(*parts)
+
+
+def _sensor(name: str, bound: SensorBound) -> Iterable[RenderableType]:
+    found = bound.prediction
+    noise = ", ".join(f"{1e3 * value:.3g}" for value in found.noise)
+    kind = "without attitude, symmetric gain" if isinstance(found, FreePrediction) else found.method
+    title = Text(f"{name}  ", style="bold")
+    yield title.append(f"{kind}, {found.samples:,} samples, noise {noise} mV", style="not bold")
+    if isinstance(found, Prediction):
+        yield _axes(found, bound.field_unit)
+        yield from map(Text, _lines(found))
+    else:
+        yield _gain(found, bound.field_unit)
+    yield Text(f"condition       {found.condition:.3g}")
+    for parameter, why in found.untold.items():
+        yield Text(f"cannot be told: {symbol(parameter)}: {why}", style="yellow")
+    if found.problem is not None:
+        yield Text(f"a calibration would be refused: {found.problem}", style="bold yellow")
+
+
+def _axes(found: Prediction, field_unit: str) -> Table:
+    rows = dict(zip(found.names, zip(found.values, found.std, strict=True), strict=True))
+    columns = (f"S [{_per(field_unit)}]", "δ [V]", "β [deg]", "γ [deg]", "axis, RMS angle [deg]")
+    result = table("axis", *columns, numbers=columns)
+    for k in (1, 2, 3):
+        cells = [
+            plus_minus(*rows[stem.format(k)]) for stem in ("sensitivity{}", "offset{}", "beta{}_deg", "gamma{}_deg")
+        ]
+        result.add_row(str(k), *cells, _number(found.axis_std_deg[k - 1]))
+    return result
+
+
+def _gain(found: FreePrediction, field_unit: str) -> Table:
+    result = table("parameter", "value", "unit", numbers=("value",))
+    for name, value, std in zip(found.names, found.values, found.std, strict=True):
+        result.add_row(name, plus_minus(value, std), "V" if name.startswith("offset") else _per(field_unit))
+    return result
+
+
+def _lines(found: Prediction) -> Iterable[str]:
+    rows = dict(zip(found.names, zip(found.values, found.std, strict=True), strict=True))
+    for index, spread in enumerate(found.field_std_deg):
+        own = "" if len(found.field_std_deg) == 1 else str(index + 1)
+        angles = ", ".join(f"{symbol(stem)} {plus_minus(*rows[f'{stem}{own}_deg'])}" for stem in ("phi", "psi"))
+        yield f"{f'field{own}':<16}{angles} deg; RMS angle {_number(spread)} deg"
+    pairs = ", ".join(f"{pair} ± {_number(std)}" for pair, std in found.angles_between_std_deg.items())
+    yield f"angles of axes  {pairs} deg"
+
+
+def _minutes(grown: Growth | FreeGrowth, minutes: NDArray[np.float64]) -> Table:
+    """The worst of the axes after some of the intervals, and the share of what is learned in the end."""
+    if isinstance(grown, Growth):
+        columns = ["S [%]", "δ [mV]", "axis [deg]", "field [deg]"]
+        series = [100.0 * grown.sensitivity, 1e3 * grown.offset, grown.axis_deg, grown.field_deg]
+    else:
+        columns = ["gain [% of the largest]", "offset [mV]"]
+        series = [100.0 * grown.gain, 1e3 * grown.offset]
+    columns = ["after [min]", *columns, "learned [%]"]
+    series.append(100.0 * np.cumsum(grown.share)[:, None])
+    result = table(*columns, numbers=columns)
+    shown = [int(np.argmin(np.abs(minutes - wanted))) for wanted in _SHOWN if wanted < minutes[-1]]
+    for row in sorted({*shown, len(minutes) - 1}):
+        result.add_row(f"{minutes[row]:.3g}", *(_number(float(values[row].max())) for values in series))
+    return result
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "–"
+
+
+def _per(field_unit: str) -> str:
+    return f"V/({field_unit})" if "/" in field_unit else f"V/{field_unit}"

@@ -1,0 +1,114 @@
+"""The noise of a locked-arm recording as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from estimators.calibration import Calibration
+from estimators.noise.spectrum import Whiteness
+from estimators.noise.study import NoiseStudy
+from rig.channels import CHANNELS_OF
+from scenarios.terminal.tables import plus_minus, table
+
+#: Readings are shown in these: a factor and a unit.
+_SHOWN = {"V": (1e3, "mV")}
+#: Noise is called white above this probability, as coloured as it looks by chance.
+_WHITE = 1e-3
+#: Terms are said not to fit below this; long averages scatter more to one side than the chi-square takes them to.
+_FITS = 1e-5
+
+
+def noise_report(study: NoiseStudy, calibration: Calibration | None = None, field_unit: str | None = None) -> Group:
+    """How much noise, and of what kind.
+
+    Args:
+        study: of a locked-arm recording.
+        calibration: of the same sensors, to give white noise in field units.
+        field_unit: of the magnetic field.
+    """
+    parts: list[RenderableType] = [_amounts(study), Text(""), _kinds(study), *map(Text, _remarks(study)), Text("")]
+    if calibration is not None:
+        parts += [_fields(study, calibration, field_unit), Text("")]
+    parts += [Text(f"warning: {warning}", style="bold yellow") for warning in study.warnings]
+    return Group(*parts[:-1] if not study.warnings else parts)
+
+
+def _amounts(study: NoiseStudy) -> Table:
+    """RMS of each pose and their mean, dynamic range and bits."""
+    floor = study.floor
+    poses = [f"pose {number}" for number in range(1, len(floor.pose_samples) + 1)]
+    columns = [*poses, "RMS", "dynamic range [dB]", "bits"]
+    result = table("channel", "unit", *columns, numbers=columns)
+    for i, name in enumerate(floor.channels):
+        factor, unit = _SHOWN.get(floor.units[i], (1.0, floor.units[i]))
+        own = [f"{factor * value:.4g}" for value in floor.pose_rms[:, i]]
+        rms = plus_minus(factor * floor.rms[i], factor * floor.rms_std[i])
+        dynamic = [
+            plus_minus(value, spread) if np.isfinite(value) else "–"
+            for value, spread in (
+                (floor.dynamic_range_dB[i], floor.dynamic_range_std_dB[i]),
+                (floor.bits[i], floor.bits_std[i]),
+            )
+        ]
+        result.add_row(name, unit, *own, rms, *dynamic)
+    return result
+
+
+def _kinds(study: NoiseStudy) -> Table:
+    """The terms of the Allan deviation, and whether the noise is white."""
+    factor, unit = next((_SHOWN.get(noise.unit, (1.0, noise.unit)) for noise in study.channels.values()), (1.0, ""))
+    columns = (
+        f"N white [{unit}/√Hz]",
+        f"B bias instability [{unit}]",
+        f"K random walk [{unit}/√s]",
+        f"Q quantisation [{unit} s]",
+        f"R ramp [{unit}/s]",
+    )
+    result = table("channel", *columns, "white?", "AR", numbers=columns)
+    for name, noise in study.channels.items():
+        cells = []
+        for term_name in ("white", "bias_instability", "random_walk", "quantisation", "ramp"):
+            term = noise.terms[term_name]
+            seen = plus_minus(factor * term.value, factor * term.std)
+            cells.append(seen if term.seen else f"< {factor * term.upper:.2g}")
+        order = noise.autoregression.order
+        result.add_row(name, *cells, _white(noise.whiteness), str(order))
+    return result
+
+
+def _white(test: Whiteness) -> str:
+    return f"{'yes' if test.p_value > _WHITE else 'no'}, p = {test.p_value:.2g}"
+
+
+def _remarks(study: NoiseStudy) -> Iterable[str]:
+    test = next((noise.whiteness for noise in study.channels.values()), None)
+    if test is not None:
+        yield (
+            f"white?: Ljung-Box over {test.lags} lags, chi-square with {test.degrees_of_freedom} degrees of freedom for"
+            " white noise. AR: order of the autoregression"
+        )
+        yield "that whitens. A number after < is what the term does not exceed with 95 % confidence."
+    for name, noise in study.channels.items():
+        if noise.terms.p_value < _FITS:
+            yield f"{name}: these terms do not describe its Allan deviation, p = {noise.terms.p_value:.2g}"
+        if noise.left_over.p_value < _WHITE and noise.autoregression.order > 0:
+            yield f"{name}: its autoregression leaves something coloured, p = {noise.left_over.p_value:.2g}"
+
+
+def _fields(study: NoiseStudy, calibration: Calibration, field_unit: str | None) -> Table:
+    """White noise in field units: an accelerometer's is its velocity random walk."""
+    result = table("channel", "N / S", "unit", numbers=("N / S",))
+    for sensor, names in CHANNELS_OF.items():
+        if sensor not in calibration.sensors or not calibration[sensor].axes:
+            continue
+        unit = "(m/s²)/√Hz" if sensor == "accelerometer" else f"{field_unit or 'field'}/√Hz"
+        for name, sensitivity in zip(names, calibration[sensor].sensitivity, strict=True):
+            if name in study.channels and study.channels[name].unit == calibration[sensor].unit:
+                term = study.channels[name].terms["white"]
+                result.add_row(name, plus_minus(term.value / sensitivity, term.std / sensitivity), unit)
+    return result
