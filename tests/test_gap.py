@@ -31,21 +31,21 @@ from rig.recording import Recording
 SHARED = Path(__file__).parents[1].parent / "shared" / "practice"
 
 CAUSES = {
-    "backlash": {"where": "joint5", "width_rad": 0.006},
-    "joint_scale": {"where": "joint1", "scale": 0.004},
-    "field_gradient": {"where": "base", "gradient_per_m": (0.02, -0.01, 0.01, 0.02, 0.0)},
-    "scale_cubic": {"where": "mag2", "fraction_of_full": -0.02},
-    "channel_crosstalk": {"where": "mag1", "source": "accel3", "coefficient": 0.015},
-    "bias_warmup": {"where": "magnetometer", "coefficient": (0.02, -0.01, 0.03), "tau_s": 240.0},
-    "noise_coloured": {"where": "magnetometer", "sigma_V": (0.004, 0.004, 0.005), "tau_s": 1.0},
-    "dropouts": {"where": "acquisition", "share": 0.003},
+    "backlash": {"where": "joint5", "width_rad": 0.0085},
+    "joint_scale": {"where": "joint1", "scale": 0.0056},
+    "field_gradient": {"where": "base", "gradient_per_m": (0.028, -0.014, 0.014, 0.028, 0.0)},
+    "scale_cubic": {"where": "mag2", "fraction_of_full": -0.028},
+    "channel_crosstalk": {"where": "mag1", "source": "accel3", "coefficient": 0.021},
+    "bias_warmup": {"where": "magnetometer", "coefficient": (0.028, -0.014, 0.042), "tau_s": 240.0},
+    "noise_coloured": {"where": "magnetometer", "sigma_V": (0.005, 0.005, 0.006), "tau_s": 2.0},
+    "dropouts": {"where": "acquisition", "share": 0.006},
 }
 
 
 def recorded(seed: int, *effects: tuple[str, dict[str, object]]) -> Recording:
-    """1,664 samples of the paper's sweep."""
+    """832 samples of the paper's sweep."""
     scenario = scenarios.load("ann-arbor").with_effects([make_effect(name, values) for name, values in effects])
-    rig = replace(scenario.rig, acquisition=replace(scenario.rig.acquisition, decimation=100))
+    rig = replace(scenario.rig, acquisition=replace(scenario.rig.acquisition, decimation=200))
     return replace(scenario, rig=rig).simulate(seed=seed)
 
 
@@ -111,7 +111,7 @@ def test_what_the_catalogue_lacks_is_unknown(name: str, locked: Recording) -> No
 
 
 def test_twins_are_one_explanation_and_the_moving_joint_comes_first(locked: Recording) -> None:
-    found = estimators.diagnose(recorded(5, ("joint_offset", {"where": "joint5", "offset_rad": 0.005})), locked=locked)
+    found = estimators.diagnose(recorded(5, ("joint_offset", {"where": "joint5", "offset_rad": 0.007})), locked=locked)
     assert found.posterior["known"] > 0.9
     cause = found.causes[0]
     assert (cause.effect, cause.where) == ("joint_offset", "joint5")

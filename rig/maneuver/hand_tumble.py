@@ -72,7 +72,7 @@ class HandTumble:
         position = np.empty((len(times), 3))
         acceleration = np.empty((len(times), 3))
         for axis in range(3):
-            x, x1, x2 = _signal(2 * np.pi * self.sway_Hz, swaying, clock)
+            x, x1, x2 = _signal(2 * np.pi * self.sway_Hz, swaying, clock, derivatives=True)
             position[:, axis] = self.sway_m * x
             acceleration[:, axis] = self.sway_m * (x2 * rate**2 + x1 * change)
         return PoseTrajectory(times, R_base_tool, position, acceleration)
@@ -90,8 +90,8 @@ class HandTumble:
         return self.move_s * moves, self.move_s * rate, self.move_s * change
 
 
-def _signal(rate: float, rng: np.random.Generator, t: Array) -> tuple[Array, Array, Array]:
-    """A random signal (n,) of variance one whose derivative has RMS ``rate`` [1/s], and its two derivatives.
+def _signal(rate: float, rng: np.random.Generator, t: Array, derivatives: bool = False) -> tuple[Array, Array, Array]:
+    """A random signal (n,) of variance one whose derivative has RMS ``rate`` [1/s]; two derivatives, zero if not asked.
 
     A sum of sinusoids with frequencies spread over an octave and a half about the mean, and random phases.
     """
@@ -103,8 +103,9 @@ def _signal(rate: float, rng: np.random.Generator, t: Array) -> tuple[Array, Arr
         angle = omega * t + start
         cosine = np.cos(angle)
         x += cosine
-        x1 -= omega * np.sin(angle)
-        x2 -= omega**2 * cosine
+        if derivatives:
+            x1 -= omega * np.sin(angle)
+            x2 -= omega**2 * cosine
     scale = np.sqrt(2 / _SINUSOIDS)
     return scale * x, scale * x1, scale * x2
 

@@ -100,6 +100,7 @@ def data_sheet(sensor: str) -> Start:
     return Start(float(camps()[sensor]["nominal_gain"]), 0.0)
 
 
+@cache
 def scenario_of(sensor: str) -> Scenario:
     """The paper's experiment: turned by hand; of the accelerometer, held still in between."""
     return load(f"camps2009-{sensor}")
