@@ -76,7 +76,7 @@ def test_block_means_at_mean_poses_are_block_means(arm: Arm) -> None:
 def test_a_strong_cause_and_the_calibration_are_fitted_together(arm: Arm) -> None:
     """A lag of a second turns the fitted axes by tenths of a radian; the lag is recovered all the same."""
     tau_s = 1.0
-    run = recorded(2, ("sensor_lag", {"where": "accelerometer", "tau_s": tau_s}))
+    run = recorded(2, ("sensor_lag", {"where": "accelerometer", "tau_s": tau_s}), decimation=200)
     found = estimators.diagnose(run, arm=arm)
     (cause,) = found.causes
     names = {(cause.effect, cause.where), *((each["effect"], each["where"]) for each in cause.equivalent)}
