@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ def arm() -> Arm:
     return Arm.a465()
 
 
+@cache
 def whitened_data(seed: int, arm: Arm, *effects: Effect) -> WhitenedData:
     base = scenarios.load("ann-arbor")
     rig = replace(base.rig, acquisition=replace(base.rig.acquisition, decimation=100))
