@@ -163,7 +163,7 @@ def joined(parts: Sequence[Signals]) -> Signals:
     found: dict[str, Any] = {}
     for item in fields(Signals):
         values = [getattr(part, item.name) for part in parts]
-        if item.name in ("arm", "references", "known_links", "known_nodes", "currents"):
+        if item.name in ("arm", "references", "known_links", "known_nodes", "currents", "electrical"):
             continue
         if any(value is None for value in values):
             found[item.name] = None
@@ -175,4 +175,5 @@ def joined(parts: Sequence[Signals]) -> Signals:
             found[item.name] = np.concatenate(values) if all(value.size for value in values) else _empty()
     numbers = set.intersection(*(set(part.currents) for part in parts))
     found["currents"] = {joint: np.concatenate([part.currents[joint] for part in parts]) for joint in sorted(numbers)}
+    found["electrical"] = all(part.electrical for part in parts)
     return replace(parts[0], **found, known_links=None, known_nodes=None)
