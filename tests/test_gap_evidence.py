@@ -129,3 +129,24 @@ def test_a_tone_that_means_would_hide_is_taken_out_of_the_channels_that_it_moves
     assert np.all(np.abs(found.gap - volts / np.sqrt(2.0) * np.array([0, 1, 0, 0, 0, 0])) < error)
     moved = np.sqrt(np.mean((humming.readings - cleared.readings) ** 2, axis=0))
     assert moved == pytest.approx(found.gap, rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize("fault", [(0.0, 6.0, 0.0), (5.0, -4.0, 6.0)])
+def test_one_axis_alone_or_all_of_them_are_averaged(fault: tuple[float, ...]) -> None:
+    """Strengths that do not overlap: each has an evidence of its own, (1 + v)^-1/2 exp(z^2/2 v/(1 + v)) for z standard
+    deviations and a prior of variance v. What is held to a thousandth of its scale is left out: (v + z^2) 1e-6."""
+    rng = np.random.default_rng(3)
+    tangent = np.linalg.qr(rng.standard_normal((40, 3)))[0]
+    left = tangent @ np.array(fault)
+    owner, there = np.zeros(3, dtype=np.intp), np.ones(3, dtype=bool)
+    linear = Linear(left, tangent, np.zeros(3), there, np.ones(3), owner, by_axis=there)
+    logs = []
+    for scale in linear.grids[0]:
+        variance = float(scale) ** 2
+        own = 0.5 * np.array(fault) ** 2 * variance / (1.0 + variance) - 0.5 * np.log1p(variance)
+        logs += [np.log(0.5) + own.sum(), *(np.log(0.5 / 3.0) + own)]
+    expected = np.logaddexp.reduce(logs) - np.log(len(linear.grids[0])) - 0.5 * left @ left
+    allowed = 1e-6 * (float(linear.grids[0][-1]) ** 2 + float(left @ left))
+    assert linear.averaged[0] == pytest.approx(expected, abs=allowed)
+    all_alike = replace(linear, by_axis=~there).averaged[0]
+    assert (linear.averaged[0] > all_alike) == (sum(value != 0.0 for value in fault) == 1)

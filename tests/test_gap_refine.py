@@ -23,7 +23,7 @@ from estimators.gap.hypotheses.considered import set_prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained, Score
 from estimators.gap.search import posterior
-from estimators.gap.search.beam import Search
+from estimators.gap.search.beam import Explanation, Search
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
 
@@ -199,3 +199,28 @@ def test_sets_far_from_everything_are_followed_while_noise_is_likelier_beside_th
     monkeypatch.setattr(Search, "run", counted)
     posterior._far_from_it(work, nothing)
     assert len(ran) == searches
+
+
+def test_the_set_that_leads_sample_by_sample_has_its_effects_swapped_too(
+    arm: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A steady roll of joint 6 makes the field of its motor much like one of link 5: with one, the other is tried."""
+    data = whitened_data(1, arm, DIPOLE, make_effect("link_hard_iron", {"where": "link5", "field": (0.02, 0.0, -0.02)}))
+    labels = ("base_dipole@base", "link_hard_iron@link5", "motor_current_field@joint6")
+    candidates = [each for each in all_candidates(data) if each.label in labels]
+    search = Search(Scanner.of(data), candidates, set_prior(candidates, {}, data, {}))
+    refined, calls = Search._refined, []
+
+    def late(search: Search) -> list[Explanation]:
+        found = refined(search)
+        if not calls:  # as if means over neighbours had led the search elsewhere
+            search.improved.clear()
+            for key in [key for key in search.found if {labels[0], labels[2]} <= set(key[0])]:
+                del search.found[key]
+        calls.append(found[0].key)
+        return found
+
+    monkeypatch.setattr(Search, "_refined", late)
+    search.run()
+    assert len(calls) == 2
+    assert {labels[:2], labels[::2]} <= {key for key, _ in search.found}

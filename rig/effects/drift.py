@@ -42,7 +42,7 @@ class BiasWarmup(Effect):
     stage = Stage.VOLTS
     places = SENSORS
 
-    coefficient: tuple[float, ...] = parameter("V", 5e-3, size=3)
+    coefficient: tuple[float, ...] = parameter("V", 5e-3, size=3, by_axis=True)
     tau_s: float = parameter(
         "s", 300.0, lower=1.0, upper=1e5, strength=False, grid=(30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 1920.0)
     )
@@ -66,7 +66,7 @@ class BiasTemperature(Effect):
     places = SENSORS
     requires = ("temperature",)
 
-    coefficient_per_degC: tuple[float, ...] = parameter("V/degC", 1e-3, size=3)
+    coefficient_per_degC: tuple[float, ...] = parameter("V/degC", 1e-3, size=3, by_axis=True)
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
@@ -87,7 +87,7 @@ class ScaleTemperature(Effect):
     places = SENSORS
     requires = ("temperature",)
 
-    coefficient_per_degC: tuple[float, ...] = parameter("1/degC", 1e-3, lower=-0.1, upper=0.1, size=3)
+    coefficient_per_degC: tuple[float, ...] = parameter("1/degC", 1e-3, lower=-0.1, upper=0.1, size=3, by_axis=True)
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:

@@ -28,6 +28,7 @@ class Parameter:
         grid: values to search where a shape is not spanned; empty where they depend on the recording (``searched``).
         scatter: True where it is the strength of noise that a mean effect has beside the mean (``Effect.response``):
             it does not move the mean.
+        by_axis: True where its components are those of single axes, of which one alone may be at fault.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Parameter:
     spanned: tuple[Value, ...] = ()
     grid: tuple[Value, ...] = ()
     scatter: bool = False
+    by_axis: bool = False
 
 
 def parameter(
@@ -56,6 +58,7 @@ def parameter(
     spanned: Sequence[Value] = (),
     grid: Sequence[Value] = (),
     scatter: bool = False,
+    by_axis: bool = False,
 ) -> Any:
     """A dataclass field that is a parameter of the effect; a strength starts neutral, a shape at its typical size."""
     start: Any = default if default is not None else (neutral if strength else typical)
@@ -63,7 +66,7 @@ def parameter(
         start = (start,) * size
     meta: dict[str, Any] = {"unit": unit, "typical": typical, "lower": lower, "upper": upper, "size": size}
     meta |= {"strength": strength, "neutral": neutral, "spanned": tuple(spanned), "grid": tuple(grid)}
-    meta |= {"scatter": scatter}
+    meta |= {"scatter": scatter, "by_axis": by_axis}
     return dataclasses.field(default=start, metadata=meta)
 
 

@@ -2,7 +2,8 @@
 
 Laplace's approximation about the refit, in whitened coordinates with the calibration's tangent projected out, which is
 the restricted likelihood (Harville, Biometrika 61, 1974). Strengths are normal about zero with a scale of their own for
-each effect, averaged over a grid; shapes are normal about what was fitted, one typical size wide.
+each effect, averaged over a grid; of an effect with one strength an axis, all act or one alone. Shapes are normal about
+what was fitted, one typical size wide.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from estimators.gap.data.projection import project
 from estimators.gap.data.stack import part_of
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.refine import Fitted, Refit
-from estimators.gap.hypotheses.prior import scales
+from estimators.gap.hypotheses.prior import ONE_AXIS, scales
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,11 @@ Array = NDArray[np.float64]
 _UNFELT: Final = 1e-9
 #: So many combinations of scales are averaged in full; beyond that one effect's scale at a time.
 _FULL: Final = 64
+#: By what the prior precision of strengths grows where another one of their effect acts alone.
+_ALONE: Final = 1e6
+
+#: The scale of an effect's strengths, the number of the one that acts alone (None: all act), and its log prior.
+_Way = tuple[float, int | None, float]
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,7 @@ class Linear:
         width: (p,) prior standard deviation of shapes.
         owner: (p,) the number of the effect.
         searched: logarithm of how many fixed shapes were as likely, less those that fit as well.
+        by_axis: (p,) True for strengths of which one may act alone.
     """
 
     left: Array
@@ -50,6 +57,7 @@ class Linear:
     width: Array
     owner: NDArray[np.intp]
     searched: float = 0.0
+    by_axis: NDArray[np.bool_] | None = None
 
     @cached_property
     def gram(self) -> Array:
@@ -114,31 +122,52 @@ class Linear:
         return np.asarray(-0.5 * square + 0.5 * fit + 0.5 * float(np.log(precision).sum()) - 0.5 * log_det)
 
     @cached_property
+    def _ways(self) -> list[list[_Way]]:
+        """What the strengths of each effect may be like before the data."""
+        found = []
+        for index, grid in enumerate(self.grids):
+            own = [] if self.by_axis is None else np.flatnonzero(self.by_axis & (self.owner == index)).tolist()
+            shares: list[tuple[int | None, float]] = [(None, 1.0 - ONE_AXIS if own else 1.0)]
+            shares += [(axis, ONE_AXIS / len(own)) for axis in own]
+            found.append([(float(c), axis, float(np.log(share / len(grid)))) for axis, share in shares for c in grid])
+        return found
+
+    def _precision_of(self, chosen: Sequence[_Way]) -> Array:
+        precision = self.precision([scale for scale, *_ in chosen])
+        for index, (_, axis, _) in enumerate(chosen):
+            if axis is not None:
+                others = self.strength & (self.owner == index)
+                others[axis] = False
+                precision[others] *= _ALONE
+        return precision
+
+    @cached_property
     def averaged(self) -> tuple[float, Array]:
-        """The log evidence under the floor, scales averaged, and the likeliest scale of each effect."""
+        """The log evidence under the floor, averaged over the ways of its strengths; the likeliest scale of each."""
         square, moment = float(self.left @ self.left), self.tangent.T @ self.left
         if not self.grids:
             return -0.5 * square, np.zeros(0)
 
-        def at(chosen: Sequence[float]) -> float:
-            return float(self.log_evidence(square, self.gram, moment, self.precision(chosen)))
+        def at(chosen: Sequence[_Way]) -> float:
+            known = float(self.log_evidence(square, self.gram, moment, self._precision_of(chosen)))
+            return known + sum(weight for *_, weight in chosen)
 
-        sizes = [len(grid) for grid in self.grids]
-        if np.prod(sizes) <= _FULL:
-            every = [(at(chosen), chosen) for chosen in itertools.product(*self.grids)]
-            best = max(every, key=lambda pair: pair[0])
-            total = float(np.logaddexp.reduce([value for value, _ in every]) - np.log(len(every)))
-            return total - self.searched, np.asarray(best[1])
-        chosen = [float(grid[len(grid) // 2]) for grid in self.grids]
+        if np.prod([len(ways) for ways in self._ways]) <= _FULL:
+            every = [(at(chosen), chosen) for chosen in itertools.product(*self._ways)]
+            best = max(every, key=lambda pair: pair[0])[1]
+            total = float(np.logaddexp.reduce([value for value, _ in every]))
+            return total - self.searched, np.array([scale for scale, *_ in best])
+        chosen = [ways[len(self.grids[index]) // 2] for index, ways in enumerate(self._ways)]
+
+        def along(index: int) -> list[float]:
+            return [at([*chosen[:index], way, *chosen[index + 1 :]]) for way in self._ways[index]]
+
         for _ in range(2):
-            for index, grid in enumerate(self.grids):
-                values = [at([*chosen[:index], float(scale), *chosen[index + 1 :]]) for scale in grid]
-                chosen[index] = float(grid[int(np.argmax(values))])
-        total = top = at(chosen)
-        for index, grid in enumerate(self.grids):
-            values = [at([*chosen[:index], float(scale), *chosen[index + 1 :]]) - top for scale in grid]
-            total += float(np.logaddexp.reduce(values) - np.log(len(grid)))
-        return total - self.searched, np.asarray(chosen)
+            for index, ways in enumerate(self._ways):
+                chosen[index] = ways[int(np.argmax(along(index)))]
+        top = at(chosen)
+        total = top + sum(float(np.logaddexp.reduce(along(index))) - top for index in range(len(chosen)))
+        return total - self.searched, np.array([scale for scale, *_ in chosen])
 
 
 def linearised(refitted: Refit, searched: float = 0.0) -> Linear:
@@ -158,7 +187,8 @@ def linearised(refitted: Refit, searched: float = 0.0) -> Linear:
         [np.full(item.size, _width(fit, item.name, item.typical, data)) for fit in fits for item in fit.free]
     )
     owner = np.concatenate([np.full(len(fit.values), index, dtype=np.intp) for index, fit in enumerate(fits)])
-    return Linear(left, tangent, point, strength.astype(bool), width, owner, searched)
+    by_axis = np.concatenate([np.full(item.size, item.by_axis) for fit in fits for item in fit.free])
+    return Linear(left, tangent, point, strength.astype(bool), width, owner, searched, by_axis.astype(bool))
 
 
 def _width(fit: Fitted, name: str, typical: float, data: WhitenedData) -> float:

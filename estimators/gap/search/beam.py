@@ -121,6 +121,7 @@ class Search:
         scanner: of the data. candidates: what is considered. prior: their probabilities.
         given: noise effects that are there, as the prior knows them.
         wide: whether additions are tried that promise far less than the best, as where much is wrong few keep theirs.
+        improved: the sets whose effects were dropped and swapped one by one.
     """
 
     scanner: Scanner
@@ -132,6 +133,7 @@ class Search:
     found: dict[tuple[Key, bool], Explanation] = field(default_factory=dict)
     explained: dict[tuple[Key, bool, bool], Explained] = field(default_factory=dict)
     nothing: dict[int, float] = field(default_factory=dict)
+    improved: set[Key] = field(default_factory=set)
 
     @property
     def data(self) -> WhitenedData:
@@ -180,7 +182,11 @@ class Search:
                 break
         if deep or self.wide:
             self._improve(1 if self.wide else 3)
-        return self._refined()
+        found = self._refined()
+        while deep and len(found[0].members) > 1 and found[0].key not in self.improved:
+            self._swap(found[0])  # sample by sample another set may lead
+            found = self._refined()
+        return found
 
     def fitted(self, members: Sequence[Member]) -> Explanation:
         """A set, fitted together on means over neighbouring samples where all its effects outlive these."""
@@ -283,13 +289,18 @@ class Search:
             best = self._best()
             if len(best.members) < 2:
                 return
-            for index in range(len(best.members)):
-                rest = self.fitted(best.members[:index] + best.members[index + 1 :])
-                # what promises far less than was dropped is no better: a score is about what a fit gains
-                for members in self.additions(rest, 3, _SWAPPED * (self.gained(best) - self.gained(rest))):
-                    self.fitted(members)
+            self._swap(best)
             if self._best() is best:
                 return
+
+    def _swap(self, best: Explanation) -> None:
+        """A set without each of its effects, and with others in its place."""
+        self.improved.add(best.key)
+        for index in range(len(best.members)):
+            rest = self.fitted(best.members[:index] + best.members[index + 1 :])
+            # what promises far less than was dropped is no better: a score is about what a fit gains
+            for members in self.additions(rest, 3, _SWAPPED * (self.gained(best) - self.gained(rest))):
+                self.fitted(members)
 
     def gained(self, each: Explanation) -> float:
         """Log mass beyond that of the set without effects, on the same samples."""

@@ -45,7 +45,7 @@ _BETTER: Final = 2.0
 #: Rounds of search, each under the states of the noise that what was found promises; of those before them.
 _ROUNDS: Final = 6
 _OUTWARDS: Final = 2
-#: So many explanations of a state are weighed beside discrepancies.
+#: So many explanations of a state are weighed beside discrepancies, and beside other noise.
 _BESIDE: Final = 4
 #: Log odds against the leading explanation within which others are.
 _NEAR: Final = 6.0
@@ -178,7 +178,7 @@ class _Weighing:
     ) -> None:
         """Explanations beside discrepancies, and additions once one of these is there."""
         done: set[tuple[str, ...]] = set()
-        near = [each for each in found if each.log_mass > found[0].log_mass - _NEAR][:_BESIDE]
+        near = _near(found)
         leading_members = found[0].members
         drops = {
             tuple(sorted(member.label for member in leading_members if member is not out)) for out in leading_members
@@ -249,7 +249,7 @@ def explain(
         for given, given_scanner, explanations in frontier:
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
             looked_at = [explanations[0], *{len(one.members): one for one in reversed(smallest_first)}.values()]
-            looked_at += work.beside_other(given)
+            looked_at += [*_near(explanations), *work.beside_other(given)]
             for each in {each.key: each for each in looked_at}.values():
                 states += _states(work, given, given_scanner, each)
         frontier = []
@@ -281,6 +281,11 @@ def explain(
     assert work.discrepancies is not None
     weighed_all = tuple(sorted(work.hypotheses.values(), key=lambda one: -one.log_mass))
     return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
+
+
+def _near(found: Sequence[Explanation]) -> list[Explanation]:
+    """The leading explanation and those that are nearly as likely: what is said of it is to be said of them."""
+    return [each for each in found if each.log_mass > found[0].log_mass - _NEAR][:_BESIDE]
 
 
 def _steps_of(scanner: Scanner, first: Scanner) -> tuple[object, ...]:
