@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import estimators
 from estimators.calibration import Calibration, SensorCalibration
+from estimators.calibration.parts import Quality
 from estimators.goodness import (
     Goodness,
     is_it_good,
@@ -64,7 +65,7 @@ def unknown(n: int, rng: np.random.Generator) -> tuple[Recording, Calibration]:
         fit_rms=sigma,
         noise=sigma,
         noise_source="given",
-        quality=estimators.calibration.Quality(condition=1.0),
+        quality=Quality(condition=1.0),
     )
     return Recording(t=np.arange(n) / 4.0, accelerometer=readings), Calibration({"accelerometer": found})
 
