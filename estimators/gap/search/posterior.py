@@ -248,8 +248,8 @@ def explain(
         outside = []
         for given, given_scanner, explanations in frontier:
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
-            looked_at = [explanations[0], *{len(one.members): one for one in reversed(smallest_first)}.values()]
-            looked_at += [*_near(explanations), *work.beside_other(given)]
+            best_of_size = {len(one.members): one for one in reversed(smallest_first)}
+            looked_at = [*_near(explanations), *best_of_size.values(), *work.beside_other(given)]
             for each in {each.key: each for each in looked_at}.values():
                 states += _states(work, given, given_scanner, each)
         frontier = []
@@ -284,7 +284,7 @@ def explain(
 
 
 def _near(found: Sequence[Explanation]) -> list[Explanation]:
-    """The leading explanation and those that are nearly as likely: what is said of it is to be said of them."""
+    """The leading explanation and those nearly as likely: other noise and discrepancies are weighed beside them all."""
     return [each for each in found if each.log_mass > found[0].log_mass - _NEAR][:_BESIDE]
 
 
