@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_gap_whitened import recorded
+from whitened_examples import arm, data, recorded  # noqa: F401
 
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.stack import only_in
@@ -22,17 +22,6 @@ from estimators.gap.hypotheses.prior import FLOOR_RAISED
 from rig.arm import Arm
 from rig.effects import EFFECTS
 from rig.pose_nodes import quaternions
-
-
-@pytest.fixture(scope="module")
-def arm() -> Arm:
-    return Arm.a465()
-
-
-@pytest.fixture(scope="module")
-def data(arm: Arm) -> WhitenedData:
-    run = recorded(1)
-    return set_up(run, estimated_floor(run, arm), arm)
 
 
 def unexplained(left: np.ndarray) -> Linear:

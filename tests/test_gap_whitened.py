@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from whitened_examples import arm, data, recorded  # noqa: F401
 
 import estimators
-import scenarios
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.defects import readings_of
 from estimators.gap.data.whitened import Step, WhitenedData
@@ -22,24 +22,6 @@ from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.tones import _allowed
 from rig.arm import Arm
 from rig.effects import EFFECTS, Kind, make_effect
-from rig.recording import Recording
-
-
-def recorded(seed: int, *effects: tuple[str, dict[str, object]], decimation: int = 100) -> Recording:
-    base = scenarios.load("ann-arbor")
-    rig = replace(base.rig, acquisition=replace(base.rig.acquisition, decimation=decimation))
-    return replace(base, rig=rig).with_effects([make_effect(*each) for each in effects]).simulate(seed=seed)
-
-
-@pytest.fixture(scope="module")
-def arm() -> Arm:
-    return Arm.a465()
-
-
-@pytest.fixture(scope="module")
-def data(arm: Arm) -> WhitenedData:
-    run = recorded(1)
-    return set_up(run, estimated_floor(run, arm), arm)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,31 @@
+"""Sweeps of Ann Arbor with effects, and one without any as the diagnosis whitens it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import scenarios
+from estimators.gap.data.basefit import estimated_floor, set_up
+from estimators.gap.data.whitened import WhitenedData
+from rig.arm import Arm
+from rig.effects import make_effect
+from rig.recording import Recording
+
+
+def recorded(seed: int, *effects: tuple[str, dict[str, object]], decimation: int = 100) -> Recording:
+    base = scenarios.load("ann-arbor")
+    rig = replace(base.rig, acquisition=replace(base.rig.acquisition, decimation=decimation))
+    return replace(base, rig=rig).with_effects([make_effect(*each) for each in effects]).simulate(seed=seed)
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return Arm.a465()
+
+
+@pytest.fixture(scope="module")
+def data(arm: Arm) -> WhitenedData:
+    run = recorded(1)
+    return set_up(run, estimated_floor(run, arm), arm)
