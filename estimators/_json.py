@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -25,14 +25,6 @@ def nullable(value: ArrayLike) -> Any:
     if array.ndim == 0:
         return float(array) if math.isfinite(array) else None
     return [nullable(row) for row in array]
-
-
-def bounds(names: Iterable[str], values: Array, std: Array, untold: Mapping[str, str]) -> dict[str, Any]:
-    """Parameters with what they can be told to: values and standard deviations (p,), and why not where they cannot."""
-    return {
-        name: {"value": nullable(value), "std": nullable(deviation), "told": untold.get(name, True)}
-        for name, value, deviation in zip(names, values, std, strict=True)
-    }
 
 
 def dump(content: Mapping[str, Any]) -> str:

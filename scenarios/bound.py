@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators._json import nullable
-from estimators.design.attitude_free_bound import FreePrediction, FreeSensor
-from estimators.design.maneuver_bound import Growth, Prediction, growth, predict
+from estimators.design.attitude_free_bound import FreeSensor
+from estimators.design.maneuver_bound import Growth, growth, predict
+from estimators.design.prediction import Prediction
 from estimators.known_angle.identifiability import Told, is_open
 from estimators.known_angle.model import Method, SensorParameters
 from estimators.known_angle.statistics import Statistics
@@ -49,7 +50,7 @@ class FreeGrowth:
 class SensorBound:
     """One sensor's bound: at the end of the maneuver, and after each of its intervals."""
 
-    prediction: Prediction | FreePrediction
+    prediction: Prediction
     growth: Growth | FreeGrowth
     reference_magnitude: float
     field_unit: str
@@ -123,7 +124,7 @@ def bound_of(scenario: Scenario, method: Method = "simultaneous", interval_s: fl
         sigma = noise[COLUMNS_OF[name]]
         unit = "m/s²" if name == ACCELEROMETER else scenario.magnetic_field_unit or "field"
         if attitude:
-            predicted: Prediction | FreePrediction = predict(np.sum(parts, axis=0), len(t), truth, sigma, method)
+            predicted: Prediction = predict(np.sum(parts, axis=0), len(t), truth, sigma, method)
             grown: Growth | FreeGrowth = growth(np.array(parts), truth, sigma, method)
         else:
             used = still if name == ACCELEROMETER and still.mean() > _HELD else np.ones_like(still)
@@ -176,9 +177,7 @@ def _rotations(scenario: Scenario) -> tuple[Array, Array, NDArray[np.bool_]]:
     return trajectory.t[kept], arm.rotation_map.rotations(trajectory.q[kept]), still
 
 
-def _free(
-    sensor: FreeSensor, directions: Array, noise: Array, cuts: NDArray[np.intp]
-) -> tuple[FreePrediction, FreeGrowth]:
+def _free(sensor: FreeSensor, directions: Array, noise: Array, cuts: NDArray[np.intp]) -> tuple[Prediction, FreeGrowth]:
     parts = np.array([sensor.information(directions[a:b], noise) for a, b in pairwise(cuts)])
     total = np.cumsum(parts, axis=0)
     std = np.full(total.shape[:2], np.nan)

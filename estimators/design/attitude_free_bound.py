@@ -8,57 +8,20 @@ derivative of |A^-1 (V - b)| and v the variance that the noise gives it: that of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators._json import bounds, nullable
 from estimators.coverage.attitude_free_information import design_rows
+from estimators.design.prediction import Prediction
 from estimators.known_angle.identifiability import Told, is_open
 from estimators.known_angle.refusal import UNCERTAINTY_LIMIT
 
 Array = NDArray[np.float64]
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
-
-@dataclass(frozen=True, eq=False)
-class FreePrediction:
-    """The bound of one sensor's gain and offset.
-
-    Attributes:
-        parameters: 6: diagonal gain, 9: symmetric gain; and the offset.
-        samples: n. noise: (3,) standard deviation of a reading [recorded unit].
-        names, values, std: (p,) ``gain11`` .. [recorded unit per field unit], ``offset1`` .. [recorded unit]; the
-            standard deviation is NaN where nothing is told.
-        untold: name -> why it cannot be told.
-        condition: of the Fisher information scaled to a unit diagonal; infinite where something is not told.
-        problem: why a calibration from these samples would be refused; None where it would not.
-    """
-
-    parameters: Literal[6, 9]
-    samples: int
-    noise: Array
-    names: tuple[str, ...]
-    values: Array
-    std: Array
-    untold: Mapping[str, str]
-    condition: float
-    problem: str | None
-
-    def to_json(self) -> dict[str, Any]:
-        """A JSON object; what cannot be told is null."""
-        return {
-            "method": "ellipsoid",
-            "samples": self.samples,
-            "noise": nullable(self.noise),
-            "parameters": bounds(self.names, self.values, self.std, self.untold),
-            "condition": nullable(self.condition),
-            "problem": self.problem,
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +75,7 @@ class FreeSensor:
 
     def predict(
         self, information: ArrayLike, count: int, noise: ArrayLike, parameters: Literal[6, 9] = 9
-    ) -> FreePrediction:
+    ) -> Prediction:
         """The bound that an ``information`` of ``count`` samples leaves."""
         matrix = np.asarray(information, dtype=float)
         told = Told.of(matrix)
@@ -136,8 +99,8 @@ class FreeSensor:
         sizes = np.full(len(names), size)
         sizes[-3:] *= self.magnitude
         entries = [self.gain[i, j] for i, j in _PAIRS[: parameters - 3]]
-        return FreePrediction(
-            parameters,
+        return Prediction(
+            "ellipsoid",
             count,
             np.broadcast_to(np.asarray(noise, dtype=float), (3,)),
             names,

@@ -7,15 +7,13 @@ any instant is a prefix sum.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators._json import bounds, nullable
 from estimators.batch.parameters import ManyParameters, Uncertainty, places
+from estimators.design.prediction import KnownAnglePrediction
 from estimators.known_angle.agreement import angles_between
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.identifiability import Information
@@ -28,54 +26,9 @@ from rig.threads import one_blas_thread
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """The bound of one sensor's parameters: what the best calibration from these samples will be uncertain by.
-
-    Attributes:
-        method: of the calibration.
-        samples: n. noise: (3,) standard deviation of a reading [recorded unit].
-        names, values: (p,) parameters, in the order and units of a calibration: angles in degrees.
-        std: (p,) their standard deviations; NaN where they cannot be told.
-        untold: name -> why it cannot be told.
-        axis_std_deg: (3,) root mean square angle between each axis and its estimate [deg]; NaN where it is not told.
-        field_std_deg: the same of the field: (1,), or (3,) of separate fits.
-        angles_between_std_deg: of the angles between axes, by ``1-2``, ``1-3``, ``2-3`` [deg].
-        condition: of the Fisher information scaled to a unit diagonal; infinite where something is not told.
-        problem: why a calibration from these samples would be refused; None where it would not.
-    """
-
-    method: Method
-    samples: int
-    noise: Array
-    names: tuple[str, ...]
-    values: Array
-    std: Array
-    untold: Mapping[str, str]
-    axis_std_deg: Array
-    field_std_deg: Array
-    angles_between_std_deg: Mapping[str, float]
-    condition: float
-    problem: str | None
-
-    def to_json(self) -> dict[str, Any]:
-        """A JSON object; what cannot be told is null."""
-        return {
-            "method": self.method,
-            "samples": self.samples,
-            "noise": nullable(self.noise),
-            "parameters": bounds(self.names, self.values, self.std, self.untold),
-            "axis_std_deg": nullable(self.axis_std_deg),
-            "field_std_deg": nullable(self.field_std_deg),
-            "angles_between_std_deg": {pair: nullable(std) for pair, std in self.angles_between_std_deg.items()},
-            "condition": nullable(self.condition),
-            "problem": self.problem,
-        }
-
-
 def predict(
     gram: ArrayLike, count: int, truth: SensorParameters, noise: ArrayLike, method: Method = "simultaneous"
-) -> Prediction:
+) -> KnownAnglePrediction:
     """The bound of one sensor.
 
     Args:
@@ -104,7 +57,7 @@ def predict(
     axes = [np.hypot(*spread[start + 2 : start + 4]) for _, start, _ in columns_of_channels(method)]
     fields = [np.hypot(*spread[of_field]) for _, _, of_field in columns_of_channels(method)]
     field_names = ["field"] if method == "simultaneous" else ["field1", "field2", "field3"]
-    return Prediction(
+    return KnownAnglePrediction(
         method=method,
         samples=count,
         noise=sigma,

@@ -11,8 +11,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from estimators.design.attitude_free_bound import FreePrediction
-from estimators.design.maneuver_bound import Growth, Prediction
+from estimators.design.maneuver_bound import Growth
+from estimators.design.prediction import KnownAnglePrediction, Prediction
 from scenarios.bound import FreeGrowth, ScenarioBound, SensorBound
 from scenarios.terminal.calibration import symbol
 from scenarios.terminal.tables import plus_minus, table
@@ -35,10 +35,10 @@ def bound_report(bound: ScenarioBound) -> Group:
 def _sensor(name: str, bound: SensorBound) -> Iterable[RenderableType]:
     found = bound.prediction
     noise = ", ".join(f"{1e3 * value:.3g}" for value in found.noise)
-    kind = "without attitude, symmetric gain" if isinstance(found, FreePrediction) else found.method
+    kind = "without attitude, symmetric gain" if found.method == "ellipsoid" else found.method
     title = Text(f"{name}  ", style="bold")
     yield title.append(f"{kind}, {found.samples:,} samples, noise {noise} mV", style="not bold")
-    if isinstance(found, Prediction):
+    if isinstance(found, KnownAnglePrediction):
         yield _axes(found, bound.field_unit)
         yield from map(Text, _lines(found))
     else:
@@ -50,7 +50,7 @@ def _sensor(name: str, bound: SensorBound) -> Iterable[RenderableType]:
         yield Text(f"a calibration would be refused: {found.problem}", style="bold yellow")
 
 
-def _axes(found: Prediction, field_unit: str) -> Table:
+def _axes(found: KnownAnglePrediction, field_unit: str) -> Table:
     rows = dict(zip(found.names, zip(found.values, found.std, strict=True), strict=True))
     columns = (f"S [{_per(field_unit)}]", "δ [V]", "β [deg]", "γ [deg]", "axis, RMS angle [deg]")
     result = table("axis", *columns, numbers=columns)
@@ -62,14 +62,14 @@ def _axes(found: Prediction, field_unit: str) -> Table:
     return result
 
 
-def _gain(found: FreePrediction, field_unit: str) -> Table:
+def _gain(found: Prediction, field_unit: str) -> Table:
     result = table("parameter", "value", "unit", numbers=("value",))
     for name, value, std in zip(found.names, found.values, found.std, strict=True):
         result.add_row(name, plus_minus(value, std), "V" if name.startswith("offset") else _per(field_unit))
     return result
 
 
-def _lines(found: Prediction) -> Iterable[str]:
+def _lines(found: KnownAnglePrediction) -> Iterable[str]:
     rows = dict(zip(found.names, zip(found.values, found.std, strict=True), strict=True))
     for index, spread in enumerate(found.field_std_deg):
         own = "" if len(found.field_std_deg) == 1 else str(index + 1)
