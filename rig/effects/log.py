@@ -14,7 +14,7 @@ from typing_extensions import override
 from rig.effects._numerics import exponential_spectrum, gauss_markov, turned
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.parameters import parameter
-from rig.pose_nodes import one_sign
+from rig.pose_nodes import one_sign, quaternions
 from rig.signals import Signals
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class PoseInterpolation(Effect):
         late[[0, -1]] = 0.0
         kept = np.append((read + late)[:-1] < t[-1], True)
         read, stamped = read[kept], (read + late)[kept]
-        path = one_sign(Rotation.from_matrix(signals.R_base_tool).as_quat(scalar_first=True))
+        path = one_sign(quaternions(signals.R_base_tool))
         nodes = Rotation.from_quat(CubicSpline(t, path, axis=0)(read), scalar_first=True)
         position = signals.position
         if position.size:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rig.errors import unknown_name
 from rig.maneuver._checks import number, whole
 from rig.maneuver.static_poses import stop_and_go
+from rig.quaternion import rotations
 from rig.trajectory import PoseTrajectory, sample_times
 
 Array = NDArray[np.float64]
@@ -115,7 +116,8 @@ def _full(t: Array, speed: float, rng: np.random.Generator) -> Array:
 
     |w| = 2 |u' across u| / |u|, and E |u' across u|^2 = 3 rate^2, E 1/|u|^2 = 1/2: the RMS of w is sqrt(6) rate.
     """
-    return _rotation(np.stack([_signal(speed / np.sqrt(6), rng, t)[0] for _ in range(4)]))
+    u = np.stack([_signal(speed / np.sqrt(6), rng, t)[0] for _ in range(4)], axis=1)
+    return rotations(u).reshape(-1, 3, 3)
 
 
 def _hemisphere(t: Array, speed: float, rng: np.random.Generator) -> Array:
@@ -134,17 +136,5 @@ def _hemisphere(t: Array, speed: float, rng: np.random.Generator) -> Array:
     # The quaternion of the tilt is (1 + cos, -b sin/., a sin/., 0) up to its length; the heading turns it about z.
     half_cos, half_sin = np.cos(_HEADING_RAD * heading / 2), np.sin(_HEADING_RAD * heading / 2)
     w, x, y = 1 + cosine, -slope * b, slope * a
-    return _rotation(np.stack([half_cos * w, half_cos * x - half_sin * y, half_cos * y + half_sin * x, half_sin * w]))
-
-
-def _rotation(quaternion: Array) -> Array:
-    """(n, 3, 3) from quaternions (4, n), scalar first, of any length."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion, axis=0)
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=-1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=-1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1),
-        ],
-        axis=-2,
-    )
+    u = np.stack([half_cos * w, half_cos * x - half_sin * y, half_cos * y + half_sin * x, half_sin * w], axis=1)
+    return rotations(u).reshape(-1, 3, 3)

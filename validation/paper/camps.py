@@ -14,8 +14,9 @@ from scipy.stats import chi2, norm
 from estimators.ellipsoid import Start, fit_ellipsoid
 from estimators.ellipsoid.fit import Parameters
 from estimators.stillness import CAMPS_THRESHOLD_V2, find_still
-from rig.channels import ACCELEROMETER, COLUMNS_OF
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.maneuver import HandTumble
+from rig.recording import Recording
 from scenarios.loader import load
 from scenarios.scenario import Scenario
 from validation.paper.published import EllipsoidTable, camps, ellipsoid_table
@@ -108,22 +109,27 @@ def scenario_of(sensor: str) -> Scenario:
 
 def readings(sensor: str, seed: int, noise: float = 0.0, speed_deg_per_s: float | None = None) -> Array:
     """(600, 3) [V] single readings of the experiment; the accelerometer's at rest by the paper's threshold (6.2)."""
+    made = _exact(sensor, seed, speed_deg_per_s)
+    white = np.random.default_rng([seed, 0]).standard_normal((len(made), len(CHANNELS)))[:, COLUMNS_OF[sensor]]
+    volts = made.readings(sensor) + noise * white
+    if sensor == ACCELEROMETER:
+        volts = volts[find_still(replace(made, accelerometer=volts), threshold=CAMPS_THRESHOLD_V2).still]
+    count = int(camps()["readings"])
+    return np.asarray(volts[np.linspace(0, len(volts) - 1, count).astype(int)])
+
+
+@cache
+def _exact(sensor: str, seed: int, speed_deg_per_s: float | None) -> Recording:
+    """The experiment without noise and converter."""
     scenario = scenario_of(sensor)
     assert isinstance(scenario.maneuver, HandTumble)
     speed = scenario.maneuver.speed_deg_per_s if speed_deg_per_s is None else speed_deg_per_s
-    floor = np.zeros(6)
-    floor[COLUMNS_OF[sensor]] = noise
-    acquisition = replace(scenario.rig.acquisition, noise_V=tuple(floor), bits=None, range_V=None)
-    made = replace(
+    acquisition = replace(scenario.rig.acquisition, noise_V=(0.0,) * 6, bits=None, range_V=None)
+    return replace(
         scenario,
         maneuver=replace(scenario.maneuver, seed=seed, speed_deg_per_s=speed),
         rig=replace(scenario.rig, acquisition=acquisition),
     ).simulate(seed)
-    volts = made.readings(sensor)
-    if sensor == ACCELEROMETER:
-        volts = volts[find_still(made, threshold=CAMPS_THRESHOLD_V2).still]
-    count = int(camps()["readings"])
-    return np.asarray(volts[np.linspace(0, len(volts) - 1, count).astype(int)])
 
 
 def rows() -> tuple[Row, ...]:
