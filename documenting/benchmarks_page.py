@@ -6,13 +6,54 @@ of several files the first one's machine and settings stand for all.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import best_match
+
+from documenting.json_schema import (
+    ANY,
+    NUMBER,
+    TEXT,
+    TEXT_OR_NONE,
+    TOLD,
+    WHOLE,
+    YES,
+    list_of,
+    object_of,
+    one_of,
+    open_,
+    or_null,
+    table_of,
+)
+from rig.documents import read_json
+from rig.errors import RigError, one_line
 from rig.files import write_text
+
+_EXPECTED: Final = "what `make bench` writes"
+_MACHINE: Final = {
+    "processor": TEXT,
+    "cores": WHOLE,
+    "load": or_null({**list_of(NUMBER), "minItems": 1}),
+    "python": TEXT,
+    "packages": table_of(TEXT_OR_NONE),
+    "blas": list_of(TEXT),
+    "blas_threads": {"type": ["integer", "null"]},
+}
+_GOAL: Final = object_of({"what": TEXT, "value": TOLD, "sense": TEXT, "limit": NUMBER, "met": or_null(YES)})
+_TABLE: Final = object_of({"title": TEXT, "rows": list_of(table_of(ANY)), "note": TEXT})
+_REPORT: Final = object_of({"title": TEXT}, {"failed": TEXT, "tables": list_of(_TABLE), "goals": list_of(_GOAL)})
+_DOCUMENT: Final = object_of(
+    {
+        "format": one_of("rig-benchmarks/1"),
+        "quick": YES,
+        "machine": open_(object_of(_MACHINE)),
+        "benchmarks": table_of(open_(_REPORT)),
+    },
+    {"seed": WHOLE},
+)
 
 _HEAD: Final = """# Benchmarks
 
@@ -60,9 +101,10 @@ def page(document: Mapping[str, Any], beside: str) -> str:
 
 
 def _machine(machine: Mapping[str, Any]) -> str:
+    load = "" if machine["load"] is None else f", load {machine['load'][0]:.1f} at the start"
     packages = ", ".join(f"{name} {version or '(missing)'}" for name, version in machine["packages"].items())
     return (
-        f"{machine['processor']}, {machine['cores']} cores, load {machine['load'][0]:.1f} at the start; Python"
+        f"{machine['processor']}, {machine['cores']} cores{load}; Python"
         f" {machine['python']}, {packages}; {', '.join(machine['blas'])}, {machine['blas_threads']} thread."
     )
 
@@ -72,6 +114,8 @@ def _report(name: str, report: Mapping[str, Any]) -> str:
     if "failed" in report:
         parts.append(f"It failed: {report['failed']}\n")
     for table in report.get("tables", ()):
+        if not table["rows"]:
+            continue
         parts.append(f"**{table['title']}**\n\n{_table(list(table['rows'][0]), map(dict.values, table['rows']))}\n")
         if table["note"]:
             parts.append(f"{table['note']}\n")
@@ -95,13 +139,35 @@ def _met(met: bool | None) -> str:
     return {True: "met", False: "missed", None: "not measured"}[met]
 
 
-def main() -> None:
-    """Write the page."""
-    path, beside, *files = sys.argv[1:]
-    documents = [json.loads(Path(file).read_text(encoding="utf-8")) for file in files]
-    every = {name: report for document in documents for name, report in document["benchmarks"].items()}
-    write_text(Path(path), page({**documents[0], "benchmarks": every}, beside))
+def read(file: str) -> dict[str, Any]:
+    """The JSON of a ``make bench``.
+
+    Raises:
+        RigError: no such file, not JSON, or something else than ``make bench`` writes.
+    """
+    document = read_json(file, _EXPECTED)
+    wrong = best_match(Draft202012Validator(_DOCUMENT).iter_errors(document))
+    if wrong is not None:
+        where = wrong.json_path.removeprefix("$").removeprefix(".")
+        raise RigError(f"{file}: {where}{': ' if where else ''}{one_line(wrong.message, 120)}; expected {_EXPECTED}")
+    return cast("dict[str, Any]", document)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The command: write the page; returns its exit status."""
+    if len(arguments) < 3:
+        print("usage: python -m documenting.benchmarks_page PAGE.md BESIDE BENCH.json ...", file=sys.stderr)
+        return 2
+    path, beside, *files = arguments
+    try:
+        documents = [read(file) for file in files]
+        every = {name: report for document in documents for name, report in document["benchmarks"].items()}
+        write_text(path, page({**documents[0], "benchmarks": every}, beside))
+    except RigError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv[1:]))
