@@ -44,7 +44,8 @@ from rig.files import write_text
 from rig.recording.metadata import FORMAT as RECORDING_FORMAT
 from rig.recording.metadata import Metadata
 from scenarios.diagnosing.fleet import FORMAT as FLEET_FORMAT
-from scenarios.diagnosing.kept import ABOUT, CORRECTED, ORIGIN, About
+from scenarios.diagnosing.kept import ABOUT, CORRECTED, ORIGIN
+from scenarios.diagnosing.task import About
 from scenarios.studies.store import FORMAT as STUDY_FORMAT
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"

@@ -19,7 +19,7 @@ from estimators.gap.reading import diagnosis_of, read_diagnosis
 from rig.errors import RigError
 from rig.recording import read_recording
 from scenarios.diagnosing.fleet import Entry, History, fleet_csv, fleet_json, histories
-from scenarios.diagnosing.kept import About
+from scenarios.diagnosing.task import About
 from scenarios.gap_report.fleet_page import fleet_page
 from scenarios.gap_report.terminal import diagnosis_tables
 

@@ -21,7 +21,7 @@ from rig.effects import make_effect
 from rig.maneuver import LockedPoses, TorusSweep
 from scenarios.bound import bound_of
 from scenarios.diagnosing.fleet import Entry, fleet_json
-from scenarios.diagnosing.kept import About
+from scenarios.diagnosing.task import About
 from scenarios.isolability import isolability_of
 from scenarios.plan import poses
 from scenarios.plan.plan import make_plan

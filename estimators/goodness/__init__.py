@@ -2,7 +2,7 @@
 
 from estimators.goodness.by_direction import ByDirection, by_direction
 from estimators.goodness.hold_out import HoldOut, hold_out
-from estimators.goodness.judgement import Goodness, is_it_good, judged
+from estimators.goodness.judgement import is_it_good, judged
 from estimators.goodness.optimum import Transfer, at_optimum
 from estimators.goodness.outliers import Outliers, efficiency, outliers
 from estimators.goodness.raw_readings import Clipped, Repeats, clipped, repeats
@@ -10,6 +10,7 @@ from estimators.goodness.residuals import Residuals, residuals_of
 from estimators.goodness.robust_calibration import Rejection, reject_outliers, robust_calibrate
 from estimators.goodness.several import as_one, judged_together
 from estimators.goodness.whiteness import Whiteness, whiteness
+from estimators.goodness.words import Goodness
 
 __all__ = [
     "ByDirection",

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
-from estimators.coverage.seen import Coverage, coverage
+from estimators.coverage.seen import coverage
 from estimators.ellipsoid import read_thinned
-from estimators.goodness.by_direction import ByDirection, by_direction
-from estimators.goodness.cross_terms import SIX, CrossTerms, cross_terms
-from estimators.goodness.hold_out import HoldOut, hold_out
-from estimators.goodness.optimum import Transfer, at_optimum
-from estimators.goodness.outliers import Outliers, outliers
-from estimators.goodness.raw_readings import Clipped, Repeats, clipped, copies, repeats
+from estimators.goodness.by_direction import by_direction
+from estimators.goodness.cross_terms import SIX, cross_terms
+from estimators.goodness.hold_out import hold_out
+from estimators.goodness.optimum import at_optimum
+from estimators.goodness.outliers import outliers
+from estimators.goodness.raw_readings import clipped, copies, repeats
 from estimators.goodness.residuals import Residuals, residuals_of, selected
-from estimators.goodness.whiteness import Whiteness, whiteness
-from estimators.goodness.words import reasons, remarks
+from estimators.goodness.whiteness import whiteness
+from estimators.goodness.words import Goodness, reasons, remarks
 from estimators.known_angle.from_recording import arm_or_named
 from estimators.stillness import still_poses
 from rig.channels import ACCELEROMETER
@@ -38,75 +38,6 @@ Array = NDArray[np.float64]
 MOST_SAMPLES: Final = 1 << 18
 #: Two ways to the same sum of squares agree to this.
 _SAME: Final = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Goodness:
-    """The answer for one sensor.
-
-    Attributes:
-        sensor: which one.
-        reasons: why it is not good; none where it is.
-        remarks: what else to know.
-        chi_square: against a noise floor, as of ``Quality``; None without a floor.
-        condition: of the Fisher information; infinite where something cannot be told.
-        transfer: whether the calibration's parameters are the recording's; None where these samples cannot tell.
-        coverage, by_direction, hold_out, whiteness, repeats, clipped, outliers: each test's result; None where the
-            recording is too short for it.
-        cross_terms: of a fit of six parameters without attitude; None of others.
-        copies: channels that are another one's readings, as of ``readings.copies``.
-        left_out: outliers that the estimator says it has left out.
-        samples: that were looked at.
-    """
-
-    sensor: str
-    reasons: tuple[str, ...]
-    remarks: tuple[str, ...]
-    chi_square: Mapping[str, Any] | None
-    condition: float
-    transfer: Transfer | None
-    coverage: Coverage
-    by_direction: ByDirection | None
-    cross_terms: CrossTerms | None
-    hold_out: HoldOut | None
-    whiteness: Whiteness
-    repeats: Repeats
-    clipped: Clipped
-    outliers: Outliers
-    copies: tuple[tuple[int, int, float], ...]
-    left_out: int
-    samples: int
-
-    @property
-    def good(self) -> bool:
-        """Whether the estimates and their standard deviations can be relied upon."""
-        return not self.reasons
-
-    @property
-    def verdict(self) -> str:
-        """``good: ..`` or ``not good: because ..``."""
-        if self.reasons:
-            return f"not good: because {'; '.join(self.reasons)}"
-        return f"good: {'; '.join(self.remarks)}"
-
-    def __str__(self) -> str:
-        """One line."""
-        return f"{self.sensor}: {self.verdict}"
-
-    def to_json(self) -> dict[str, Any]:
-        """The ``verdict`` of the calibration's quality."""
-        return {
-            "good": self.good,
-            "text": self.verdict,
-            "reasons": list(self.reasons),
-            "remarks": list(self.remarks),
-            "samples": self.samples,
-            "transfer": None if self.transfer is None else self.transfer.to_json(),
-            "by_direction": None if self.by_direction is None else self.by_direction.to_json(),
-            "cross_terms": None if self.cross_terms is None else self.cross_terms.to_json(),
-            "hold_out": None if self.hold_out is None else self.hold_out.to_json(),
-            "whiteness": self.whiteness.to_json(),
-        }
 
 
 def is_it_good(

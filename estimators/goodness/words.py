@@ -1,18 +1,23 @@
-"""The verdict in words."""
+"""The answer for one sensor, and its verdict in words."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from estimators.calibration import SensorCalibration
-from estimators.goodness.raw_readings import summary_of
+from estimators.coverage.seen import Coverage
+from estimators.goodness.by_direction import ByDirection
+from estimators.goodness.cross_terms import CrossTerms
+from estimators.goodness.hold_out import HoldOut
+from estimators.goodness.optimum import Transfer
+from estimators.goodness.outliers import Outliers
+from estimators.goodness.raw_readings import Clipped, Repeats, summary_of
+from estimators.goodness.whiteness import Whiteness
 from rig.channels import CHANNELS_OF
-
-if TYPE_CHECKING:
-    from estimators.goodness.judgement import Goodness
 
 #: A test that a good calibration fails once in ten thousand: with the five that have p-values, and the three readings
 #: tests at 1e-4 or below, a good one is called not good less than once in a thousand times.
@@ -22,6 +27,75 @@ CONDITION_LIMIT: Final = 1e6
 #: Standard deviations that are too small by less than this are those of a good calibration.
 INFLATION_LIMIT: Final = 1.02
 _EQUAL: Final = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Goodness:
+    """The answer for one sensor.
+
+    Attributes:
+        sensor: which one.
+        reasons: why it is not good; none where it is.
+        remarks: what else to know.
+        chi_square: against a noise floor, as of ``Quality``; None without a floor.
+        condition: of the Fisher information; infinite where something cannot be told.
+        transfer: whether the calibration's parameters are the recording's; None where these samples cannot tell.
+        coverage, by_direction, hold_out, whiteness, repeats, clipped, outliers: each test's result; None where the
+            recording is too short for it.
+        cross_terms: of a fit of six parameters without attitude; None of others.
+        copies: channels that are another one's readings, as of ``readings.copies``.
+        left_out: outliers that the estimator says it has left out.
+        samples: that were looked at.
+    """
+
+    sensor: str
+    reasons: tuple[str, ...]
+    remarks: tuple[str, ...]
+    chi_square: Mapping[str, Any] | None
+    condition: float
+    transfer: Transfer | None
+    coverage: Coverage
+    by_direction: ByDirection | None
+    cross_terms: CrossTerms | None
+    hold_out: HoldOut | None
+    whiteness: Whiteness
+    repeats: Repeats
+    clipped: Clipped
+    outliers: Outliers
+    copies: tuple[tuple[int, int, float], ...]
+    left_out: int
+    samples: int
+
+    @property
+    def good(self) -> bool:
+        """Whether the estimates and their standard deviations can be relied upon."""
+        return not self.reasons
+
+    @property
+    def verdict(self) -> str:
+        """``good: ..`` or ``not good: because ..``."""
+        if self.reasons:
+            return f"not good: because {'; '.join(self.reasons)}"
+        return f"good: {'; '.join(self.remarks)}"
+
+    def __str__(self) -> str:
+        """One line."""
+        return f"{self.sensor}: {self.verdict}"
+
+    def to_json(self) -> dict[str, Any]:
+        """The ``verdict`` of the calibration's quality."""
+        return {
+            "good": self.good,
+            "text": self.verdict,
+            "reasons": list(self.reasons),
+            "remarks": list(self.remarks),
+            "samples": self.samples,
+            "transfer": None if self.transfer is None else self.transfer.to_json(),
+            "by_direction": None if self.by_direction is None else self.by_direction.to_json(),
+            "cross_terms": None if self.cross_terms is None else self.cross_terms.to_json(),
+            "hold_out": None if self.hold_out is None else self.hold_out.to_json(),
+            "whiteness": self.whiteness.to_json(),
+        }
 
 
 def copied(sensor: str, copies: Sequence[tuple[int, int, float]]) -> list[str]:

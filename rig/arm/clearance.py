@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rig.arm.files import arm_spec
 from rig.arm.serial import Arm
 from rig.errors import RigError
 
@@ -62,7 +61,7 @@ class Clearance:
         Raises:
             RigError: a box without extent, or the arm's file cannot be read again.
         """
-        spec = arm_spec(arm)
+        spec = arm.spec()
         carried = [geom for geom in spec.geoms if geom.parent.name != "world"]
         slender = not carried
         if slender:

@@ -5,18 +5,14 @@ from __future__ import annotations
 import re
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import mujoco
 import numpy as np
 
 from rig.arm.chain import joints_of, site_names
-from rig.assets import model_path
 from rig.documents import check_ordinary
 from rig.errors import RigError, nearest
-
-if TYPE_CHECKING:
-    from rig.arm.serial import Arm
 
 _ROOT: Final = re.compile(rb"<\s*(robot|mujoco)\b")
 _BEGINNING: Final = 1 << 16  # bytes in which a file says what it is
@@ -110,23 +106,6 @@ def compiled_mjcf(file: Path, tip: str | None) -> tuple[str, mujoco.MjModel, str
         spec.body(chosen).add_site(name=site)
         model, chosen = spec.compile(), site
     return spec.modelname or file.stem, model, chosen
-
-
-def arm_spec(arm: Arm) -> mujoco.MjSpec:
-    """The specification of an arm, read again from its file; with the scene that it stands in, if that has one.
-
-    Raises:
-        RigError: the arm was not read from a file.
-    """
-    if arm.is_a465:
-        return mujoco.MjSpec.from_file(str(model_path("a465/scene.xml")))
-    if arm.urdf is not None:
-        from rig.arm.urdf import read_urdf
-
-        return read_urdf(arm.urdf, arm.tip).spec
-    if arm.file is None:
-        raise RigError(f"arm {arm.name}: its file is not known, expected an arm read from one")
-    return mjcf_spec(arm.file)
 
 
 def mjcf_spec(file: Path) -> mujoco.MjSpec:

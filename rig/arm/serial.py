@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rig.arm.chain import Chain, extract_chain
+from rig.arm.files import compiled_mjcf, is_urdf, mjcf_spec, model_file
 from rig.arm.rotation_map import RotationMap
 from rig.assets import model_path
 from rig.errors import RigError
@@ -93,8 +94,6 @@ class Arm:
         Raises:
             RigError: as ``from_urdf`` and ``from_mjcf``; a folder with several models or none.
         """
-        from rig.arm.files import is_urdf, model_file
-
         file = model_file(Path(path))
         return cls.from_urdf(file, tip) if is_urdf(file) else cls.from_mjcf(file, tip)
 
@@ -107,8 +106,6 @@ class Arm:
         Raises:
             RigError: the file is missing or not valid MJCF, has no such site, or the site hangs on a ball or nothing.
         """
-        from rig.arm.files import compiled_mjcf
-
         file = Path(path)
         name, model, site = compiled_mjcf(file, tip)
         arm = cls._assemble(name, model, site, extract_chain(model, site, str(file)))
@@ -135,6 +132,22 @@ class Arm:
             raise RigError(f"{file}: not a valid arm: {' '.join(str(error).split())}") from error
         arm = cls._assemble(found.name, model, URDF_SITE, extract_chain(model, URDF_SITE, str(file)), found.speeds)
         return replace(arm, urdf=file, file=file, tip=found.tip)
+
+    def spec(self) -> mujoco.MjSpec:
+        """The arm's specification, read again from its file; with the scene that it stands in, if that has one.
+
+        Raises:
+            RigError: the arm was not read from a file.
+        """
+        if self.is_a465:
+            return mujoco.MjSpec.from_file(str(model_path("a465/scene.xml")))
+        if self.urdf is not None:
+            from rig.arm.urdf import read_urdf  # as above
+
+            return read_urdf(self.urdf, self.tip).spec
+        if self.file is None:
+            raise RigError(f"arm {self.name}: its file is not known, expected an arm read from one")
+        return mjcf_spec(self.file)
 
     @classmethod
     def _assemble(

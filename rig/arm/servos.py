@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.arm.clearance import finite_limits
-from rig.arm.files import arm_spec
 from rig.arm.serial import Arm
 from rig.errors import RigError
 
@@ -63,7 +62,7 @@ def driven(arm: Arm) -> Driven:
             f"{' (<inertial>)' if arm.urdf is not None else ''}, or engine kinematic"
         )
     omega = 2.0 * np.pi * _BANDWIDTH_HZ
-    spec = arm_spec(arm)
+    spec = arm.spec()
     spec.compile()  # which numbers its joints
     numbered = {joint.id: joint for joint in spec.joints}
     chosen = [numbered[int(joint)] for joint in arm.chain.joints]

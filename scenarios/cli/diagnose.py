@@ -26,7 +26,7 @@ from scenarios.cli._options import (
 if TYPE_CHECKING:
     from scenarios.diagnosing.batch import Outcome, Task
     from scenarios.diagnosing.fleet import Entry
-    from scenarios.diagnosing.kept import About
+    from scenarios.diagnosing.task import About
     from scenarios.workers import Workers
 
 

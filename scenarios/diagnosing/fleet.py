@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 from estimators.gap.diagnosis import Cause, Diagnosis
-from scenarios.diagnosing.kept import About
+from scenarios.diagnosing.task import About
 
 FORMAT: Final = "rig-fleet/1"
 #: A cause that is likelier than not has been found.

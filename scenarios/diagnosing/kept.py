@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.reading import diagnosis_of
@@ -16,39 +15,14 @@ from rig.documents import read_json
 from rig.errors import RigError
 from rig.files import atomic_path, file_hash, made_folder, write_text
 from rig.memory import stated
-from rig.recording import Recording, locked_beside
+from rig.recording import locked_beside
+from scenarios.diagnosing.task import About, Outcome, Task
 from scenarios.version import package_version, sources_hash
-
-if TYPE_CHECKING:
-    from scenarios.diagnosing.task import Outcome, Task
 
 #: In a diagnosis' file, beside the contract's keys: what it was made from, and whose recording that is.
 ORIGIN = "made_from"
 ABOUT = "about"
 CORRECTED = "corrected_calibration"
-
-
-@dataclass(frozen=True)
-class About:
-    """Whose recording it is, of when.
-
-    Attributes:
-        arm: its model. serial: of that arm; None: not stated.
-        recorded: ISO 8601 date and time of the first sample; None: not stated.
-        block: samples that each of those diagnosed is the mean of; 1: diagnosed as recorded.
-    """
-
-    arm: str
-    serial: str | None = None
-    recorded: str | None = None
-    block: int = 1
-
-    @classmethod
-    def of(cls, recording: Recording, block: int) -> About:
-        """As its metadata say."""
-        metadata = recording.metadata
-        serial = None if metadata.serial is None else str(metadata.serial)
-        return cls(metadata.arm, serial, metadata.recorded, block)
 
 
 def origin(task: Task) -> dict[str, Any]:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from estimators.gap import Diagnosis
+from rig.recording import Recording
 
 if TYPE_CHECKING:
     from estimators.gap.report.fitted_rig import FittedRig
-    from scenarios.diagnosing.kept import About
 
 #: Memory that a diagnosis takes [bytes a sample], and the program by itself [bytes].
 BYTES_A_SAMPLE: Final = 10_000.0
@@ -53,6 +53,29 @@ class Task:
     rig: FittedRig | None = None
     others: tuple[Path, ...] = ()
     calibration: Path | None = None
+
+
+@dataclass(frozen=True)
+class About:
+    """Whose recording it is, of when.
+
+    Attributes:
+        arm: its model. serial: of that arm; None: not stated.
+        recorded: ISO 8601 date and time of the first sample; None: not stated.
+        block: samples that each of those diagnosed is the mean of; 1: diagnosed as recorded.
+    """
+
+    arm: str
+    serial: str | None = None
+    recorded: str | None = None
+    block: int = 1
+
+    @classmethod
+    def of(cls, recording: Recording, block: int) -> About:
+        """As its metadata say."""
+        metadata = recording.metadata
+        serial = None if metadata.serial is None else str(metadata.serial)
+        return cls(metadata.arm, serial, metadata.recorded, block)
 
 
 @dataclass(frozen=True)

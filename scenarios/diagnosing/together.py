@@ -20,8 +20,8 @@ from rig.errors import RigError
 from rig.recording import Recording, locked_beside, whole_or_means
 from rig.threads import one_blas_thread
 from scenarios.diagnosing.improved_rig import improved_rig
-from scenarios.diagnosing.kept import About, origin
-from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, Outcome, Task
+from scenarios.diagnosing.kept import origin
+from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import GapResiduals, diagnosed_effects, whitened, with_noise
