@@ -117,6 +117,25 @@ def test_outliers_are_left_out(share: float, count: int) -> None:
         assert everything.noise.mean() > 3.0 * fit.noise.mean()
 
 
+@pytest.mark.parametrize("ratio", [(1.0, 1.0, 1.0), (0.2, 1.0, 2.0), (0.1, 0.1, 1.0)])
+def test_three_gross_readings_take_no_others_with_them(ratio: tuple[float, ...]) -> None:
+    """Whatever noise each channel has, which nobody states. One good reading is left out in less than 1 % of data sets
+    (.8 % of 2,700): more than four in 20 with probability 3e-6. With noise learned from all readings, tens to hundreds
+    are."""
+    rng = np.random.default_rng(10)
+    noise = example.NOISE * np.array(ratio)
+    lost = 0
+    for _ in range(20):
+        directions = example.sphere(rng, 3000)
+        readings = readings_of(directions) + noise * rng.standard_normal(directions.shape)
+        readings[:3] += 0.7 * directions[:3] @ example.GAIN
+        fit = fit_ellipsoid(readings)
+        assert fit.used is not None
+        assert fit.used[0] >= 3
+        lost += fit.dropped.outliers - 3
+    assert lost <= 4
+
+
 def test_one_bad_reading_of_26_is_found() -> None:
     rng = np.random.default_rng(8)
     readings = readings_of(example.cube(), rng)

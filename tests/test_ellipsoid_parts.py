@@ -223,6 +223,11 @@ def test_residuals_and_the_noise_of_the_channels() -> None:
     assert found == pytest.approx(variances, rel=0.06, abs=0.012 * variances.max() * 4)
     over = residuals.over(variances)
     assert over.mean() == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / 40_000))
+    # A hundredth that is gross moves a resistant figure by .01 (1 - .52) / .2, the slope at 1: 2.4 %; it knows less.
+    spoilt = residuals.table.copy()
+    spoilt[3, ::100] = 1.0
+    resistant = Residuals(spoilt).variances(resistant=True)
+    assert resistant == pytest.approx(variances, rel=0.1, abs=0.012 * variances.max() * 8)
     # Directions in one channel's axis only do not tell the others.
     assert Residuals.of(example.OFFSET + np.array([[1.4, 0, 0], [-1.41, 0, 0]] * 40), TRUE).variances() is None
 

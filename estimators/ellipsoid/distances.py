@@ -17,8 +17,13 @@ Array = NDArray[np.float64]
 _QUIETEST: Final = 0.02
 #: Beyond this condition the directions do not tell the channels apart.
 _CONDITION: Final = 300.0
-#: The regression is weighted once more where the variances differ by more than this.
+#: The regression is weighted anew where the variances differ by more than this, until they change by less than that.
 _ALIKE: Final = 2.0
+_SETTLED: Final = 0.02
+_ROUNDS: Final = 30
+#: Median of the square of a standard normal deviate, and the mean of it where what exceeds one counts as one.
+MEDIAN_SQUARE: Final = 0.45493642311957283
+_WITHIN: Final = 0.5160585509617133
 _ONES: Final = np.ones(3)
 
 
@@ -59,25 +64,33 @@ class Residuals:
         """(n,) squared distances over their expectations, for variances (3,) of the noise [recorded unit squared]."""
         return np.asarray(self.table[3] / (variances @ self.table[:3]))
 
-    def variances(self) -> Array | None:
+    def variances(self, resistant: bool = False) -> Array | None:
         """(3,) of each channel's noise [recorded unit squared]; None where the readings do not tell.
 
         A regression of the squared distances on the squared normals, weighted by what they are expected to be.
+
+        Args:
+            resistant: take what exceeds its expectation for just that, as half of normal noise's squares do not: fewer
+                than half of the readings can then spoil the answer (Huber, "Robust Statistics", 1981, section 5.2).
         """
-        normal = self.table[:3]
+        normal, squares = self.table[:3], self.table[3]
         expected = _ONES @ normal  # up to a factor
-        mean = float(self.table[3].sum() / expected.sum())
+        mean = float(np.median(squares / expected)) / MEDIAN_SQUARE if resistant else squares.sum() / expected.sum()
         if not mean > 0.0:
             return None
-        for _ in range(2):
-            scaled = self.table / expected
-            products = scaled @ scaled.T
-            values, vectors = eigh(products[:3, :3])
+        variances = mean * _ONES
+        for _ in range(_ROUNDS):
+            expected = variances @ normal
+            ratio = squares / expected
+            if resistant:
+                ratio = np.minimum(ratio, 1.0) / _WITHIN
+            share = variances[:, None] * normal / expected
+            values, vectors = eigh(share @ share.T)
             if values[2] > _CONDITION * values[0]:
                 return None
-            variances = np.maximum((vectors / values).dot(products[3, :3].dot(vectors)), _QUIETEST * mean)
+            before = variances
+            variances = np.maximum(variances * (vectors / values).dot((share @ ratio).dot(vectors)), _QUIETEST * mean)
             least, _, most = sorted(variances.tolist())
-            if most < _ALIKE * least:
+            if (most < _ALIKE * least and not resistant) or np.abs(variances - before).max() < _SETTLED * least:
                 break
-            expected = variances @ normal
         return np.asarray(variances)

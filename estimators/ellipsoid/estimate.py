@@ -106,15 +106,15 @@ def estimate(readings: Readings, resist: bool) -> Estimate | None:
         return found
     if found is None and not np.isfinite(readings.values).all():
         return None
-    variances = readings.assumed if found is None else found.variances
+    known = readings.noise is not None or len(readings) < _FEWEST_FOR_CHANNELS
 
-    def refit(kept: NDArray[np.bool_]) -> tuple[Ellipsoid, Array] | None:
+    def refit(kept: NDArray[np.bool_]) -> tuple[Ellipsoid, Array, Array] | None:
         if int(kept.sum()) <= readings.parameters:
             return None
-        again = plain(readings.pick(np.flatnonzero(kept)), variances)
-        return None if again is None else (again.optimum.ellipsoid, again.leverage(readings))
+        again = plain(readings.pick(np.flatnonzero(kept)))
+        return None if again is None else (again.optimum.ellipsoid, again.leverage(readings), again.variances)
 
-    mask = outliers.inliers(readings.values, variances, readings.parameters, readings.counts, refit)
+    mask = outliers.inliers(readings.values, readings.assumed, known, readings.parameters, readings.counts, refit)
     if mask is None:
         return None
     kept = np.flatnonzero(mask)

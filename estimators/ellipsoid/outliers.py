@@ -12,21 +12,19 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from estimators.ellipsoid.algebraic import adjusted
-from estimators.ellipsoid.distances import Residuals
+from estimators.ellipsoid.distances import MEDIAN_SQUARE, Residuals
 from estimators.ellipsoid.monomials import FREE, TERMS, noise_in_products, table
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
 from estimators.ellipsoid.used_rows import spread_rows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Refit = Callable[[Mask], tuple[Ellipsoid, Array] | None]
+Refit = Callable[[Mask], tuple[Ellipsoid, Array, Array] | None]
 
 #: The probability that a reading of Gaussian noise is called an outlier in a whole data set (Bonferroni's bound).
 FALSE_ALARM: Final = 1e-3
 #: Up to so many readings each is judged by the fit to all the others, exactly.
 EXACT_ROWS: Final = 1024
-#: Median of the square of a standard normal deviate.
-_MEDIAN_SQUARE: Final = 0.45493642311957283
 #: Of a standard normal deviate within this many standard deviations the variance is this.
 _CORE: Final = 2.5
 _CORE_VARIANCE: Final = 0.9112563609353919
@@ -49,7 +47,7 @@ def limit(count: int) -> float:
 def robust_variance(squares: Array) -> float:
     """Variance by the median of squared residuals (n,)."""
     middle = len(squares) // 2
-    return float(np.partition(squares, middle)[middle]) / _MEDIAN_SQUARE
+    return float(np.partition(squares, middle)[middle]) / MEDIAN_SQUARE
 
 
 def heavy_tailed(count: int, fourth: float, variance: float) -> bool:
@@ -120,15 +118,21 @@ def _worst(count: int, freedom: int) -> float:
     return float(-stdtrit(freedom - 1.0, 0.5 * FALSE_ALARM / count))
 
 
-def inliers(readings: Array, variances: Array, parameters: int, counts: Array | None, refit: Refit) -> Mask | None:
+def inliers(
+    readings: Array, variances: Array, known: bool, parameters: int, counts: Array | None, refit: Refit
+) -> Mask | None:
     """(n,) the readings without outliers: a high-breakdown start, then fit and test until nothing changes.
+
+    What noise each channel has is learned with them: readings that are wrong make a channel seem noisy, and those of
+    the others outliers.
 
     Args:
         readings: (n, 3) [recorded unit].
-        variances: (3,) of a sample's noise, up to a common factor.
+        variances: (3,) of a sample's noise, up to a common factor; where they are not ``known``, a first guess.
         parameters: 6 or 9.
         counts: (n,) how many samples each is the mean of.
-        refit: of a mask of readings: ellipsoid and the leverage (n,) of all readings; None where there is no ellipsoid.
+        refit: of a mask of readings: the ellipsoid, the leverage (n,) of all readings, and the variances; None where
+            there is no ellipsoid.
 
     Returns:
         None where fewer than half of the readings agree on an ellipsoid.
@@ -136,13 +140,15 @@ def inliers(readings: Array, variances: Array, parameters: int, counts: Array | 
     start = least_median(readings, variances, parameters)
     if start is None:
         return None
-    squares = Residuals.of(readings, start, counts).over(variances)
+    residuals = Residuals.of(readings, start, counts)
+    learned = None if known else residuals.variances(resistant=True)
+    squares = residuals.over(variances if learned is None else learned)
     kept = squares < _CORE**2 * core_variance(squares)
     for turn in range(_ROUNDS):
         found = refit(kept)
         if found is None:
             return None
-        ellipsoid, leverage = found
+        ellipsoid, leverage, variances = found
         squares = Residuals.of(readings, ellipsoid, counts).over(variances)
         freedom = max(int(kept.sum()) - parameters, 2)
         variance = core_variance(squares) * (1.0 + parameters / freedom)
