@@ -6,11 +6,13 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from rig.documents import plain
 from rig.errors import RigError, nearest, shown
 
 Array = NDArray[np.float64]
@@ -19,12 +21,12 @@ Array = NDArray[np.float64]
 _ROUNDED: Final = 1e-9
 
 
-def nullable(value: ArrayLike) -> Any:
-    """Numbers as JSON has them: nested lists, with None for what is not finite."""
-    array = np.asarray(value, dtype=float)
-    if array.ndim == 0:
-        return float(array) if math.isfinite(array) else None
-    return [nullable(row) for row in array]
+class AsJson:
+    """A dataclass whose JSON object is its fields."""
+
+    def to_json(self) -> dict[str, Any]:
+        """A JSON object; what is not known is null."""
+        return {item.name: plain(getattr(self, item.name)) for item in fields(self)}  # type: ignore[arg-type]
 
 
 def dump(content: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -94,6 +94,22 @@ def parse_json(text: str | bytes, where: str, expected: str = "JSON") -> Any:
         raise RigError(f"{where}: is not JSON that can be read: nested too deep, expected {expected}") from error
     except ValueError as error:
         raise RigError(f"{where}: is not JSON: {one_line(str(error), 120)}; expected {expected}") from error
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: arrays, tuples and NumPy's numbers as Python's, null for what is not finite, and objects
+    as their ``to_json`` says."""
+    if hasattr(value, "to_json"):
+        return value.to_json()
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
 def read_toml(path: str | os.PathLike[str], expected: str) -> str:

@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators._json import nullable
 from estimators.design.attitude_free_bound import FreeSensor
 from estimators.design.maneuver_bound import Growth, growth, predict
 from estimators.design.prediction import Prediction
@@ -18,6 +17,7 @@ from estimators.known_angle.identifiability import Told, is_open
 from estimators.known_angle.model import Method, SensorParameters
 from estimators.known_angle.statistics import Statistics
 from rig.channels import ACCELEROMETER, COLUMNS_OF
+from rig.documents import plain
 from rig.errors import RigError
 from rig.trajectory import PoseTrajectory
 from scenarios.scenario import Scenario
@@ -83,7 +83,7 @@ class ScenarioBound:
             "scenario": self.scenario,
             "attitude": self.attitude,
             "sensors": {name: _sensor_json(bound) for name, bound in self.sensors.items()},
-            "time_s": nullable(self.time_s),
+            "time_s": plain(self.time_s),
             "given": list(self.given),
             "effects_left_out": list(self.left_out),
         }
@@ -210,6 +210,5 @@ def _given(sensors: Mapping[str, SensorBound], attitude: bool, joints: bool) -> 
 
 
 def _sensor_json(bound: SensorBound) -> dict[str, Any]:
-    grown = bound.growth
-    after = {name: nullable(getattr(grown, name)) for name in type(grown).__dataclass_fields__}
+    after = plain(vars(bound.growth))
     return {**bound.prediction.to_json(), "reference_magnitude": bound.reference_magnitude, "after": after}

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-from estimators._json import Reader, dump, nullable
+from estimators._json import Reader, dump
 from estimators.calibration.parts import AxisCalibration, FieldDirection, Quality
 from estimators.calibration.table import summary
 from rig.channels import READS, SENSORS
-from rig.documents import parse_json, read_bytes
+from rig.documents import parse_json, plain, read_bytes
 from rig.errors import RigError, shown, unknown_name
 from rig.files import write_text
 from rig.units import UNITS
@@ -144,37 +144,22 @@ class SensorCalibration:
             "reference_magnitude": self.reference_magnitude,
         }
         if self.axes:
-            content["axes"] = [axis.to_json() for axis in self.axes]
-            content["angles_between_deg"] = {pair: nullable(value) for pair, value in self.angles_between_deg.items()}
-            content["angles_between_std_deg"] = {
-                pair: nullable(value) for pair, value in self.angles_between_std_deg.items()
-            }
+            for name in ("axes", "angles_between_deg", "angles_between_std_deg"):
+                content[name] = getattr(self, name)
         if self.field_direction is not None:
-            content["field"] = self.field_direction.to_json()
-        content |= {
-            "matrix": nullable(self.matrix),
-            "bias": nullable(self.bias),
-            "use": "field = matrix @ (reading - bias)",
-            "fit_rms": nullable(self.fit_rms),
-            "fit_rms_root_sum_square": self.fit_rms_root_sum_square,
-            "parameters": list(self.parameters),
-            "values": nullable(self.values),
-            "covariance": nullable(self.covariance),
-            "identifiable": dict(self.identifiable),
-            "samples": self.samples,
-            "quality": self.quality.to_json(),
-        }
-        for name in ("noise", "noise_degrees_of_freedom"):
-            if (numbers := getattr(self, name)) is not None:
-                content[name] = nullable(numbers)
-        for name in ("noise_source", "weighting", "convention", "reads"):
-            if (text := getattr(self, name)) is not None:
-                content[name] = text
+            content["field"] = self.field_direction
+        content |= {"matrix": self.matrix, "bias": self.bias, "use": "field = matrix @ (reading - bias)"}
+        for name in ("fit_rms", "fit_rms_root_sum_square", "parameters", "values", "covariance", "identifiable"):
+            content[name] = getattr(self, name)
+        content |= {"samples": self.samples, "quality": self.quality}
+        for name in ("noise", "noise_degrees_of_freedom", "noise_source", "weighting", "convention", "reads"):
+            if (value := getattr(self, name)) is not None:
+                content[name] = value
         if self.vector_parameters:
-            content["vector_parameters"] = list(self.vector_parameters)
-            content["vector_values"] = nullable(self.vector_values)
-            content["vector_covariance"] = nullable(self.vector_covariance)
-        return content | dict(self.extra)
+            for name in ("vector_parameters", "vector_values", "vector_covariance"):
+                content[name] = getattr(self, name)
+        found: dict[str, Any] = plain(content | dict(self.extra))
+        return found
 
     @classmethod
     def read(cls, reader: Reader) -> Self:

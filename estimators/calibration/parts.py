@@ -10,7 +10,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators._json import Reader, nullable
+from estimators._json import AsJson, Reader
+from rig.documents import plain
 from rig.errors import RigError
 
 Array = NDArray[np.float64]
@@ -32,12 +33,8 @@ class FieldDirection:
 
     def to_json(self) -> dict[str, Any]:
         """The contract's object."""
-        return {
-            "phi_deg": self.phi_deg,
-            "psi_deg": self.psi_deg,
-            "vector": nullable(self.vector),
-            "vector_covariance": nullable(self.covariance),
-        }
+        own = {"phi_deg": self.phi_deg, "psi_deg": self.psi_deg}
+        return {**own, "vector": plain(self.vector), "vector_covariance": plain(self.covariance)}
 
     @classmethod
     def read(cls, reader: Reader) -> Self:
@@ -76,8 +73,8 @@ class AxisCalibration:
             "offset": self.offset,
             "beta_deg": self.beta_deg,
             "gamma_deg": self.gamma_deg,
-            "axis": nullable(self.axis),
-            "axis_covariance": nullable(self.covariance),
+            "axis": plain(self.axis),
+            "axis_covariance": plain(self.covariance),
         }
         return content if self.field is None else {**content, "field": self.field.to_json()}
 
@@ -97,7 +94,7 @@ class AxisCalibration:
 
 
 @dataclass(frozen=True, eq=False)
-class Quality:
+class Quality(AsJson):
     """Whether a calibration is good.
 
     Attributes:
@@ -120,20 +117,6 @@ class Quality:
     outliers: Any = None
     verdict: Mapping[str, Any] | None = None
     warnings: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """The contract's object."""
-        return {
-            "chi_square": None if self.chi_square is None else dict(self.chi_square),
-            "condition": nullable(self.condition),
-            "field_agreement": None if self.field_agreement is None else dict(self.field_agreement),
-            "coverage": self.coverage,
-            "repeats": self.repeats,
-            "clipped": self.clipped,
-            "outliers": self.outliers,
-            "verdict": None if self.verdict is None else dict(self.verdict),
-            "warnings": list(self.warnings),
-        }
 
     @classmethod
     def read(cls, reader: Reader) -> Self:

@@ -20,6 +20,7 @@ from estimators.coverage.directions import direction_name
 from estimators.coverage.seen import Coverage, coverage
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import columns_of_channels
+from rig.documents import plain
 from rig.errors import RefusedFit, RigError
 
 Array = NDArray[np.float64]
@@ -127,19 +128,7 @@ class Enough:
 
     def to_json(self) -> dict[str, Any]:
         """A JSON object."""
-
-        def number(value: float) -> float | None:
-            return float(value) if np.isfinite(value) else None
-
-        return {
-            "enough": self.enough,
-            "worst": self.worst,
-            "ratio": number(self.ratio),
-            "more": number(self.more),
-            "std": {name: number(value) for name, value in self.std.items()},
-            "target": dict(self.target),
-            "next_direction": None if self.next_direction is None else [float(v) for v in self.next_direction],
-        }
+        return {name: plain(value) for name, value in vars(self).items() if name != "coverage"}
 
 
 def enough_attitude_free(

@@ -17,9 +17,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators._json import nullable
 from estimators.known_angle.model import SensorParameters
 from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF
+from rig.documents import plain
 from rig.effects import EFFECTS, Effect, Kind
 from rig.effects.parameters import Value
 from rig.pipeline import Pipeline
@@ -80,7 +80,7 @@ class Isolability:
         """A JSON object; a whole column of the matrix is an effect that explains."""
         return {
             "effects": [
-                {"effect": name, "where": where, "sigmas": nullable(seen), "visible": bool(seen >= SEEN)}
+                {"effect": name, "where": where, "sigmas": plain(seen), "visible": bool(seen >= SEEN)}
                 for (name, where), seen in zip(self.effects, self.seen, strict=True)
             ],
             "separation_sigmas": [[round(float(value), 3) for value in row] for row in self.apart],

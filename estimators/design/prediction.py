@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators._json import nullable
 from estimators.known_angle.model import Method
+from rig.documents import plain
 
 Array = NDArray[np.float64]
 
@@ -41,18 +41,10 @@ class Prediction:
 
     def to_json(self) -> dict[str, Any]:
         """A JSON object; what cannot be told is null."""
-        parameters = {
-            name: {"value": nullable(value), "std": nullable(std), "told": self.untold.get(name, True)}
-            for name, value, std in zip(self.names, self.values, self.std, strict=True)
-        }
-        return {
-            "method": self.method,
-            "samples": self.samples,
-            "noise": nullable(self.noise),
-            "parameters": parameters,
-            "condition": nullable(self.condition),
-            "problem": self.problem,
-        }
+        own = {name: plain(getattr(self, name)) for name in ("method", "samples", "noise", "condition", "problem")}
+        rows = zip(self.names, plain(self.values), plain(self.std), strict=True)
+        told = {name: {"value": value, "std": std, "told": self.untold.get(name, True)} for name, value, std in rows}
+        return {**own, "parameters": told}
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +63,5 @@ class KnownAnglePrediction(Prediction):
 
     def to_json(self) -> dict[str, Any]:
         """A JSON object; what cannot be told is null."""
-        return {
-            **super().to_json(),
-            "axis_std_deg": nullable(self.axis_std_deg),
-            "field_std_deg": nullable(self.field_std_deg),
-            "angles_between_std_deg": {pair: nullable(std) for pair, std in self.angles_between_std_deg.items()},
-        }
+        own = ("axis_std_deg", "field_std_deg", "angles_between_std_deg")
+        return {**super().to_json(), **{name: plain(getattr(self, name)) for name in own}}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from estimators._json import AsJson
 from estimators.goodness.residuals import Residuals
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ _SAME: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class CrossTerms:
+class CrossTerms(AsJson):
     """Residuals of six parameters against those of nine.
 
     Attributes:
@@ -32,10 +33,6 @@ class CrossTerms:
 
     ratio: float
     p_value: float
-
-    def to_json(self) -> dict[str, Any]:
-        """A JSON object."""
-        return {"ratio": self.ratio, "p_value": self.p_value}
 
 
 def cross_terms(residuals: Residuals, reference: float) -> CrossTerms | None:

@@ -10,12 +10,12 @@ degrees of freedom if the parameters are those; or 1 + n / m times that, if they
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from estimators._json import AsJson
 from estimators.goodness.residuals import Part, Residuals
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ _NULL = 1e-9
 
 
 @dataclass(frozen=True)
-class Transfer:
+class Transfer(AsJson):
     """Whether a calibration's parameters are those of a recording.
 
     Attributes:
@@ -36,10 +36,6 @@ class Transfer:
     chi_square: float
     parameters: int
     p_value: float
-
-    def to_json(self) -> dict[str, Any]:
-        """A JSON object."""
-        return {"chi_square": self.chi_square, "parameters": self.parameters, "p_value": self.p_value}
 
 
 def at_optimum(residuals: Residuals, samples: int) -> tuple[Residuals, Transfer | None]:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import pdtrc
 
+from estimators._json import AsJson
+
 Array = NDArray[np.float64]
 
 _SAMPLE: Final = 4096
@@ -26,7 +28,7 @@ _FEWEST_ALIKE: Final = 8  # samples of which that is said
 
 
 @dataclass(frozen=True)
-class Repeats:
+class Repeats(AsJson):
     """Readings that are the same as the one before in all three channels.
 
     Attributes:
@@ -44,20 +46,9 @@ class Repeats:
     held: float
     significant: bool
 
-    def to_json(self) -> dict[str, Any]:
-        """What a calibration's quality holds of it."""
-        return {
-            "count": self.count,
-            "share": self.share,
-            "expected": self.expected,
-            "longest": self.longest,
-            "held": self.held,
-            "significant": self.significant,
-        }
-
 
 @dataclass(frozen=True)
-class Clipped:
+class Clipped(AsJson):
     """Readings piled up at an end of the range.
 
     Attributes:
@@ -77,13 +68,7 @@ class Clipped:
 
     def to_json(self) -> dict[str, Any]:
         """What a calibration's quality holds of it."""
-        return {
-            "count": self.count,
-            "low": list(self.low),
-            "high": list(self.high),
-            "lowest": list(self.lowest),
-            "highest": list(self.highest),
-        }
+        return {"count": self.count, **super().to_json()}
 
 
 def repeats(readings: Array, noise: ArrayLike | None = None) -> Repeats:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
 
+from estimators._json import AsJson
 from estimators.goodness.residuals import Residuals
 
 
 @dataclass(frozen=True)
-class Whiteness:
+class Whiteness(AsJson):
     """The correlation of successive residuals.
 
     Attributes:
@@ -25,10 +25,6 @@ class Whiteness:
     correlation: float
     p_value: float
     inflation: float
-
-    def to_json(self) -> dict[str, Any]:
-        """A JSON object."""
-        return {"correlation": self.correlation, "p_value": self.p_value, "inflation": self.inflation}
 
 
 def whiteness(residuals: Residuals) -> Whiteness:

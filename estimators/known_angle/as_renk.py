@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators._json import AsJson
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.known_angle.from_recording import summarise
 from estimators.known_angle.model import Method, SensorParameters
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class SearchEnd:
+class SearchEnd(AsJson):
     """Where the paper's search ended for one sensor.
 
     Attributes:
@@ -42,10 +43,6 @@ class SearchEnd:
     sigmas: float
     values: dict[str, float]
     message: str
-
-    def to_json(self) -> dict[str, Any]:
-        """A JSON object."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
 def as_renk(

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from rig.channels import CHANNELS, COLUMNS_OF
+from rig.documents import plain
 from rig.errors import RigError
 from rig.recording import Recording
 from rig.units import conversion_factor
@@ -74,26 +75,17 @@ class NoiseFloor:
 
     def to_json(self) -> dict[str, object]:
         """A JSON object: per channel RMS, dynamic range and bits with their standard errors."""
-        rows = range(len(self.channels))
-
-        def number(value: float) -> float | None:
-            return float(value) if np.isfinite(value) else None
-
+        columns = ("rms", "rms_std", "dynamic_range_dB", "dynamic_range_std_dB", "bits", "bits_std")
         return {
             "format": "rig-noise/1",
-            "pose_samples": [int(count) for count in self.pose_samples],
+            "pose_samples": plain(self.pose_samples),
             "channels": {
-                self.channels[i]: {
+                name: {
                     "unit": self.units[i],
-                    "rms": number(self.rms[i]),
-                    "rms_std": number(self.rms_std[i]),
-                    "pose_rms": [number(value) for value in self.pose_rms[:, i]],
-                    "dynamic_range_dB": number(self.dynamic_range_dB[i]),
-                    "dynamic_range_std_dB": number(self.dynamic_range_std_dB[i]),
-                    "bits": number(self.bits[i]),
-                    "bits_std": number(self.bits_std[i]),
+                    "pose_rms": plain(self.pose_rms[:, i]),
+                    **{key: plain(getattr(self, key)[i]) for key in columns},
                 }
-                for i in rows
+                for i, name in enumerate(self.channels)
             },
         }
 

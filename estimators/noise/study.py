@@ -9,7 +9,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators._json import nullable
 from estimators.noise.allan import FEWEST_SAMPLES, AllanDeviation, allan_deviation
 from estimators.noise.allan_terms import TERMS, NoiseTerms, fit_terms
 from estimators.noise.procedure import NoiseFloor, held_poses, noise_floor
@@ -21,6 +20,7 @@ from estimators.noise.spectrum import (
     power_spectrum,
     whiteness,
 )
+from rig.documents import plain
 from rig.errors import RigError
 from rig.recording import Recording
 
@@ -76,18 +76,18 @@ class ChannelNoise:
         terms = self.terms.to_json()
         return {
             "allan": {
-                "tau_s": nullable(self.allan.tau_s),
-                "deviation": nullable(self.allan.deviation),
-                "low_95": nullable(low),
-                "high_95": nullable(high),
-                "model": nullable(self.terms.deviation),
+                "tau_s": plain(self.allan.tau_s),
+                "deviation": plain(self.allan.deviation),
+                "low_95": plain(low),
+                "high_95": plain(high),
+                "model": plain(self.terms.deviation),
             },
             "terms": {name: {**terms[name], "unit": term_unit(name, self.unit)} for name in TERMS},
-            "terms_p_value": nullable(self.terms.p_value),
+            "terms_p_value": plain(self.terms.p_value),
             "spectrum": {
                 "unit": f"{self.unit}^2/Hz",
-                "frequency_Hz": nullable(self.spectrum.frequency_Hz),
-                "density": nullable(self.spectrum.density),
+                "frequency_Hz": plain(self.spectrum.frequency_Hz),
+                "density": plain(self.spectrum.density),
                 "degrees_of_freedom": self.spectrum.degrees_of_freedom,
             },
             "whiteness": self.whiteness.to_json(),

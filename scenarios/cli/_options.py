@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
+from rig.documents import plain
 from rig.errors import RigError, nearest, shown, unknown_name
 from rig.files import check_not_input, check_writable
 from rig.memory import VARIABLE, parsed
@@ -44,28 +45,13 @@ def json_option(command: Command) -> Command:
 
 def print_json(document: Any) -> None:
     """Print a document as JSON; not-a-number becomes null."""
-    plain = _plain(document)
-    text = json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)
+    content = plain(document)
+    text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
     try:
         text.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:  # an ASCII terminal, or a name that is not UTF-8
-        text = json.dumps(plain, indent=1, allow_nan=False)
+        text = json.dumps(content, indent=1, allow_nan=False)
     click.echo(text)
-
-
-def _plain(value: Any) -> Any:
-    """A value as JSON knows it."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):  # NumPy's arrays and scalars
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if value - value == 0.0 else None
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    return value
 
 
 def check_output(path: Path, suffixes: Sequence[str], *inputs: Path | None) -> Path:
