@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+import numpy as np
+
 from estimators.calibration import Calibration, SensorCalibration
-from estimators.coverage import with_missing_directions
+from estimators.coverage import coverage
 from estimators.ellipsoid import Options, calibrate_attitude_free
 from estimators.known_angle.assemble import assemble
 from estimators.known_angle.fit import Weighting, fit_sensor
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
 
 #: In which the directions are looked for that a refused fit has missed.
 _SAMPLES_OF_A_REFUSAL: Final = 20_000
+_DIRECTIONS: Final = 8  # of them are named
 
 
 def calibrate(
@@ -131,6 +134,16 @@ def calibrate(
 def _explained(
     refusal: RefusedFit, source: Recording | RecordingScan, field: Sequence[float], arm: Arm | None
 ) -> RefusedFit:
-    """The refusal with the directions that are missing, the field (3,) being where it is said to point."""
+    """The refusal with the directions that were not seen, the field (3,) being where it is said to point."""
     some = thinned(source, _SAMPLES_OF_A_REFUSAL)
-    return with_missing_directions(refusal, some, field, arm_of(some, arm, some.name))
+    vector = np.asarray(field, dtype=float)
+    rotations = some.rotations(arm_of(some, arm, some.name)).reshape(-1, 3, 3)
+    seen = coverage(np.matmul(vector / np.linalg.norm(vector), rotations))  # R^T f
+    names = seen.missing_names
+    if not names:
+        return refusal
+    more = f" and {len(names) - _DIRECTIONS} more" if len(names) > _DIRECTIONS else ""
+    return RefusedFit(
+        f"{refusal}; the field was seen in {100.0 * seen.share:.0f} % of {seen.cells.count} equal cells of frame 6:"
+        f" bring it along {', '.join(names[:_DIRECTIONS])}{more}"
+    )

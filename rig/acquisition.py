@@ -80,6 +80,12 @@ class Acquisition:
         """One step of the converter [V]; 1.2207 mV for 14 bit over +-10 V; zero without rounding."""
         return 0.0 if self.bits is None else 2.0 * self.full_scale_V / 2.0**self.bits
 
+    @property
+    def sigma(self) -> Array:
+        """(6,) standard deviation of a reading [recorded unit]: of the noise and, in volts, of the rounding."""
+        rounded = np.repeat([self.step_V if unit == "V" else 0.0 for unit in self.units], 3)
+        return np.asarray(np.hypot(self.noise_V, rounded / np.sqrt(12.0)))
+
     def add_noise(self, volts: Array, rng: np.random.Generator) -> Array:
         """Voltages (n, 6) [V] with each channel's white noise."""
         if not any(self.noise_V):

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rig.directions import direction_from_angles
 from rig.errors import RigError, shown
 
 Array = NDArray[np.float64]
@@ -48,24 +47,6 @@ class Environment:
             if not (np.isfinite(length) and length > 0):
                 raise RigError(f"environment.{name}: found {getattr(self, name)}, expected three numbers, not all zero")
             object.__setattr__(self, name, tuple(float(x) for x in vector / length))
-
-    @classmethod
-    def from_angles(
-        cls,
-        gravity_phi_deg: float,
-        gravity_psi_deg: float,
-        magnetic_phi_deg: float,
-        magnetic_psi_deg: float,
-        gravity_m_s2: float = 9.8,
-        magnetic_field: float = 1.0,
-    ) -> Self:
-        """Fields by the two angles of Renk (12) [deg], magnitudes [m/s^2] and [field unit]."""
-        return cls(
-            gravity_m_s2=gravity_m_s2,
-            gravity_direction=tuple(direction_from_angles(gravity_phi_deg, gravity_psi_deg)),
-            magnetic_field=magnetic_field,
-            magnetic_direction=tuple(direction_from_angles(magnetic_phi_deg, magnetic_psi_deg)),
-        )
 
     @property
     def gravity(self) -> Array:

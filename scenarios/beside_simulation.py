@@ -67,7 +67,7 @@ def beside_simulation(recording: Recording, scenario: Scenario) -> tuple[tuple[C
         signals = replace(signals, temperature=rig.environment.temperature(recording.t - begin_s))
     rng = np.random.default_rng(0)  # mean effects draw nothing
     expected = replace(rig.pipeline, effects=mean).expected(signals, rng)
-    variance = np.square(rig.acquisition.noise_V) + _converter(scenario)
+    variance = np.square(rig.acquisition.sigma)
     plain = replace(rig.pipeline, effects=())
     for effect in effects:
         if effect.kind is Kind.NOISE:
@@ -129,16 +129,6 @@ def _check(recording: Recording, scenario: Scenario, where: str) -> None:
             raise RigError(f"scenario {scenario.name}: has no {sensor}, expected the sensors of {where}")
         if (unit := rig.acquisition.unit_of[sensor]) != recording.unit(sensor):
             raise RigError(f"{where}: found {sensor} in {recording.unit(sensor)}, expected {unit}, as the scenario's")
-
-
-def _converter(scenario: Scenario) -> Array:
-    """(6,) variance of the rounding error, step^2 / 12, of sensors in volts."""
-    board = scenario.rig.acquisition
-    found = np.zeros(len(CHANNELS))
-    for sensor, unit in board.unit_of.items():
-        if unit == "V":
-            found[COLUMNS_OF[sensor]] = board.step_V**2 / 12.0
-    return found
 
 
 def _recalibrated(recording: Recording, scenario: Scenario, effects: tuple, sigma: Array) -> Array | None:  # type: ignore[type-arg]

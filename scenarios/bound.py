@@ -148,15 +148,14 @@ def noise_of(scenario: Scenario) -> Array:
     Raises:
         RigError: a channel has none.
     """
-    acquisition = scenario.rig.acquisition
-    noise = np.hypot(acquisition.noise_V, acquisition.step_V / np.sqrt(12.0))
+    noise = scenario.rig.acquisition.sigma
     for sensor in scenario.truth.sensors:
         if not noise[COLUMNS_OF[sensor]].all():
             raise RigError(
                 f"scenario {scenario.name}: the {sensor} has a channel without noise, expected noise_V above zero:"
                 " without noise everything is told exactly"
             )
-    return np.asarray(noise)
+    return noise
 
 
 def _rotations(scenario: Scenario) -> tuple[Array, Array, NDArray[np.bool_]]:

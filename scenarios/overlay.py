@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration, SensorCalibration
+from estimators.goodness.residuals import Residuals, residuals_of
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS_OF
-from rig.errors import RigError
 from rig.recording import Recording
 
 Array = NDArray[np.float64]
@@ -56,47 +56,32 @@ def overlays(recording: Recording, calibration: Calibration | None, arm: Arm | N
         return {}
     if calibration.arm is None and recording.tool_quaternion is not None:
         arm = None  # it comes from the tool's poses, and is held against the same
-    known = recording.tool_quaternion is not None or (recording.q is not None and arm is not None)
-    R = recording.rotations(arm).reshape(-1, 3, 3) if known else None
-    found = {}
-    for sensor in recording.sensors:
-        if sensor not in calibration.sensors:
-            continue
-        part = calibration[sensor]
-        if part.unit != recording.unit(sensor):
-            raise RigError(
-                f"{recording.origin or recording.name}: the {sensor} is recorded in {recording.unit(sensor)},"
-                f" found a calibration in {part.unit}, expected the same unit"
-            )
-        readings = recording.readings(sensor)
-        if R is None or not part.axes or part.field_direction is None:
-            found[sensor] = _by_magnitude(sensor, readings, part, recording.metadata.field_unit(sensor))
-        else:
-            found[sensor] = _by_attitude(sensor, readings, R, part, part.field_direction.vector)
-    return found
+    return {
+        sensor: _overlay(residuals_of(recording, sensor, own, arm), own, recording.metadata.field_unit(sensor))
+        for sensor, own in calibration.sensors.items()
+        if sensor in recording.sensors
+    }
 
 
-def _by_attitude(sensor: str, readings: Array, R: Array, part: SensorCalibration, field: Array) -> Overlay:
-    """Renk (13), (19): V_k = S_k P_k . R^T f + delta_k."""
-    seen = np.matmul(field, R)  # R^T f, (n, 3)
-    residuals = np.empty_like(readings)
-    for k, axis in enumerate(part.axes):
-        own = seen if axis.field is None else np.matmul(axis.field.vector, R)  # separate fits have a field each
-        scale = axis.sensitivity * part.reference_magnitude
-        residuals[:, k] = readings[:, k] - (scale * (own @ axis.axis) + axis.offset)
-    unit, factor = ("mV", 1e3) if part.unit == "V" else (part.unit, 1.0)
-    largest = factor * float(np.abs(readings).max())
-    sigma = factor * (part.fit_rms if part.noise is None else part.noise)
+def _overlay(left: Residuals, calibration: SensorCalibration, field_unit: str) -> Overlay:
+    posed = left.names == CHANNELS_OF[left.sensor]
+    unit, factor = (calibration.unit if posed else field_unit), 1.0
+    if posed and unit == "V":
+        unit, factor = "mV", 1e3
+    # readings - bias = inverse @ field: its rows are S_k P_k
+    rows = calibration.axis_vectors if posed else np.linalg.inv(calibration.matrix)
+    field = calibration.field_direction.vector if posed and calibration.field_direction is not None else None
+    sigma = np.sqrt(np.square(np.broadcast_to(left.sigma, left.values.shape)).mean(axis=0))
     return Overlay(
-        sensor,
-        CHANNELS_OF[sensor],
+        left.sensor,
+        left.names,
         unit,
-        factor * residuals,
-        _above_rounding(sigma, largest),
-        seen,
-        part.axis_vectors,
+        factor * left.values,
+        factor * sigma,
+        left.directions,
+        rows / np.linalg.norm(rows, axis=1)[:, None],
         field,
-        field_name(sensor, part.reads),
+        field_name(left.sensor, calibration.reads),
     )
 
 
@@ -105,35 +90,3 @@ def field_name(sensor: str, reads: str | None) -> str:
     if sensor != ACCELEROMETER:
         return "magnetic field"
     return "minus gravity" if reads == "a-g" else "gravity"
-
-
-def _by_magnitude(sensor: str, readings: Array, part: SensorCalibration, unit: str) -> Overlay:
-    """|matrix (V - bias)| against the reference; its noise is the readings' noise along the field."""
-    fields = (readings - part.bias) @ part.matrix.T
-    magnitude = np.linalg.norm(fields, axis=1)
-    directions = fields / magnitude[:, None]
-    residuals = magnitude - part.reference_magnitude
-    noise = part.fit_rms if part.noise is None else part.noise
-    along = np.square(directions @ part.matrix) @ np.square(noise)
-    sigma = float(np.sqrt(along.mean()))
-    if not np.isfinite(sigma):
-        sigma = float(np.sqrt(np.square(residuals).mean()))
-    rows = np.linalg.inv(part.matrix)  # readings - bias = inverse @ field: its rows are S_k P_k
-    axes = rows / np.linalg.norm(rows, axis=1)[:, None]
-    name = f"{sensor}_magnitude"
-    return Overlay(
-        sensor,
-        (name,),
-        unit,
-        residuals[:, None],
-        _above_rounding(np.array([sigma]), part.reference_magnitude),
-        directions,
-        axes,
-        None,
-        field_name(sensor, part.reads),
-    )
-
-
-def _above_rounding(sigma: Array, largest: float) -> Array:
-    """A fit without noise may leave nothing at all: then it is the rounding of the largest number that counts."""
-    return np.maximum(sigma, np.finfo(float).eps * max(largest, 1.0))

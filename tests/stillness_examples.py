@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from rig.acquisition import Acquisition
 from rig.arm import Arm
+from rig.directions import direction_from_angles
 from rig.environment import Environment
 from rig.recording import Metadata, Recording
 from rig.sensor import TriaxialSensor
@@ -17,7 +18,10 @@ Array = NDArray[np.float64]
 NOISE = (0.0134, 0.0136, 0.0146, 0.0085, 0.0068, 0.0117)
 ACCELEROMETER = TriaxialSensor((0.142, 0.143, 0.141), (2.4, 2.5, 2.1), (85.0, -1.0, 1.0), (90.0, 1.0, 272.0))
 MAGNETOMETER = TriaxialSensor((1.3, 1.33, 1.34), (2.4, 2.4, 2.7), (1.0, -86.0, -4.0), (270.0, 186.0, 1.0))
-SKY = Environment.from_angles(90.0, 0.0, 60.0, 80.0)
+SKY = Environment(
+    gravity_direction=tuple(direction_from_angles(90.0, 0.0)),
+    magnetic_direction=tuple(direction_from_angles(60.0, 80.0)),
+)
 
 
 def rig(arm: Arm | None, magnetometer: bool = True) -> Rig:

@@ -7,8 +7,9 @@ import pytest
 from kinematic_examples import TRUTHS, random_truth, readings, sweep_angles, sweep_statistics
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtr
+from statistics_draws import draw_many
 
-from estimators.batch import ManyFits, ManyParameters, draw_many, fit_many
+from estimators.batch import ManyFits, ManyParameters, fit_many
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.model import METHODS, Method
 from estimators.known_angle.statistics import Statistics

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cli_support import Rig
 from scipy.special import chdtri
+from statistics_draws import draw
 
 import estimators
 import scenarios
@@ -78,7 +79,7 @@ def test_recordings_of_other_noise_are_weighed_by_it(sweep: Recording, known: bo
     quiet, loud = np.array([0.01, 0.012, 0.014]), np.array([0.08, 0.05, 0.03])
     total = 0.0
     for _ in range(200):
-        drawn = [data.draw(rng, truth.coefficients, loud), other.draw(rng, truth.coefficients, quiet)]
+        drawn = [draw(data, rng, truth.coefficients, loud), draw(other, rng, truth.coefficients, quiet)]
         parts = [
             Part(name, each, sigma if known else None, np.zeros(3))
             for name, each, sigma in zip("ab", drawn, (loud, quiet), strict=True)
@@ -121,7 +122,7 @@ def test_agreement_is_a_chi_square(sweep: Recording) -> None:
     noise = np.array([0.0134, 0.0134, 0.0146])
     squares = []
     for _ in range(300):
-        parts = [Part(name, data.draw(rng, truth.coefficients, noise), noise, np.zeros(3)) for name in "ab"]
+        parts = [Part(name, draw(data, rng, truth.coefficients, noise), noise, np.zeros(3)) for name in "ab"]
         joint = fit_together(parts, 9.8, "simultaneous", "likelihood", DOWN, "accelerometer")
         told = contributions(joint)
         assert [each["agreement"]["degrees_of_freedom"] for each in told] == [14, 14]

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from kinematic_examples import TRUTHS, sweep_statistics, unit_vectors
 from scipy.special import bdtr, chdtr, chdtrc, stdtrit
+from statistics_draws import draw_many
 
-from estimators.batch import ManyFits, ManyParameters, draw_many, fit_many
+from estimators.batch import ManyFits, ManyParameters, fit_many
 from estimators.batch.global_minima import Problems, descend
 from estimators.known_angle.identifiability import bound
 from estimators.known_angle.model import (

@@ -9,8 +9,9 @@ import pytest
 from kinematic_examples import TRUTHS, readings, sweep_angles, sweep_rotations, sweep_statistics
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtr
+from statistics_draws import draw, wishart_root
 
-from estimators.known_angle.statistics import BLOCK, ROTATION_TERMS, Statistics, wishart_root
+from estimators.known_angle.statistics import BLOCK, ROTATION_TERMS, Statistics
 from rig.arm import Arm
 from rig.errors import RigError
 
@@ -124,7 +125,7 @@ def test_draws_are_distributed_as_noise_on_every_sample() -> None:
     whiten = np.linalg.inv(np.linalg.cholesky(base.gram))
     projected, left = np.empty((draws, ROTATION_TERMS, 3)), np.empty((draws, 3, 3))
     for i in range(draws):
-        drawn = base.draw(rng, truth.coefficients, noise)
+        drawn = draw(base, rng, truth.coefficients, noise)
         projected[i] = whiten @ (drawn.cross - base.gram @ truth.coefficients) / noise
         left[i] = (drawn.square - drawn.cross.T @ np.linalg.solve(base.gram, drawn.cross)) / np.outer(noise, noise)
     assert np.abs(projected.mean(axis=0)).max() < 4.0 / np.sqrt(draws)
@@ -142,7 +143,7 @@ def test_a_draw_and_noise_on_every_sample_have_the_same_fit() -> None:
     """With noise of zero a draw is exact."""
     truth, _ = TRUTHS["table5"]
     exact = Statistics.from_rotations(sweep_rotations(), readings(sweep_rotations(), truth))
-    drawn = sweep_statistics().draw(np.random.default_rng(0), truth.coefficients, np.zeros(3))
+    drawn = draw(sweep_statistics(), np.random.default_rng(0), truth.coefficients, np.zeros(3))
     assert_close(drawn, exact, units=200.0)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from kinematic_examples import ACCELEROMETER_NOISE, TRUTHS, random_truth, sweep_statistics
 from numpy.typing import NDArray
+from statistics_draws import draw_many
 
-from estimators.batch import ManyParameters, draw_many, fit_many
+from estimators.batch import ManyParameters, fit_many
 from estimators.known_angle.model import METHODS, Method, SensorParameters, columns_of_channels, parameter_names
 from rig.directions import direction_from_angles
 from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, calibration_values, elevation_azimuth_basis

@@ -300,7 +300,7 @@ def test_nothing_is_written_when_something_is_wrong(
     with pytest.raises(RigError, match="no joint 'wrist'"):
         write_view(recording, calibration, path, other)
     in_millivolts = replace(recording, units={ACCELEROMETER: "mV"})
-    with pytest.raises(RigError, match="recorded in mV, found a calibration in V"):
+    with pytest.raises(RigError, match="recorded in mV, expected the calibration's V"):
         write_view(in_millivolts, calibration, path)
     with pytest.raises(RigError, match="does not exist"):
         write_view(recording, calibration, tmp_path / "no" / "where.rrd")

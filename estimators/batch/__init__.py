@@ -1,11 +1,10 @@
 """Many known-angle calibrations at once, for studies: those of ``estimators.known_angle.fit``, forty times as fast.
 
-A study fits thousands of data sets that share their poses, or nearly so. Their statistics are drawn without any sample
-(``draw_many``) and fitted together (``fit_many``): every step of the search is a few products over all of them.
+A study fits thousands of data sets that share their poses, or nearly so. Their statistics are
+fitted together (``fit_many``): every step of the search is a few products over all of them.
 """
 
-from estimators.batch.draws import Draws, draw_many
 from estimators.batch.fit import ManyFits, fit_many
 from estimators.batch.parameters import ManyParameters
 
-__all__ = ["Draws", "ManyFits", "ManyParameters", "draw_many", "fit_many"]
+__all__ = ["ManyFits", "ManyParameters", "fit_many"]

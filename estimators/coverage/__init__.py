@@ -2,9 +2,8 @@
 
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation
 from estimators.coverage.cells import SphereCells
-from estimators.coverage.directions import direction_name, directions_of, spherical
+from estimators.coverage.directions import direction_name, spherical
 from estimators.coverage.enough import Enough, Targets, enough_attitude_free, enough_known_angles
-from estimators.coverage.refusal import with_missing_directions
 from estimators.coverage.seen import Coverage, coverage
 
 __all__ = [
@@ -15,9 +14,7 @@ __all__ = [
     "Targets",
     "coverage",
     "direction_name",
-    "directions_of",
     "enough_attitude_free",
     "enough_known_angles",
     "spherical",
-    "with_missing_directions",
 ]

@@ -7,14 +7,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.calibration import SensorCalibration
-from estimators.calibration.fields import field_of
 from rig.errors import RigError
-from rig.recording import Recording
-from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
-    from rig.arm import Arm
+    pass
 
 Array = NDArray[np.float64]
 
@@ -27,37 +23,6 @@ _NAMES: Final = tuple(
     "".join(f"{'+' if step > 0 else '-'}{axis}" for step, axis in zip(row, "xyz", strict=True) if step)
     for row in _NEIGHBOURS.tolist()
 )
-
-
-def directions_of(recording: Recording, sensor: str, calibration: SensorCalibration, arm: Arm | None = None) -> Array:
-    """The directions of the field in the sensor's frame, sample by sample.
-
-    With a pose they are R^T f, in frame 6; without one they are those of the calibrated readings, seen from the fitted
-    centre, so that a fit whose centre has run away sees all readings from one side.
-
-    Args:
-        recording: whose ``sensor`` was calibrated.
-        calibration: of it.
-        arm: for joint angles.
-
-    Returns:
-        (n, 3) unit vectors; zero where a reading lies in the fitted centre.
-
-    Raises:
-        RigError: as of ``Recording.rotations`` and ``estimators.calibration.fields.field_of``.
-    """
-    field = calibration.field_direction
-    known = recording.tool_quaternion is not None or (recording.q is not None and arm is not None)
-    if field is not None and known:
-        result = np.empty((3, len(recording)))
-        matrix = np.kron(field.vector, np.eye(3))  # vec R by rows -> R^T f
-        with one_blas_thread():
-            for rows, block in recording.rotation_blocks(arm):
-                np.matmul(matrix, block, out=result[:, rows])
-        return result.T
-    vectors = field_of(calibration, recording.readings(sensor), recording.units[sensor])
-    length = np.sqrt(np.square(vectors).sum(axis=1))
-    return np.asarray(vectors / np.where(length > 0.0, length, 1.0)[:, None])
 
 
 def spherical(vectors: ArrayLike) -> tuple[Array, Array, Array]:

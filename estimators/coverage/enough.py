@@ -21,7 +21,7 @@ from estimators.coverage.seen import Coverage, coverage
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import columns_of_channels
 from rig.documents import plain
-from rig.errors import RefusedFit, RigError
+from rig.errors import RigError
 
 Array = NDArray[np.float64]
 
@@ -104,21 +104,6 @@ class Enough:
         return (
             f"not enough: {self.worst} has {self.ratio:.3g} times its target's standard deviation, {self.more:.2g}"
             f" times as much again would do{toward}"
-        )
-
-    def require_told(self, where: str) -> None:
-        """Refuse an answer where parameters cannot be told, however small the residual is.
-
-        Raises:
-            RefusedFit: naming the parameters and the directions that are missing.
-        """
-        if not self.untold:
-            return
-        names = self.coverage.missing_names
-        toward = f": bring the field along {', '.join(names[:8])} of the sensor" if names else ""
-        first = "" if self.next_direction is None else f", first {self._next()}"
-        raise RefusedFit(
-            f"{where}: these orientations cannot tell {', '.join(self.untold)}, whatever the residual{toward}{first}"
         )
 
     def _next(self) -> str:

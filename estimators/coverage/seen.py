@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from estimators.coverage.cells import SphereCells
-from estimators.coverage.directions import direction_name, direction_names, spherical
+from estimators.coverage.directions import direction_name, direction_names
 from rig.errors import RigError
 
 Array = NDArray[np.float64]
@@ -53,12 +53,6 @@ class Coverage:
     def missing(self) -> Array:
         """(m, 3) unit vectors to the middles of the empty cells."""
         return np.asarray(self.cells.centres[self.counts == 0])
-
-    @property
-    def missing_angles_deg(self) -> Array:
-        """(m, 2) theta and phi of ``missing``, Camps (3) [deg]."""
-        _, theta, phi = spherical(self.missing)
-        return np.degrees(np.stack([theta, phi], axis=1))
 
     @property
     def missing_names(self) -> tuple[str, ...]:

@@ -197,38 +197,6 @@ class Statistics:
         """The statistics of some channels only: those of one sensor out of both, say."""
         return type(self)(self.count, self.gram, self.cross[:, columns], self.square[columns, columns])
 
-    def draw(self, rng: np.random.Generator, coefficients: ArrayLike, noise: ArrayLike) -> Self:
-        """Statistics of new readings in the same poses: exactly as if white Gaussian noise were added to every sample.
-
-        X^T e is N(0, sigma_k^2 gram), independent of the residual part of e^T e, which is Wishart with n - rank degrees
-        of freedom; the cost does not grow with n.
-
-        Args:
-            rng: source of the draw.
-            coefficients: (10, c) true theta, ``SensorParameters.coefficients``.
-            noise: (c,) standard deviation of the noise [recorded unit].
-        """
-        theta = np.asarray(coefficients, dtype=float)
-        sigma = np.broadcast_to(np.asarray(noise, dtype=float), theta.shape[1:])
-        values, vectors = np.linalg.eigh(self.gram)
-        kept = values > values[-1] * 1e-14
-        root = vectors[:, kept] * np.sqrt(values[kept])
-        inside = rng.standard_normal((root.shape[1], len(sigma))) * sigma
-        outside = wishart_root(rng, self.count - root.shape[1], len(sigma)) * sigma
-        projected = root @ inside
-        mixed = theta.T @ projected
-        square = theta.T @ self.gram @ theta + mixed + mixed.T + inside.T @ inside + outside.T @ outside
-        return type(self)(self.count, self.gram, self.gram @ theta + projected, square)
-
-
-def wishart_root(rng: np.random.Generator, degrees: int, size: int) -> Array:
-    """A matrix A (rows, size) with A^T A Wishart with ``degrees`` degrees of freedom and unit covariance (Bartlett)."""
-    if degrees < size:
-        return rng.standard_normal((max(degrees, 0), size))
-    root = np.triu(rng.standard_normal((size, size)), 1)
-    root[np.diag_indices(size)] = np.sqrt(rng.chisquare(degrees - np.arange(size)))
-    return root
-
 
 def _summed(
     count: int, fill: Callable[[int, int, Array], None], readings: Sequence[ArrayLike], implied: int = 0

@@ -41,14 +41,12 @@ class Threshold:
         width: of the peak of still windows, in the logarithm of that mean.
         false_alarm: probability that a window of a sensor standing still exceeds the limit, if its distribution is a
             chi-square of this width. Successive windows overlap: of n samples about n / w are independent.
-        still_share: of the windows that are below the limit.
     """
 
     floor: Array
     limit: float
     width: float
     false_alarm: float
-    still_share: float
 
 
 def choose_threshold(variance: Array, window: int) -> Threshold:
@@ -74,9 +72,7 @@ def choose_threshold(variance: Array, window: int) -> Threshold:
         floor = variance[:, quiet].mean(axis=1)
     limit = float(peak * np.exp(WIDTHS * width))
     freedom = 2.0 / width**2
-    return Threshold(
-        floor, limit, width, float(chdtrc(freedom, freedom * limit / peak)), float((activity < limit).mean())
-    )
+    return Threshold(floor, limit, width, float(chdtrc(freedom, freedom * limit / peak)))
 
 
 def _lowest_peak(activity: Array, expected: float) -> tuple[float, float]:

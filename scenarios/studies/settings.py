@@ -176,8 +176,7 @@ def _expected(text: str, name: str) -> Expected:
         truth[sensor] = SensorParameters.of(
             axes, environment.gravity if sensor == ACCELEROMETER else environment.magnetic
         )
-        white = np.asarray(acquisition.noise_V)[COLUMNS_OF[sensor]]
-        noise[sensor] = np.sqrt(white**2 + acquisition.step_V**2 / 12.0)
+        noise[sensor] = acquisition.sigma[COLUMNS_OF[sensor]]
         if not (noise[sensor] > 0).all():
             raise RigError(f"scenario {name}: the {sensor} has no noise, expected noise_V above zero")
     readings = {sensor: recording.readings(sensor) for sensor in truth}

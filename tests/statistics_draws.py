@@ -1,4 +1,4 @@
-"""Statistics of many data sets in the same poses, drawn without a sample."""
+"""Statistics of readings with other noise in the same poses, drawn without a sample."""
 
 from __future__ import annotations
 
@@ -7,7 +7,42 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimators.known_angle.statistics import Statistics
+
 Array = NDArray[np.float64]
+
+
+def draw(base: Statistics, rng: np.random.Generator, coefficients: ArrayLike, noise: ArrayLike) -> Statistics:
+    """Statistics of new readings in the poses of others: exactly as if white Gaussian noise were added to every sample.
+
+    X^T e is N(0, sigma_k^2 gram), independent of the residual part of e^T e, which is Wishart with n - rank degrees
+    of freedom; the cost does not grow with n.
+
+    Args:
+        rng: source of the draw.
+        coefficients: (10, c) true theta, ``SensorParameters.coefficients``.
+        noise: (c,) standard deviation of the noise [recorded unit].
+    """
+    theta = np.asarray(coefficients, dtype=float)
+    sigma = np.broadcast_to(np.asarray(noise, dtype=float), theta.shape[1:])
+    values, vectors = np.linalg.eigh(base.gram)
+    kept = values > values[-1] * 1e-14
+    root = vectors[:, kept] * np.sqrt(values[kept])
+    inside = rng.standard_normal((root.shape[1], len(sigma))) * sigma
+    outside = wishart_root(rng, base.count - root.shape[1], len(sigma)) * sigma
+    projected = root @ inside
+    mixed = theta.T @ projected
+    square = theta.T @ base.gram @ theta + mixed + mixed.T + inside.T @ inside + outside.T @ outside
+    return Statistics(base.count, base.gram, base.gram @ theta + projected, square)
+
+
+def wishart_root(rng: np.random.Generator, degrees: int, size: int) -> Array:
+    """A matrix A (rows, size) with A^T A Wishart with ``degrees`` degrees of freedom and unit covariance (Bartlett)."""
+    if degrees < size:
+        return rng.standard_normal((max(degrees, 0), size))
+    root = np.triu(rng.standard_normal((size, size)), 1)
+    root[np.diag_indices(size)] = np.sqrt(rng.chisquare(degrees - np.arange(size)))
+    return root
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +65,7 @@ class Draws:
 def draw_many(
     rng: np.random.Generator, gram: ArrayLike, count: int, coefficients: ArrayLike, noise: ArrayLike, draws: int
 ) -> Draws:
-    """Draw as ``Statistics.draw`` does, m times, without the products between channels, which no fit needs.
+    """Draw as ``draw`` does, m times, without the products between channels, which no fit needs.
 
     Without these the residual part of V_k^2 is sigma_k^2 times chi-square with n - rank degrees of freedom, and the
     draws have exactly the distribution that white Gaussian noise on every sample gives.
