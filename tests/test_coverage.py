@@ -17,13 +17,13 @@ from estimators.coverage import (
     SphereCells,
     coverage,
     direction_name,
-    spherical,
 )
 from estimators.coverage.seen import CELLS
 from estimators.goodness.residuals import residuals_of
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.recording import Recording
+from validation.plots.camps_directions import spherical
 
 Array = NDArray[np.float64]
 

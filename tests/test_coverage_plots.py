@@ -15,15 +15,15 @@ import scenarios
 from estimators.coverage import (
     SphereCells,
     coverage,
-    spherical,
 )
 from estimators.coverage.seen import CELLS
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.overlay import Overlay, overlays
-from scenarios.plots import coverage_figure, projection_figure
+from scenarios.plots import coverage_figure
 from scenarios.plots.coverage_cells import outlines
+from validation.plots.camps_directions import projection_figure, spherical
 
 Array = NDArray[np.float64]
 

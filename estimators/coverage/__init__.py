@@ -2,7 +2,7 @@
 
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation
 from estimators.coverage.cells import SphereCells
-from estimators.coverage.directions import direction_name, spherical
+from estimators.coverage.directions import direction_name
 from estimators.coverage.enough import Enough, Targets, enough_attitude_free, enough_known_angles
 from estimators.coverage.seen import Coverage, coverage
 
@@ -16,5 +16,4 @@ __all__ = [
     "direction_name",
     "enough_attitude_free",
     "enough_known_angles",
-    "spherical",
 ]

@@ -25,24 +25,6 @@ _NAMES: Final = tuple(
 )
 
 
-def spherical(vectors: ArrayLike) -> tuple[Array, Array, Array]:
-    """Magnitude, theta and phi, Camps (3), as written there: theta = arctan(sqrt(hx^2 + hy^2) / hz).
-
-    So theta lies in (-pi/2, pi/2]: from 0 at the +z pole up to pi/2 at the equator, then from -pi/2 at the equator up
-    to 0 at the -z pole. phi is the full azimuth in (-pi, pi], of which the quotient alone would know half.
-
-    Args:
-        vectors: (n, 3).
-
-    Returns:
-        (n,) magnitude, in the unit of the vectors; (n,) theta and (n,) phi [rad].
-    """
-    x, y, z = np.asarray(vectors, dtype=float).T
-    across = np.hypot(x, y)
-    theta = np.arctan2(across, z)
-    return np.hypot(across, z), np.where(theta > 0.5 * np.pi, theta - np.pi, theta), np.arctan2(y, x)
-
-
 def direction_name(direction: ArrayLike) -> str:
     """The nearest of the 26 directions of a cube's faces, edges and corners: ``+x``, ``-x+z``, ``+x+y-z``, say.
 

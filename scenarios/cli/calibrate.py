@@ -241,7 +241,7 @@ def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | N
     from estimators.known_angle.from_recording import arm_or_named
     from rig.recording import thinned
     from scenarios.overlay import overlays
-    from scenarios.plots import projection_figure, save
+    from scenarios.plots import coverage_figure, save
 
     recording = thinned(run, _DRAWN)
     alone = calibration.sensors["accelerometer"] if recording.sensors == ("accelerometer",) else None
@@ -249,7 +249,7 @@ def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | N
         still = at_rest(run, alone)
         recording = recording if still is None else still
     used = arm_or_named(arm, calibration.arm)
-    save(projection_figure(recording.t, overlays(recording, calibration, used)), path)
+    save(coverage_figure(recording.t, overlays(recording, calibration, used)), path)
 
 
 def _floor(locked: Path) -> NoiseFloor:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from scenarios.plots.coverage import coverage_figure
-from scenarios.plots.coverage_projection import projection_figure
 from scenarios.plots.errors import errors_figure
 from scenarios.plots.residuals import residuals_figure
 from scenarios.plots.style import save
@@ -12,7 +11,6 @@ from scenarios.plots.sweep import sweep_figure
 __all__ = [
     "coverage_figure",
     "errors_figure",
-    "projection_figure",
     "residuals_figure",
     "save",
     "sweep_figure",

@@ -25,8 +25,6 @@ Array = NDArray[np.float64]
 #: Time gone by, as in the viewer.
 ELAPSED_MAP: Final = LinearSegmentedColormap.from_list("elapsed", ELAPSED)
 
-#: What a sensor sees.
-
 _POINTS = 20_000
 
 

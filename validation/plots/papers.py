@@ -16,12 +16,12 @@ from estimators import calibrate
 from estimators.ellipsoid import EllipsoidFit, fit_ellipsoid
 from scenarios.colours import BLACK, BLUE, GREY, VERMILLION
 from scenarios.overlay import overlays
-from scenarios.plots.coverage_projection import projection_figure
 from scenarios.plots.errors import NORMAL_95
 from scenarios.plots.style import new_figure, style
 from scenarios.studies.error_summary import Cell, Summary
 from validation.paper.camps import readings, scenario_of, truth, tumbles
 from validation.paper.figures_text import OneDraw
+from validation.plots.camps_directions import projection_figure
 
 Array = NDArray[np.float64]
 

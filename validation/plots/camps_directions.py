@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from estimators.coverage import coverage, spherical
+from estimators.coverage import coverage
 from rig.errors import RigError
 from scenarios.colours import BLACK, GREY, VERMILLION
 from scenarios.decimation import evenly
@@ -121,6 +121,24 @@ def _as_angles(polygon: Array) -> Array:
     theta = np.degrees(np.arccos(np.clip(polygon[:, 1], -1.0, 1.0)))
     below = float(polygon[:, 1].mean()) < 0.0
     return np.stack([np.degrees(polygon[:, 0]), theta - 180.0 if below else theta], axis=1)
+
+
+def spherical(vectors: ArrayLike) -> tuple[Array, Array, Array]:
+    """Magnitude, theta and phi, Camps (3), as written there: theta = arctan(sqrt(hx^2 + hy^2) / hz).
+
+    So theta lies in (-pi/2, pi/2]: from 0 at the +z pole up to pi/2 at the equator, then from -pi/2 at the equator up
+    to 0 at the -z pole. phi is the full azimuth in (-pi, pi], of which the quotient alone would know half.
+
+    Args:
+        vectors: (n, 3).
+
+    Returns:
+        (n,) magnitude, in the unit of the vectors; (n,) theta and (n,) phi [rad].
+    """
+    x, y, z = np.asarray(vectors, dtype=float).T
+    across = np.hypot(x, y)
+    theta = np.arctan2(across, z)
+    return np.hypot(across, z), np.where(theta > 0.5 * np.pi, theta - np.pi, theta), np.arctan2(y, x)
 
 
 def frame_name(overlay: Overlay) -> str:
