@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from kinematic_examples import BOTH_NOISES, BOTH_SENSORS, TRUTHS, run_of, sweep_angles
 from scipy.spatial.transform import Rotation
+from statistics_draws import draw
 
 import estimators
 from estimators.calibration.fields import apply_file, field_of
@@ -70,7 +71,7 @@ def test_separate_fits_agree_on_one_field_as_often_as_they_should() -> None:
     run = run_of({"magnetometer": TRUTHS["table10"][0]}, 0.0, 0)
     summed = summarise(run, ["magnetometer"])
     for _ in range(200):
-        statistics = summed.statistics.draw(rng, TRUTHS["table10"][0].coefficients, BOTH_NOISES[1])
+        statistics = draw(summed.statistics, rng, TRUTHS["table10"][0].coefficients, BOTH_NOISES[1])
         fit = estimators.known_angle.fit.fit_sensor(statistics, 1.0, method="separate", noise=BOTH_NOISES[1])
         agreement = estimators.known_angle.assemble.assemble(fit, noise_source="given").quality.field_agreement
         assert agreement is not None
@@ -109,7 +110,7 @@ def test_a_short_locked_recording_is_not_trusted_beyond_its_length() -> None:
     for seed in range(150):
         floor = estimators.noise_floor(locked(seed, count=200)).of("magnetometer")
         assert floor is not None
-        statistics = base.draw(rng, truth.coefficients, BOTH_NOISES[1])
+        statistics = draw(base, rng, truth.coefficients, BOTH_NOISES[1])
         fit = estimators.known_angle.fit.fit_sensor(statistics, 1.0, noise=floor[0])
         values.append(estimators.known_angle.assemble.against_floor(fit, floor[1])["p_value"])
     uniform = np.sort(values)

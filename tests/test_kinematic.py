@@ -21,6 +21,7 @@ from kinematic_examples import (
 )
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from statistics_draws import draw
 
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.global_minimum import Compressed, refine
@@ -125,7 +126,7 @@ def test_any_truth_reaches_the_global_minimum(method: Method, count: int) -> Non
     for _ in range(count):
         truth = random_truth(rng)
         theta = truth.coefficients
-        statistics = base.draw(rng, theta, noise)
+        statistics = draw(base, rng, theta, noise)
         fit = fit_sensor(statistics, 9.8, method=method, noise=noise, field_points=truth.fields[0])
         residual = np.diag(statistics.square - 2.0 * theta.T @ statistics.cross + theta.T @ base.gram @ theta)
         assert fit.residual_square @ noise**-2.0 <= residual @ noise**-2.0 * (1.0 + 1e-9)
@@ -245,7 +246,7 @@ def test_the_smallest_sets_that_are_accepted_are_right(count: int) -> None:
     truth, noise = TRUTHS["table10"]
     rng = np.random.default_rng(18)
     for _ in range(50):
-        fit = fit_sensor(sweep_statistics(count).draw(rng, truth.coefficients, noise), 1.0)
+        fit = fit_sensor(draw(sweep_statistics(count), rng, truth.coefficients, noise), 1.0)
         assert (np.abs(errors(fit, truth, "simultaneous")) < 10.0 * np.sqrt(fit.covariance.diagonal())).all()
 
 
@@ -274,7 +275,7 @@ def test_noise_of_zero_is_taken_as_rounding() -> None:
 def test_scales_of_units_do_not_matter() -> None:
     """The same readings in mV and raw counts: the same axes and field, everything else in proportion, to rounding."""
     truth, noise = TRUTHS["table10"]
-    statistics = sweep_statistics(1000).draw(np.random.default_rng(19), truth.coefficients, noise)
+    statistics = draw(sweep_statistics(1000), np.random.default_rng(19), truth.coefficients, noise)
     reference = fit_sensor(statistics, 1.0)
     for factor, magnitude in product((1e-3, 1e3, 1638.4), (1.0, 47.0)):
         scaled = Statistics(1000, statistics.gram, factor * statistics.cross, factor**2 * statistics.square)

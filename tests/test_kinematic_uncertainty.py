@@ -10,6 +10,7 @@ from kinematic_examples import (
     sweep_statistics,
 )
 from scipy.special import stdtrit
+from statistics_draws import draw
 
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.identifiability import Information, bound
@@ -31,7 +32,7 @@ def trials(
     rng = np.random.default_rng(seed)
     standardised, over_bound, ratio = [], [], []
     for _ in range(draws):
-        statistics = base.draw(rng, truth.coefficients, sigma)
+        statistics = draw(base, rng, truth.coefficients, sigma)
         fit = fit_sensor(statistics, truth.reference_magnitude, method=method, noise=sigma if known else None)
         error, std = errors(fit, truth, method), np.sqrt(fit.covariance.diagonal())
         # Student's quantile in units of the normal one: what an interval from estimated noise is taken with.
@@ -84,7 +85,7 @@ def test_equal_weights_cost_what_their_covariance_says() -> None:
     rng = np.random.default_rng(6)
     standardised = []
     for _ in range(400):
-        statistics = base.draw(rng, truth.coefficients, noise)
+        statistics = draw(base, rng, truth.coefficients, noise)
         fit = fit_sensor(statistics, 1.0, noise=noise, weighting="equal")
         standardised.append(errors(fit, truth, "simultaneous") / np.sqrt(fit.covariance.diagonal()))
     assert abs(np.sqrt((np.array(standardised) ** 2).mean()) - 1.0) < 0.05
@@ -101,7 +102,7 @@ def test_estimated_noise_is_unbiased_and_its_degrees_add_up() -> None:
     truth, noise = TRUTHS["table10"]
     base = sweep_statistics(40)
     rng = np.random.default_rng(7)
-    fits = [fit_sensor(base.draw(rng, truth.coefficients, noise), 1.0) for _ in range(1000)]
+    fits = [fit_sensor(draw(base, rng, truth.coefficients, noise), 1.0) for _ in range(1000)]
     ratio = np.array([fit.noise**2 / noise**2 for fit in fits])
     assert (np.abs(ratio.mean(axis=0) - 1.0) < 4.0 * np.sqrt(2.0 / 35.0 / 1000.0)).all()
     assert all(abs(fit.degrees_of_freedom.sum() - (3 * 40 - 14)) < 1e-6 for fit in fits)
@@ -118,7 +119,7 @@ def test_an_elevation_near_the_pole_keeps_its_95_percent(name: str) -> None:
     rng = np.random.default_rng(8)
     held, widened = [], 0
     for _ in range(1000):
-        fit = fit_sensor(sweep_statistics().draw(rng, truth.coefficients, noise), 9.8, noise=noise)
+        fit = fit_sensor(draw(sweep_statistics(), rng, truth.coefficients, noise), 9.8, noise=noise)
         reported = report(fit.parameters, fit.covariance, "simultaneous")
         row = reported.names.index("phi_deg")
         held.append(abs(reported.values[row] - phi) < 1.96 * np.sqrt(reported.covariance[row, row]))
@@ -138,7 +139,7 @@ def test_reported_angles_and_vectors_spread_as_they_say(method: Method) -> None:
     exact = report(truth, np.eye(len(parameter_names(method))), method)
     scores, vector_scores = [], []
     for _ in range(400):
-        fit = fit_sensor(sweep_statistics().draw(rng, truth.coefficients, noise), 1.0, method=method, noise=noise)
+        fit = fit_sensor(draw(sweep_statistics(), rng, truth.coefficients, noise), 1.0, method=method, noise=noise)
         found = report(fit.parameters, fit.covariance, method)
         assert not found.untold
         assert not found.warnings

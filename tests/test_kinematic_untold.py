@@ -15,6 +15,7 @@ from kinematic_examples import (
     sweep_statistics,
 )
 from scipy.spatial.transform import Rotation
+from statistics_draws import draw
 
 from estimators.known_angle.fit import WEIGHTINGS, fit_sensor
 from estimators.known_angle.identifiability import Information, bound
@@ -134,7 +135,7 @@ def test_a_channel_that_does_not_respond_is_refused() -> None:
 
 def test_a_fit_says_what_it_is_and_a_refusal_of_which_sensor() -> None:
     truth, noise = TRUTHS["table5"]
-    statistics = sweep_statistics().draw(np.random.default_rng(17), truth.coefficients, noise)
+    statistics = draw(sweep_statistics(), np.random.default_rng(17), truth.coefficients, noise)
     for weighting in WEIGHTINGS:
         fit = fit_sensor(statistics, 9.8, weighting=weighting)
         assert (fit.method, fit.weighting, fit.count) == ("simultaneous", weighting, 6656)
@@ -149,7 +150,7 @@ def test_gamma_cannot_be_told_with_beta_at_90_degrees() -> None:
     axes = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     truth = SensorParameters(9.8, np.full(3, 0.14), np.full(3, 2.5), axes, np.tile(GRAVITY / 9.8, (3, 1)))
     noise = np.full(3, 0.0134)
-    fit = fit_sensor(sweep_statistics().draw(np.random.default_rng(16), truth.coefficients, noise), 9.8)
+    fit = fit_sensor(draw(sweep_statistics(), np.random.default_rng(16), truth.coefficients, noise), 9.8)
     reported = report(fit.parameters, fit.covariance, "simultaneous")
     assert "gamma1_deg" in reported.untold
     assert "axis 1 lies 0.0" in reported.untold["gamma1_deg"]
