@@ -33,14 +33,3 @@ def solve(matrix: Array, right: Array) -> Array | None:
     """Of a symmetric, positive definite system; None where it is not definite."""
     _, solution, failed = _lapack.dposv(matrix, right)
     return np.asarray(solution) if failed == 0 else None
-
-
-def least_squares(matrix: Array, right: Array) -> Array:
-    """The shortest x (p,) or (p, c) that minimises |matrix x - right|, for (m, p) and (m,) or (m, c)."""
-    m, p = matrix.shape
-    rounding = np.finfo(float).eps * max(m, p)
-    if m < p:
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=rounding)[0])
-    columns = right.reshape(m, -1)
-    solution = _lapack.dgelsy(matrix, columns, np.zeros(p, dtype=np.int32), rounding, 128 + 4 * p + columns.shape[1])[1]
-    return np.asarray(solution[:p].reshape(p, *right.shape[1:]))

@@ -13,7 +13,7 @@ from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage import coverage
 from estimators.ellipsoid import Options, calibrate_attitude_free
 from estimators.known_angle.assemble import assemble
-from estimators.known_angle.fit import Weighting, fit_sensor
+from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.from_recording import (
     FieldPoints,
     Noise,
@@ -28,7 +28,7 @@ from estimators.known_angle.from_recording import (
     scanned,
     summarise,
 )
-from estimators.known_angle.model import Method
+from estimators.known_angle.model import Method, Weighting
 from estimators.known_angle.together import calibrate_together
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, RecordingScan, thinned

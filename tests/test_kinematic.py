@@ -23,8 +23,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from statistics_draws import draw
 
+from estimators.batch.global_minima import Problems, descend
+from estimators.batch.optimum import Centred
 from estimators.known_angle.fit import fit_sensor
-from estimators.known_angle.global_minimum import Compressed, refine
 from estimators.known_angle.model import METHODS, Method, SensorParameters, parameter_names
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
@@ -153,15 +154,17 @@ def test_no_start_finds_a_lower_cost(poses: str, method: Method) -> None:
         volts = readings(rotations, truth) + 0.01 * rng.standard_normal((len(rotations), 3))
         statistics = Statistics.from_rotations(rotations, volts)
         fit = fit_sensor(statistics, 9.8, method=method, noise=np.full(3, 0.01), refuse=False)
-        data = Compressed.of(statistics)
-        for start in unit_vectors(rng, 30):
-            if method == "simultaneous":
-                other = refine(data, start, np.ones(3)).mean_square.sum()
-                assert fit.residual_square.sum() / fit.count <= other * (1.0 + 1e-7)
-            else:
-                for k in range(3):
-                    other = refine(data.channel(k), start, np.ones(1)).mean_square[0]
-                    assert fit.residual_square[k] / fit.count <= other * (1.0 + 1e-7)
+        square = statistics.square.diagonal()[None]
+        data = Centred.of(statistics.gram, statistics.cross[None], square, np.array([statistics.count])).problems
+        left, starts = fit.residual_square / fit.count, unit_vectors(rng, 30).T
+        every = np.zeros(30, dtype=np.intp)
+        if method == "simultaneous":
+            others = descend(data.select(every), starts, every).cost
+            assert left.sum() <= others.min() * (1.0 + 1e-7)
+            continue
+        for k in range(3):
+            one = Problems(data.covariance, data.cross[:, :, k : k + 1], data.variance[:, k : k + 1])
+            assert left[k] <= descend(one.select(every), starts, every).cost.min() * (1.0 + 1e-7)
 
 
 @BOTH

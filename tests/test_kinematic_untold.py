@@ -17,9 +17,9 @@ from kinematic_examples import (
 from scipy.spatial.transform import Rotation
 from statistics_draws import draw
 
-from estimators.known_angle.fit import WEIGHTINGS, fit_sensor
+from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.identifiability import Information, bound
-from estimators.known_angle.model import METHODS, Method, SensorParameters
+from estimators.known_angle.model import METHODS, WEIGHTINGS, Method, SensorParameters
 from estimators.known_angle.reported import report
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm

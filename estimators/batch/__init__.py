@@ -1,4 +1,4 @@
-"""Many known-angle calibrations at once, for studies: those of ``estimators.known_angle.fit``, forty times as fast.
+"""Many known-angle calibrations at once: the search of ``estimators.known_angle.fit``, and all of them for studies.
 
 A study fits thousands of data sets that share their poses, or nearly so. Their statistics are
 fitted together (``fit_many``): every step of the search is a few products over all of them.

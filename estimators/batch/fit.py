@@ -8,10 +8,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.batch.optimum import Centred, Optimum, separate, simultaneous
+from estimators.batch.optimum import Centred, Optimum, parameters_of, separate, simultaneous
 from estimators.batch.parameters import ManyParameters, Uncertainty
-from estimators.known_angle.fit import WEIGHTINGS, Weighting
-from estimators.known_angle.model import METHODS, PARAMETERS_AT_ONCE, Method, SensorParameters, columns_of_channels
+from estimators.known_angle.model import (
+    METHODS,
+    PARAMETERS_AT_ONCE,
+    WEIGHTINGS,
+    Method,
+    SensorParameters,
+    Weighting,
+    columns_of_channels,
+)
 from estimators.known_angle.refusal import AMBIGUOUS_CHI_SQUARE, SAME_SIGMAS, UNCERTAINTY_LIMIT
 from rig.directions import tangent_basis
 from rig.errors import RigError, unknown_name
@@ -174,7 +181,7 @@ def _fit(table: _Table, method: Method, weighting: Weighting, magnitude: float) 
     data = Centred.of(table.gram, table.cross, table.square, table.count)
     given = None if table.noise is None else np.maximum(table.noise, data.rounding)
     optimum = simultaneous(data, given, weighting) if method == "simultaneous" else separate(data)
-    parameters = _parameters(optimum, data, magnitude, table.points)
+    parameters = parameters_of(optimum, data, magnitude, table.points)
     residual = optimum.mean_square * table.count[:, None]
     per_channel = parameters.information(table.gram)
     assumed = np.ones_like(residual) if weighting == "equal" else optimum.noise if given is None else given
@@ -194,20 +201,6 @@ def _fit(table: _Table, method: Method, weighting: Weighting, magnitude: float) 
     told &= ~_uncertain(covariance, method)
     told &= ~_ambiguous(optimum, parameters.fields, covariance, noise, table.count, method)
     return ManyFits(method, parameters, residual, noise, covariance, optimum.converged, told)
-
-
-def _parameters(optimum: Optimum, data: Centred, magnitude: float, points: Array) -> ManyParameters:
-    """With the sign that puts each field on the side of ``points`` (m, 3), as in ``estimators.known_angle.fit``."""
-    fields = optimum.fields
-    along = np.einsum("mki,mi->mk", fields, points) / np.linalg.norm(points, axis=1)[:, None]
-    largest = np.take_along_axis(fields, np.abs(fields).argmax(axis=2)[:, :, None], axis=2)[:, :, 0]
-    sign = np.where(np.where(np.abs(along) < 1e-9, largest, along) >= 0.0, 1.0, -1.0)[:, :, None]
-    length = np.maximum(np.sqrt(np.square(optimum.scaled_axes).sum(axis=2)), 1e-300)
-    rotation = np.broadcast_to(data.mean_rotation, (len(fields), 9)).reshape(-1, 3, 3)
-    offset = data.mean - np.einsum("mki,mij,mkj->mk", fields, rotation, optimum.scaled_axes)
-    return ManyParameters(
-        magnitude, length / magnitude, offset, sign * optimum.scaled_axes / length[:, :, None], sign * fields
-    )
 
 
 def _uncertain(covariance: Array, method: Method) -> Flags:

@@ -1,8 +1,10 @@
-"""The search of ``estimators.known_angle.global_minimum`` for many data sets at once.
+"""The global minimum of the known-angle cost, from any data and without an initial guess, for many data sets at once.
 
-Same cost, same grid, same local minima. The refinement differs: variable projection leaves two unknowns, the tangent
-coordinates of the field's direction, and Newton's method with the exact Hessian of the projected cost takes some five
-steps, each a few products over all data sets.
+For a fixed field direction f the model is linear in m_k = S_k |f| P_k and delta_k, with the same 3 x 3 normal matrix
+A(f) for every channel once delta_k is eliminated by centring: variable projection (Golub and Pereyra, 1973). What is
+left is a function of a direction only, on a half sphere, as (f, P_k) and (-f, -P_k) give the same readings. It is
+evaluated on a grid all at once, and from every local minimum of the grid Newton's method with the exact Hessian of the
+projected cost takes some five steps in two tangent coordinates, each a few products over all data sets.
 
 Arrays have the data sets last: (3, P) directions, (9, P) products. A data set's weights are put into its readings:
 every channel is multiplied by the root of its weight, and the cost is then an unweighted sum.
@@ -11,24 +13,29 @@ every channel is multiplied by the root of its weight, and the cost is then an u
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from estimators.known_angle.global_minimum import (
-    FINE_GRID_CONDITION,
-    FINE_GRID_POINTS,
-    GRID_POINTS,
-    MOST_STARTS,
-    cholesky,
-    forward,
-    half_sphere,
-)
 from rig.directions import tangent_basis
+from rig.errors import RefusedFit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+#: Directions on the half sphere, 7 degrees apart: on well-conditioned poses the projected cost has no detail below some
+#: tens of degrees. On others it can have narrow basins, which a grid four times as fine finds.
+GRID_POINTS = 400
+FINE_GRID_POINTS = 6400
+#: Condition of the rotations' covariance from which the fine grid is used; that of a sweep is about 4.
+FINE_GRID_CONDITION = 1e3
+#: Local minima of a grid that are refined at most; a fine grid on few orientations has about ten.
+MOST_STARTS = 24
+#: Eigenvalues of the rotations' covariance below this share of the largest are rounding: sums of entries of order one
+#: are good to some 1e-15 of n.
+RANK_TOLERANCE = 1e-13
 #: A step shorter than this [rad] is the last one: Newton's method squares it.
 _LAST_STEP = 1e-8
 #: Steps are cut to this [rad], two of the grid's meshes.
@@ -36,6 +43,23 @@ _LONGEST_STEP = 0.25
 _MOST_STEPS = 60
 #: Numbers of a block of the grid's values: 4 MiB stay in a core's cache.
 _BLOCK_NUMBERS = 1 << 19
+
+
+@cache
+def half_sphere(points: int) -> tuple[Array, Indices, Array]:
+    """Directions (g, 3) spread evenly over a half sphere, the neighbours (g, 8) of each, and products f_i f_j (g, 9).
+
+    A Fibonacci lattice; a direction at the rim has neighbours across it, as f and -f are the same here.
+    """
+    index = np.arange(points) + 0.5
+    z = 1.0 - index / points
+    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * index
+    radius = np.sqrt(1.0 - z * z)
+    directions = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=1)
+    tree = cKDTree(np.vstack([directions, -directions]))
+    neighbours = tree.query(directions, k=9)[1][:, 1:] % points
+    products = (directions[:, :, None] * directions[:, None, :]).reshape(-1, 9)
+    return directions, neighbours, products
 
 
 @dataclass(frozen=True)
@@ -97,7 +121,15 @@ class Minima:
         return np.asarray(self.mean_square.sum(axis=1))
 
     def best(self) -> Indices:
-        """(P,) the row of each problem's lowest minimum."""
+        """(P,) the row of each problem's lowest minimum.
+
+        Raises:
+            RefusedFit: there is none.
+        """
+        if not self.problem.size:
+            raise RefusedFit(
+                "no best fit is found: the readings, or their noise, differ by too many orders of magnitude"
+            )
         order = np.lexsort((self.cost, self.problem))
         first = np.concatenate([[True], np.diff(self.problem[order]) > 0])
         return np.asarray(order[first])
@@ -120,6 +152,25 @@ def local_minima(problems: Problems) -> Minima:
     order = np.argsort(which, kind="stable")
     which, rows = which[order], np.concatenate(starts)[order]
     return descend(problems.select(which), directions[rows].T, which)
+
+
+def cholesky(normal: Array, ridge: float | Array) -> tuple[Array, ...]:
+    """Factors of symmetric (3, 3) matrices given as (9, ..): 11, 21, 31, 22, 32, 33."""
+    a11, a21, a31, a22, a32, a33 = (normal[i] for i in (0, 3, 6, 4, 7, 8))
+    l11 = np.sqrt(np.maximum(a11, 0.0) + ridge)
+    l21, l31 = a21 / l11, a31 / l11
+    l22 = np.sqrt(np.maximum(a22 - l21 * l21, 0.0) + ridge)
+    l32 = (a32 - l31 * l21) / l22
+    l33 = np.sqrt(np.maximum(a33 - l31 * l31 - l32 * l32, 0.0) + ridge)
+    return l11, l21, l31, l22, l32, l33
+
+
+def forward(factor: tuple[Array, ...], right: Array) -> tuple[Array, Array, Array]:
+    """L z = right, for right (3, ..)."""
+    l11, l21, l31, l22, l32, l33 = factor
+    z1 = right[0] / l11
+    z2 = (right[1] - l21 * z1) / l22
+    return z1, z2, (right[2] - l31 * z1 - l32 * z2) / l33
 
 
 def _explained(problems: Problems, points: int) -> Array:
@@ -186,10 +237,13 @@ def descend(problems: Problems, field: Array, label: Indices) -> Minima:
         stay = ~(done | given_up)
         if not stay.any():
             break
+        if stay.all() and better.all():
+            now = new
+            continue
         active = active[stay]
         part = problems.select(active)
         now = _Point.at(part, found[:, active])
-    last = _Point.at(problems, found)
+    last = new if len(active) == problems.count and better.all() else _Point.at(problems, found)
     return Minima(label, found, last.scaled_axes, last.mean_square(problems), converged)
 
 

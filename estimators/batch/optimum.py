@@ -1,4 +1,4 @@
-"""The best solutions of many centred problems, as ``estimators.known_angle.fit`` has them for one."""
+"""The best solutions of many centred problems: separate, Renk (14), (20), and simultaneous, Renk (15), (21)."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.batch.global_minima import Minima, Problems, descend, local_minima
-from estimators.known_angle.fit import Weighting
-from estimators.known_angle.global_minimum import RANK_TOLERANCE
-from estimators.known_angle.model import PARAMETERS_OF
+from estimators.batch.global_minima import RANK_TOLERANCE, Minima, Problems, descend, local_minima
+from estimators.batch.parameters import ManyParameters
+from estimators.known_angle.model import PARAMETERS_OF, Weighting
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-#: As in ``estimators.known_angle.fit``: relative change of the weights that ends their iteration.
+#: Relative change of the weights that ends their iteration: it moves the estimate by a millionth of its standard
+#: deviation.
 _SETTLED: Final = 1e-6
 _MOST_WEIGHTS: Final = 50
-#: As in ``estimators.known_angle.global_minimum``: fields whose product is within this of one are the same minimum.
+#: Fields whose product is within this of one are the same minimum.
 _SAME: Final = 1e-10
 
 
@@ -154,25 +154,26 @@ def simultaneous(data: Centred, given: Array | None, weighting: Weighting) -> Op
 
 
 def separate(data: Centred) -> Optimum:
-    """Each channel by itself."""
-    problems = data.problems
-    m = len(data.mean)
-    minima: list[Minima] = []
-    for k in range(3):
-        one = Problems(problems.covariance, problems.cross[:, :, k : k + 1], problems.variance[:, k : k + 1])
-        minima.append(local_minima(one))
-    best = [found.best() for found in minima]
-    mean_square = np.stack([found.mean_square[row, 0] for found, row in zip(minima, best, strict=True)], axis=1)
-    fields = [found.field[:, row] for found, row in zip(minima, best, strict=True)]
+    """Each channel by itself: of data set i those are problems 3 i to 3 i + 2."""
+    problems, m = data.problems, len(data.mean)
+    covariance = problems.covariance
+    minima = local_minima(
+        Problems(
+            covariance if covariance.ndim == 2 else np.repeat(covariance, 3, axis=0),
+            problems.cross.reshape(9, 3 * m, 1),
+            problems.variance.reshape(3 * m, 1),
+        )
+    )
+    best = minima.best()
+    every = _rivals(minima, minima.mean_square, minima.field[:, best], minima.mean_square[best], None)
+    row, channel = np.divmod(every.row, 3)
     return Optimum(
-        np.stack(fields, axis=1).transpose(2, 1, 0),
-        np.stack([found.scaled_axes[:, row, 0].T for found, row in zip(minima, best, strict=True)], axis=1),
-        mean_square,
+        minima.field[:, best].T.reshape(m, 3, 3),
+        minima.scaled_axes[:, best, 0].T.reshape(m, 3, 3),
+        minima.mean_square[best].reshape(m, 3),
         np.ones((m, 3)),
-        np.all([found.converged[row] for found, row in zip(minima, best, strict=True)], axis=0),
-        tuple(
-            _rivals(found, found.mean_square, fields[k], mean_square[:, k : k + 1], k) for k, found in enumerate(minima)
-        ),
+        np.all(minima.converged[best].reshape(m, 3), axis=1),
+        tuple(Rivals(k, row[channel == k], every.field[channel == k], every.excess[channel == k]) for k in range(3)),
     )
 
 
@@ -181,3 +182,18 @@ def _rivals(minima: Minima, mean_square: Array, field: Array, best: Array, chann
     row = minima.problem
     other = np.abs((minima.field * field[:, row]).sum(axis=0)) < 1.0 - _SAME
     return Rivals(channel, row[other], minima.field[:, other].T, (mean_square - best[row])[other])
+
+
+def parameters_of(optimum: Optimum, data: Centred, magnitude: float, points: Array) -> ManyParameters:
+    """The parameters of (m,) optima, with the sign that puts each field on the side of ``points`` (m, 3), or of its
+    largest component where it lies on neither."""
+    fields = optimum.fields
+    along = np.einsum("mki,mi->mk", fields, points) / np.linalg.norm(points, axis=1)[:, None]
+    largest = np.take_along_axis(fields, np.abs(fields).argmax(axis=2)[:, :, None], axis=2)[:, :, 0]
+    sign = np.where(np.where(np.abs(along) < 1e-9, largest, along) >= 0.0, 1.0, -1.0)[:, :, None]
+    length = np.maximum(np.sqrt(np.square(optimum.scaled_axes).sum(axis=2)), 1e-300)
+    rotation = np.broadcast_to(data.mean_rotation, (len(fields), 9)).reshape(-1, 3, 3)
+    offset = data.mean - np.einsum("mki,mij,mkj->mk", fields, rotation, optimum.scaled_axes)
+    return ManyParameters(
+        magnitude, length / magnitude, offset, sign * optimum.scaled_axes / length[:, :, None], sign * fields
+    )

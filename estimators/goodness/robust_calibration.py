@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.dispatch import calibrate
 from estimators.goodness.outliers import CUT, efficiency, robust_scale
-from estimators.known_angle.fit import Weighting, fit_sensor
+from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.from_recording import FieldPoints, Noise, arm_or_named, magnitude_of
-from estimators.known_angle.model import Method
+from estimators.known_angle.model import Method, Weighting
 from estimators.known_angle.statistics import Statistics
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording

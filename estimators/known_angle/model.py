@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 Method = Literal["simultaneous", "separate"]
 METHODS: Final[tuple[Method, ...]] = ("simultaneous", "separate")
 
+Weighting = Literal["likelihood", "equal"]
+WEIGHTINGS: Final[tuple[Weighting, ...]] = ("likelihood", "equal")
+
 #: Parameters of a sensor, Renk (15), (21) and three times (14), (20).
 PARAMETERS_OF: Final[dict[Method, int]] = {"simultaneous": 14, "separate": 18}
 #: Parameters one minimisation looks for: a sensor's, or a channel's.

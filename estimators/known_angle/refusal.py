@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.known_angle.global_minimum import Compressed
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import PARAMETERS_AT_ONCE, SensorParameters, columns_of_channels
 from rig.directions import tangent_basis
@@ -45,8 +45,9 @@ def why_not(
     parameters: SensorParameters,
     information: Information,
     covariance: Array,
-    data: Compressed,
-    rivals: tuple[Rival, ...],
+    spread: Array,
+    rank: int,
+    rivals: Sequence[Rival],
     noise: Array,
     count: int,
 ) -> str | None:
@@ -54,27 +55,29 @@ def why_not(
 
     Args:
         parameters, information, covariance: the optimum, in the coordinates of ``SensorParameters.jacobian``.
-        data: what it was fitted to.
+        spread: (9, 9) covariance of vec R. rank: dimensions that the orientations span.
         rivals: the other local minima.
         noise: (3,) standard deviation of a reading [recorded unit].
         count: n.
     """
     channels = 3 if information.method == "simultaneous" else 1
-    equations = channels * (data.rank + 1)
+    equations = channels * (rank + 1)
     parameters_at_once = PARAMETERS_AT_ONCE[information.method]
     undetermined = information.undetermined()
     if undetermined:
-        return f"these poses cannot determine {listed(undetermined)}: {_seen(parameters, data, 1e-10)}; {_REMEDY}"
+        return (
+            f"these poses cannot determine {listed(undetermined)}: {_seen(parameters, spread, rank, 1e-10)}; {_REMEDY}"
+        )
     if equations < parameters_at_once + channels:
         return (
-            f"{data.rank + 1} orientations give {equations} equations for {parameters_at_once} parameters, too few to"
+            f"{rank + 1} orientations give {equations} equations for {parameters_at_once} parameters, too few to"
             f" check the answer by; {_REMEDY}"
         )
     uncertain = information.uncertain(covariance, UNCERTAINTY_LIMIT)
     if uncertain:
         return (
             f"these poses and this noise leave {listed(uncertain)} uncertain by more than a tenth of itself or 0.1 rad"
-            f" (condition {information.condition:.1e}): {_seen(parameters, data, 1e-2)}; {_REMEDY}"
+            f" (condition {information.condition:.1e}): {_seen(parameters, spread, rank, 1e-2)}; {_REMEDY}"
         )
     columns = [of_field for _, _, of_field in columns_of_channels(information.method)]
     for rival in rivals:
@@ -98,16 +101,16 @@ def _apart(field: Array, other: Array, covariance: Array) -> bool:
     return bool(error @ np.linalg.solve(covariance, error) > SAME_SIGMAS**2)
 
 
-def _seen(parameters: SensorParameters, data: Compressed, limit: float) -> str:
+def _seen(parameters: SensorParameters, covariance: Array, rank: int, limit: float) -> str:
     """What the sensor has seen of the field, by the covariance of R^T f: its eigenvalues above ``limit``."""
     field = parameters.fields[0]
-    blocks = data.covariance.reshape(3, 3, 3, 3)
-    spread = np.linalg.eigvalsh(np.einsum("i,ijkl,k->jl", field, blocks, field))
-    dimensions = int((spread > limit).sum())
+    blocks = covariance.reshape(3, 3, 3, 3)
+    values = np.linalg.eigvalsh(np.einsum("i,ijkl,k->jl", field, blocks, field))
+    dimensions = int((values > limit).sum())
     if dimensions < 3:
         shape = ("one direction", "two directions", "directions on one circle")[dimensions]
         return f"the sensor sees the field from {shape} only, as in three orientations or in turns about one axis"
-    return f"the orientations span {data.rank} dimensions, as {data.rank + 1} of them do, or turns about too few axes"
+    return f"the orientations span {rank} dimensions, as {rank + 1} of them do, or turns about too few axes"
 
 
 def listed(names: tuple[str, ...]) -> str:

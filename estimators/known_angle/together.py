@@ -18,7 +18,7 @@ from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.known_angle.assemble import assemble
-from estimators.known_angle.fit import SensorFit, Weighting, fit_sensor
+from estimators.known_angle.fit import SensorFit, fit_sensor
 from estimators.known_angle.from_recording import (
     FieldPoints,
     Floors,
@@ -32,7 +32,7 @@ from estimators.known_angle.from_recording import (
     summarise,
 )
 from estimators.known_angle.identifiability import Information
-from estimators.known_angle.model import Method
+from estimators.known_angle.model import Method, Weighting
 from estimators.known_angle.statistics import Statistics
 from rig.channels import SENSORS
 from rig.errors import RigError, in_short

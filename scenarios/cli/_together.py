@@ -11,8 +11,8 @@ from rig.errors import RigError
 
 if TYPE_CHECKING:
     from estimators import Calibration
-    from estimators.known_angle.fit import Weighting
     from estimators.known_angle.from_recording import FieldPoints, Noise
+    from estimators.known_angle.model import Weighting
     from rig.arm import Arm
     from rig.recording import Recording
 

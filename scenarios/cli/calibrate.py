@@ -27,7 +27,7 @@ from scenarios.cli._stated import stated_by_place, stated_metadata, stated_optio
 
 if TYPE_CHECKING:
     from estimators import Calibration, NoiseFloor
-    from estimators.known_angle.fit import Weighting
+    from estimators.known_angle.model import Weighting
     from rig.arm import Arm
     from rig.recording import Recording, RecordingScan
 
