@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 from scipy.stats import binom
 
 from estimators.gap.evidence.laplace import Linear
@@ -42,6 +43,28 @@ def test_the_interval_of_the_closed_share_holds_the_truth(count: int) -> None:
         assert closed.high is not None
         held += closed.low <= really <= closed.high
     # the bounds are order statistics of 400 draws, known to a percent or so: anything from 93 to 97 % will do
+    assert binom.ppf(1e-5, TIMES, 0.93) <= held <= binom.ppf(1.0 - 1e-5, TIMES, 0.97)
+
+
+def test_a_shape_that_the_fit_keeps_widens_it_as_a_fitted_one_would() -> None:
+    """Two directions at right angles, of unit length: the first is fitted, the second lies with equal probability at
+    quantiles of what the readings say of it."""
+    rng = np.random.default_rng(7)
+    both = np.linalg.qr(rng.standard_normal((ROWS, 2)))[0]
+    quantiles = ndtri((np.arange(40) + 0.5) / 40.0)
+    one = np.ones(1)
+    held = 0
+    for _ in range(TIMES):
+        true = SNR / np.sqrt(2.0) * both.sum(axis=1)
+        fitted = both.T @ (true + rng.standard_normal(ROWS))
+        change = both @ fitted
+        linear = Linear(change - change, both[:, :1], fitted[:1], one > 0, one, np.zeros(1, dtype=np.intp))
+        way = Way(1.0, change, linear, (np.zeros(1), np.eye(1)), apart=(np.outer(quantiles, both[:, 1]),))
+        closed = share(*drawn([way], change, rng))
+        really = 1.0 - float(np.sum((true - change) ** 2)) / SNR**2
+        assert closed.low is not None
+        assert closed.high is not None
+        held += closed.low <= really <= closed.high
     assert binom.ppf(1e-5, TIMES, 0.93) <= held <= binom.ppf(1.0 - 1e-5, TIMES, 0.97)
 
 

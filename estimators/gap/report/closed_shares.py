@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.projection import project
+from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Closed
 from estimators.gap.evidence.laplace import Linear, linearised
@@ -21,6 +24,9 @@ from estimators.gap.search.beam import Explanation
 from estimators.gap.search.posterior import Hypothesis, Posterior, on_data
 
 Array = NDArray[np.float64]
+
+#: Of a normal variable, so many values that are equally likely.
+_LIKELY: Final = ndtri((np.arange(8) + 0.5) / 8.0)
 
 
 def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -43,7 +49,8 @@ def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Ar
         if probability > WAYS:
             linear = under_floor(each.explanation)
             left = float(linear.left @ linear.left) - floor.size + floor.absorbed.shape[1]
-            way = closure.Way(float(probability), floor.whitened - linear.left, linear, each.moments)
+            apart = shapes_apart(each.explanation, floor)
+            way = closure.Way(float(probability), floor.whitened - linear.left, linear, each.moments, apart=apart)
             if each.state.other:
                 way = replace(way, nameless=max(left, 0.0))
             elif each.terms and not each.state.steps:
@@ -54,6 +61,22 @@ def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Ar
     if posterior.leading.explanation.members:
         before = closure.held_out(own, fitted, floor) + after
     return after, before
+
+
+def shapes_apart(explanation: Explanation, floor: WhitenedData) -> list[Array]:
+    """For each shape that a fit keeps, such as an instant: its effect's change at equally likely values of it, less
+    that at its own, (k, m) whitened and with the calibration projected out."""
+    data = around(floor, explanation.data.pipeline)
+    now, found = explanation.fits, []
+    for number, member in enumerate(explanation.members):
+        for name, width in member.widths.items():
+            values = float(np.asarray(member.fit.kept[name])) + width * _LIKELY
+            shifted = [replace(member.fit, kept={**member.fit.kept, name: float(value)}) for value in values]
+            sets = [[*now[:number], each, *now[number + 1 :]] for each in shifted]
+            there = data.change([fit.effect for fit in now])
+            changes = [data.whiten(data.change([fit.effect for fit in each]) - there) for each in sets]
+            found.append(project(data.absorbed, np.column_stack(changes)).T)
+    return found
 
 
 def of_noise(

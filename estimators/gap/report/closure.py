@@ -7,7 +7,7 @@ discrepancies. The gap that the causes took is measured on blocks of the recordi
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -42,6 +42,8 @@ class Way:
         nameless: squares that noise without a name adds.
         terms: of its discrepancy; empty without one.
         on_means: the means of these: the hypothesis there, its change, and that less the reported one.
+        apart: for each shape that the fit keeps, what its change would be at equally likely values, less what it is:
+            (k, m) each.
     """
 
     probability: float
@@ -51,6 +53,7 @@ class Way:
     nameless: float = 0.0
     terms: Sequence[Weighed] = ()
     on_means: tuple[Linear, Array, Array] | None = None
+    apart: Sequence[Array] = ()
 
 
 def drawn(ways: Sequence[Way], fitted: Array, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -66,8 +69,10 @@ def drawn(ways: Sequence[Way], fitted: Array, rng: np.random.Generator) -> tuple
         if not count:
             continue
         deltas = of_parameters(way.moments, rng, count)
-        left = moved(way.linear, way.change - fitted, deltas) + way.nameless
-        there = moved(way.linear, way.change, deltas) + way.nameless
+        every = [deltas, *(np.eye(len(each))[rng.integers(len(each), size=count)] for each in way.apart)]
+        whole = replace(way.linear, tangent=np.column_stack([way.linear.tangent, *(each.T for each in way.apart)]))
+        left = moved(whole, way.change - fitted, np.hstack(every)) + way.nameless
+        there = moved(whole, way.change, np.hstack(every)) + way.nameless
         if way.terms and way.on_means is not None:
             for rows, energy, off, change in _of_terms(way.terms, way.on_means, deltas, rng):
                 left[rows] += energy + off

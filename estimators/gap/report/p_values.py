@@ -1,4 +1,4 @@
-"""Probabilities that a p-value bounds: of defects, and of causes beside something outside the catalogue."""
+"""Probabilities that a set's evidence does not tell: of defects, and of causes beside what no catalogue has."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import Final
 
 from estimators.gap.data.defects import Defect
 from estimators.gap.hypotheses.prior import Prior
-from estimators.gap.report import marginal
-from estimators.gap.search import robust
+from estimators.gap.report import homogeneity, marginal
 from estimators.gap.search.posterior import Posterior
 
 #: Hypotheses that are looked at, by their probability.
@@ -24,8 +23,11 @@ def log_bayes_factor(log_p: float) -> float:
 
 def at_most(log_p: float, log_prior: float) -> float:
     """The largest probability that a p-value allows."""
-    odds = log_bayes_factor(log_p) + log_prior
-    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
+    return _probability(log_bayes_factor(log_p) + log_prior)
+
+
+def _probability(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(-max(min(log_odds, 700.0), -700.0)))
 
 
 def defect_probability(defect: Defect, prior: Prior) -> float:
@@ -35,19 +37,23 @@ def defect_probability(defect: Defect, prior: Prior) -> float:
     return at_most(defect.log_p, prior.log_single((defect.effect, own)))
 
 
-def doubts(posterior: Posterior) -> dict[int, dict[str, float]]:
+#: Probabilities of the mean effects of a hypothesis, by their label: as many as it holds of each.
+Doubts = dict[str, tuple[float, ...]]
+
+
+def doubts(posterior: Posterior) -> dict[int, Doubts]:
     """For the hypotheses that hold something outside the catalogue, by their number, the probability of each mean
-    effect, by its label: evidence that knows the noise is no longer one."""
-    found: dict[int, dict[str, float]] = {}
-    known: dict[int, dict[str, float]] = {}
+    effect: as the catalogue's effects do part of what it does, their own evidence is no longer one."""
+    found: dict[int, Doubts] = {}
+    known: dict[int, Doubts] = {}
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
         if not each.other or probability < WAYS:
             continue
         key = id(each.explanation)
         if key not in known:
-            known[key] = {
-                member.label: at_most(robust.log_p(each.explanation, index), posterior.prior.log_single(member.drawn))
-                for index, member in enumerate(each.explanation.members)
-            }
+            own = known[key] = {}
+            for index, member in enumerate(each.explanation.members):
+                odds = homogeneity.log_bayes_factor(each.explanation, index) + posterior.prior.log_single(member.drawn)
+                own[member.label] = (*own.get(member.label, ()), _probability(odds))
         found[number] = known[key]
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -22,7 +23,7 @@ from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import by_channel, closed_shares, closure, marginal
 from estimators.gap.report.by_recording import of_several
-from estimators.gap.report.p_values import defect_probability, doubts
+from estimators.gap.report.p_values import Doubts, defect_probability, doubts
 from estimators.gap.report.recorded_units import in_recorded_units
 from estimators.gap.report.shift import calibration_shift
 from estimators.gap.search.posterior import Hypothesis as Weighing
@@ -130,14 +131,18 @@ def _listed(
     same: Mapping[str, str],
     certain: Mapping[tuple[str, str], float],
     nameless: bool,
-    doubted: Mapping[int, Mapping[str, float]],
+    doubted: Mapping[int, Doubts],
 ) -> tuple[tuple[Hypothesis, ...], dict[str, float], float]:
     """Hypotheses with twins and states of the floor merged; the three masses; the probability that is not listed."""
     merged: dict[tuple[tuple[tuple[str, str], ...], bool], float] = {}
     defects = _subsets(list(certain.items()))
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
         believed = doubted.get(number, {})
-        own = [(places[same.get(label, label)].name, believed.get(label, 1.0)) for label in each.labels]
+        own = [
+            (places[same.get(label, label)].name, one)
+            for label, many in Counter(each.labels).items()
+            for one in believed.get(label, (1.0,) * many)
+        ]
         for chosen, part in _subsets(own):
             for held, weight in defects:
                 key = tuple(sorted([*chosen, *held])), each.other or nameless
@@ -182,7 +187,7 @@ def _causes(
     same: Mapping[str, str],
     defects: Sequence[tuple[Defect, int]],
     certain: Mapping[tuple[str, str], float],
-    doubted: Mapping[int, Mapping[str, float]],
+    doubted: Mapping[int, Doubts],
     after: Array,
     before: Array,
     rng: np.random.Generator,
@@ -194,11 +199,11 @@ def _causes(
         shares: dict[str, float] = {}
         for label in each.labels:
             name = same.get(label, label)
-            shares[name] = max(shares.get(name, 0.0), own.get(label, 1.0))
+            shares[name] = max(shares.get(name, 0.0), *own.get(label, (1.0,)))
         for label, share in shares.items():
             holders.setdefault(label, []).append((each, float(weight) * share))
     believed = doubted.get(0, {})
-    reported = {same.get(label, label) for label in leading.labels if believed.get(label, 1.0) >= 0.5}
+    reported = {same.get(label, label) for label in leading.labels if max(believed.get(label, (1.0,))) >= 0.5}
     found = []
     for label, held in holders.items():
         probability = min(sum(weight for _, weight in held), 1.0)

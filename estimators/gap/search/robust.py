@@ -1,4 +1,4 @@
-"""What a fit is worth where the model is wrong: widths and tests from how the misfit really scatters over time.
+"""What a fit is worth where the model is wrong: widths from how the misfit really scatters over time.
 
 Where something outside the catalogue is part of an explanation, neither the floor nor a stand-in for the rest tells how
 far a parameter may be off: the misfit itself does. Covariance A^-1 J A^-1, A the information and J how the score
@@ -13,12 +13,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f
 
-from estimators.gap.data.projection import project
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.laplace import Linear
-from estimators.gap.search.beam import Explanation
 
 Array = NDArray[np.float64]
 
@@ -49,33 +46,6 @@ def moments(linear: Linear, channels: int, beside: Weighed | None = None) -> tup
     values, vectors = np.linalg.eigh(spread / np.sqrt(np.outer(size := np.diag(gram) + precision, size)))
     root = vectors * np.sqrt(np.maximum(values, 0.0)) * np.sqrt(size)[:, None]
     return mean, covariance @ (root @ root.T + np.diag(precision)) @ covariance
-
-
-def log_p(explanation: Explanation, index: int) -> float:
-    """Logarithm of the p-value of one effect of a set: that what it changes is there at all.
-
-    The amplitude of its change is tested, all other effects' freedom projected out, with as many degrees of freedom as
-    the effect has strengths (Hotelling's T^2 of the blocks), and with what was searched.
-
-    Args:
-        index: its number in the set.
-    """
-    linear, data, fits = explanation.linear, explanation.data, explanation.fits
-    others = [fit.effect for number, fit in enumerate(fits) if number != index]
-    change = data.change([fit.effect for fit in fits]) - data.change(others)
-    along = project(data.absorbed, data.whiten(change))
-    beside = linear.tangent[:, linear.owner != index]
-    if beside.shape[1]:
-        along = along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0]
-    size = float(along @ along)
-    scores = along @ _in_blocks(linear.left, len(data.columns)).sum(axis=1)
-    spread = float(_spread(scores[None])[0, 0])
-    if size <= 0.0 or spread <= 0.0:
-        return 0.0
-    rank = min(max(1, sum(item.size for item in fits[index].free if item.strength)), BLOCKS // 2)
-    squared = (size + float(scores.sum())) ** 2 / spread
-    tail = float(f.logsf(squared * (BLOCKS - rank) / (rank * (BLOCKS - 1.0)), rank, BLOCKS - rank))
-    return min(tail + explanation.members[index].searched, 0.0)
 
 
 def _in_blocks(values: Array, channels: int) -> Array:

@@ -1,0 +1,103 @@
+"""Whether what an effect does beside something outside the catalogue is one strength, or an image of that.
+
+A cause has the same strength at every time and pose. Something that no effect describes is taken up by effects that do
+part of the same, here more and there less. Both are fitted to how the strength varies from cell to cell along time and
+along each of the arm's coordinates, as a random effect (DerSimonian and Laird, Controlled Clinical Trials 7, 1986) with
+a memory: a Gaussian process, to which a cause adds its common strength and an image nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.projection import project
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.hypotheses.prior import LENGTHS
+from estimators.gap.search.beam import Explanation
+
+Array = NDArray[np.float64]
+
+#: Cells along a variable, as many as the shortest memory tells apart; samples in each at least.
+_CELLS: Final = 64
+_SAMPLES: Final = 4
+#: Scatter of the strength over the strength itself.
+SCATTER: Final = np.geomspace(0.01, 10.0, 31)
+#: A coordinate that varies less, in its own unit, is no variable.
+_STILL: Final = 1e-3
+_LEAST: Final = 1e-9
+
+
+def log_bayes_factor(explanation: Explanation, index: int) -> float:
+    """Log of how much likelier one effect of a set is a cause than an image: the largest that a prior of its strength
+    gives; an image may vary along any one of the variables.
+
+    Args:
+        index: its number in the set.
+    """
+    linear, data, fits = explanation.linear, explanation.data, explanation.fits
+    others = [fit.effect for number, fit in enumerate(fits) if number != index]
+    change = data.change([fit.effect for fit in fits]) - data.change(others)
+    along = project(data.absorbed, data.whiten(change))
+    beside = linear.tangent[:, linear.owner != index]
+    if beside.shape[1]:
+        along = along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0]
+    channels = len(data.columns)
+    information = np.sum(along.reshape(channels, -1) ** 2, axis=0)
+    score = np.sum((along * linear.left).reshape(channels, -1), axis=0)
+    cells = min(_CELLS, data.count // _SAMPLES)
+    if cells < 2 or not information.sum() > 0.0:
+        return 0.0
+    images = [of_cells(*_in_cells(information, score, variable, cells)) for variable in _variables(data)]
+    return float(np.log(len(images)) - np.logaddexp.reduce([-each for each in images]))
+
+
+def _variables(data: WhitenedData) -> Iterator[Array]:
+    """(n,) each: time, and what the pose is described by."""
+    base = data.base
+    yield np.arange(data.count, dtype=float)
+    if (q := base.q_encoder) is not None:
+        velocity = base.joint_velocity
+        for joint in np.flatnonzero(np.ptp(q, axis=0) > _STILL):
+            angle = np.mod(q[:, joint], 2.0 * np.pi)
+            yield angle
+            if np.ptp(direction := np.sign(velocity[:, joint])) > 0.0:
+                yield angle + 2.0 * np.pi * direction
+    else:
+        pose = base.R_base_tool.reshape(len(base.R_base_tool), 9)
+        coordinates = np.column_stack([pose, base.position]) if base.position.size else pose
+        yield from coordinates[:, np.ptp(coordinates, axis=0) > _STILL].T
+    if (warm := base.temperature) is not None and np.ptp(warm) > 0.0:
+        yield warm
+
+
+def _in_cells(information: Array, score: Array, variable: Array, cells: int) -> tuple[Array, Array]:
+    """(cells,) strength in each, over the fitted one, and the information there."""
+    cell = np.empty(len(variable), dtype=np.intp)
+    cell[np.argsort(variable, kind="stable")] = np.arange(len(variable)) * cells // len(variable)
+    known = np.maximum(np.bincount(cell, information, cells), _LEAST * information.sum())
+    return 1.0 + np.bincount(cell, score, cells) / known, known
+
+
+def of_cells(strength: Array, information: Array) -> float:
+    """Log of the evidence of a common strength beside a process over that of the process alone.
+
+    Args:
+        strength: (cells,) in each, over the fitted one; along a variable. information: (cells,) 1 / variance of each.
+    """
+    place = (np.arange(len(strength)) + 0.5) / len(strength)
+    root = np.sqrt(information)
+    cause, image = [], []
+    for length in LENGTHS:
+        apart = np.sqrt(3.0) * np.abs(place[:, None] - place) / length
+        values, vectors = np.linalg.eigh(root[:, None] * (1.0 + apart) * np.exp(-apart) * root)  # Matern 3/2
+        seen, common = vectors.T @ (root * strength), vectors.T @ root
+        variance = 1.0 + SCATTER[:, None] ** 2 * np.maximum(values, 0.0)
+        alone = -0.5 * np.sum(np.log(variance) + seen**2 / variance, axis=1)
+        size, both = np.sum(common**2 / variance, axis=1), np.sum(seen * common / variance, axis=1)
+        image.append(alone)
+        cause.append(alone - 0.5 * np.log1p(size) + 0.5 * both**2 / (1.0 + size))
+    return float(np.logaddexp.reduce(np.ravel(cause)) - np.logaddexp.reduce(np.ravel(image)))
