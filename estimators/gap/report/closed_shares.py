@@ -59,7 +59,8 @@ def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Ar
             ways.append(way)
     after, before = closure.drawn(ways, fitted, rng)
     if posterior.leading.explanation.members:
-        before = closure.held_out(own, fitted, floor) + after
+        took = closure.held_out(own, fitted, floor)  # draws say how it varies with what is left
+        before = before * (took + float(after.mean())) / float(before.mean())
     return after, before
 
 
