@@ -22,7 +22,6 @@ from estimators.known_angle.from_recording import (
     chosen_sensors,
     floors_of,
     has_pose,
-    magnitude_of,
     points_of,
     reads_of,
     scanned,
@@ -111,7 +110,7 @@ def calibrate(
         try:
             fit = fit_sensor(
                 summed.statistics.select(slice(3 * position, 3 * position + 3)),
-                magnitude_of(summed.metadata, sensor),
+                summed.metadata.magnitude(sensor),
                 method=method,
                 noise=None if floor is None else floor[0],
                 weighting=weighting,

@@ -11,6 +11,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from rig.recording import read_recording
 from rig.simulate import ENGINES, MOTIONS
 from scenarios.cli import _app, _options
 from scenarios.cli._app import cli
+from scenarios.demo import Demo, run_demo
 from scenarios.scenario import Scenario
 
 COMMANDS = (
@@ -241,8 +243,22 @@ def test_an_effect_is_shown_as_a_scenario_takes_it(rig: Rig, here: Path) -> None
         assert scenarios.load("with.toml").rig.effects[0].name == name
 
 
-def test_the_demo_tells_the_whole_story(rig: Rig, here: Path) -> None:
-    said = json.loads(rig.done("demo", "-o", "new/out", "--json"))
+def test_the_demo_tells_the_whole_story(rig: Rig, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In words, and the same run as JSON."""
+    made: list[Demo] = []
+
+    def run(*arguments: Any, **options: Any) -> Demo:
+        made.append(run_demo(*arguments, **options))
+        return made[0]
+
+    monkeypatch.setattr("scenarios.demo.run_demo", run)
+    text = rig.done("demo", "--seed", 5, "-o", "new/out")
+    assert "error / σ" in text
+    assert "of 28 errors within 1.96 σ" in text
+    assert "rig view new/out/ann-arbor.parquet --calibration new/out/ann-arbor.json" in text
+    assert "rig view new/out/ann-arbor-fault.parquet --diagnosis new/out/ann-arbor-fault.diagnosis.json" in text
+    monkeypatch.setattr("scenarios.demo.run_demo", lambda *_, **__: made[0])
+    said = json.loads(rig.done("demo", "--seed", 5, "-o", "new/out", "--json"))
     assert len(said["parameters"]) == 28
     errors = [row["error_sigmas"] for row in said["parameters"]]
     assert None not in errors, "on the leaning base everything can be told"
@@ -252,14 +268,6 @@ def test_the_demo_tells_the_whole_story(rig: Rig, here: Path) -> None:
     assert (cause["effect"], cause["where"]) == ("backlash", "joint5")
     assert {Path(path).suffix for path in said["files"]} == {".parquet", ".json", ".png", ".rrd"}
     assert set(map(Path, said["files"])) == set((here / "new" / "out").relative_to(here).iterdir())
-
-
-def test_the_demo_is_readable(rig: Rig, here: Path) -> None:
-    text = rig.done("demo", "--seed", 5)
-    assert "error / σ" in text
-    assert "of 28 errors within 1.96 σ" in text
-    assert "rig view out/ann-arbor.parquet --calibration out/ann-arbor.json" in text
-    assert "rig view out/ann-arbor-fault.parquet --diagnosis out/ann-arbor-fault.diagnosis.json" in text
 
 
 def test_an_interruption_is_one_line(rig: Rig, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

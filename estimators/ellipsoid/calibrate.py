@@ -16,9 +16,10 @@ from estimators.ellipsoid.fit import EllipsoidFit, Parameters, fit_ellipsoid
 from estimators.ellipsoid.levenberg import Start
 from estimators.ellipsoid.thinned import Thinned
 from estimators.stillness import average_poses, find_still
+from estimators.stillness.poses import counts_of
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RefusedFit, RigError, unknown_name
-from rig.recording import Metadata, Recording, RecordingScan
+from rig.recording import Recording, RecordingScan
 
 Array = NDArray[np.float64]
 Rest = Literal["auto", "all", "poses"]
@@ -160,7 +161,7 @@ def fit_attitude_free(
     Raises:
         RigError, RefusedFit: as ``calibrate_attitude_free``.
     """
-    used, counts = recording, _counts(recording)
+    used, counts = recording, counts_of(recording)
     notes: tuple[str, ...] = ()
     if sensor == ACCELEROMETER and counts is None and options.rest != "all":
         still, notes = _at_rest(recording, options)
@@ -168,7 +169,7 @@ def fit_attitude_free(
     counts = None if sensor in options.start else counts
     fit = fit_ellipsoid(
         used.readings(sensor),
-        1.0 if options.relative else _magnitude(recording.metadata, sensor),
+        1.0 if options.relative else recording.metadata.magnitude(sensor),
         parameters=options.parameters,
         noise=None if floor is None else floor[0],
         counts=counts,
@@ -178,18 +179,6 @@ def fit_attitude_free(
         name=f"{recording.origin or recording.name}: {sensor}",
     )
     return Fitted(fit, used, counts, notes)
-
-
-def _magnitude(metadata: Metadata, sensor: str) -> float:
-    return metadata.gravity_m_s2 if sensor == ACCELEROMETER else metadata.magnetic_field
-
-
-def _counts(recording: Recording) -> Array | None:
-    """(n,) how many samples each is the mean of, if the recording was averaged over poses."""
-    counts = recording.metadata.extra.get("pose_samples")
-    if not isinstance(counts, list) or len(counts) != len(recording):
-        return None
-    return np.asarray(counts, dtype=float)
 
 
 def _at_rest(recording: Recording, options: Options) -> tuple[tuple[Recording, Array] | None, tuple[str, ...]]:

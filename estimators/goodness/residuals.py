@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from estimators.calibration import SensorCalibration
 from estimators.coverage.attitude_free_information import design_rows
 from estimators.known_angle.model import METHODS, Method, SensorParameters
+from estimators.stillness.poses import counts_of
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording
@@ -119,21 +120,12 @@ def fitted_parameters(calibration: SensorCalibration) -> SensorParameters:
 
 def selected(recording: Recording, rows: NDArray[np.bool_]) -> Recording:
     """Some of the samples, and their counts if they are means over poses."""
-    counts = _counts(recording)
+    counts = counts_of(recording)
     part = recording.select(rows)
     if counts is None:
         return part
     extra = {**recording.metadata.extra, "pose_samples": counts[rows].tolist()}
     return replace(part, metadata=replace(part.metadata, extra=extra))
-
-
-def _counts(recording: Recording) -> Array | None:
-    """(n,) how many readings each sample is the mean of, of averaged poses."""
-    found = recording.metadata.extra.get("pose_samples")
-    if not isinstance(found, list) or len(found) != len(recording):
-        return None
-    counts = np.asarray(found, dtype=float)
-    return counts if bool((counts > 0.0).all()) else None
 
 
 def _sigma(calibration: SensorCalibration) -> Array:
@@ -159,7 +151,7 @@ def _by_attitude(recording: Recording, sensor: str, calibration: SensorCalibrati
     np.subtract(recording.readings(sensor).T, values, out=values)
     sigma = _sigma(calibration)
     jacobian = parameters.jacobian(method) / sigma[:, None, None]
-    counts = _counts(recording)
+    counts = counts_of(recording)
     root = None if counts is None else np.sqrt(counts)
 
     def part(first: int, stop: int) -> Part:
@@ -205,7 +197,7 @@ def _by_magnitude(recording: Recording, sensor: str, calibration: SensorCalibrat
     noise = np.square(_sigma(calibration))
     variance = np.square(directions @ matrix) @ noise
     across = float((np.square(matrix) @ noise).sum()) - variance
-    counts = _counts(recording)
+    counts = counts_of(recording)
     if counts is not None:
         variance, across = variance / counts, across / counts
     sigma = np.sqrt(np.where(variance > 0.0, variance, 1.0))[:, None]

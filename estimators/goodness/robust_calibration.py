@@ -13,7 +13,7 @@ from estimators.calibration import Calibration, SensorCalibration
 from estimators.dispatch import calibrate
 from estimators.goodness.outliers import CUT, efficiency, robust_scale
 from estimators.known_angle.fit import fit_sensor
-from estimators.known_angle.from_recording import FieldPoints, Noise, arm_or_named, magnitude_of
+from estimators.known_angle.from_recording import FieldPoints, Noise, arm_or_named
 from estimators.known_angle.model import Method, Weighting
 from estimators.known_angle.statistics import Statistics
 from rig.errors import RefusedFit, RigError
@@ -121,7 +121,7 @@ def reject_outliers(run: Recording, sensor: str, arm: Arm | None = None, cut: fl
     readings = run.readings(sensor)
     coefficients = _least_absolute(run, sensor, arm)
     kept = _near(run, readings, coefficients, arm, cut)
-    magnitude = magnitude_of(run.metadata, sensor)
+    magnitude = run.metadata.magnitude(sensor)
     for _ in range(_REFITS):
         if kept.mean() < 1.0 - MOST_REJECTED:
             raise RefusedFit(

@@ -102,11 +102,6 @@ def has_pose(source: Recording | RecordingScan) -> bool:
     return bool(source.columns.joints or source.columns.tool)
 
 
-def magnitude_of(metadata: Metadata, sensor: str) -> float:
-    """The stated magnitude of the field that a sensor sees [m/s^2, field unit]."""
-    return metadata.gravity_m_s2 if sensor == ACCELEROMETER else metadata.magnetic_field
-
-
 def scanned(path: PathLike, arm: Arm | None) -> RecordingScan:
     """The recording of a file, for an arm with so many joints."""
     return scan_recording(path, joints=None if arm is None else arm.dof)

@@ -25,7 +25,6 @@ from estimators.known_angle.from_recording import (
     Noise,
     chosen_sensors,
     floors_of,
-    magnitude_of,
     points_of,
     reads_of,
     scanned,
@@ -160,7 +159,7 @@ def calibrate_together(
     told: dict[str, list[dict[str, Any]]] = {}
     points = {sensor: points_of(field_points, sensor, sources[0].metadata) for sensor in chosen}
     for sensor in chosen:
-        magnitude = magnitude_of(sources[0].metadata, sensor)
+        magnitude = sources[0].metadata.magnitude(sensor)
         joint = fit_together(parts[sensor], magnitude, method or "simultaneous", weighting, points[sensor], sensor)
         known = all(part.noise is not None for part in parts[sensor])
         source_of_noise = floors[0].source if known else "residuals"

@@ -13,7 +13,7 @@ from estimators.coverage import Enough, direction_name
 from estimators.ellipsoid.calibrate import Options as EllipsoidOptions
 from estimators.ellipsoid.fit import Parameters
 from estimators.ellipsoid.thinned import Thinned
-from estimators.known_angle.from_recording import arm_of, has_pose, magnitude_of, points_of, statistics_of
+from estimators.known_angle.from_recording import arm_of, has_pose, points_of, statistics_of
 from estimators.live.estimate import AttitudeFree, AttitudeKnown, SensorEstimate
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
@@ -118,7 +118,7 @@ class Calibrator:
         self._kept = Thinned(MOST_SAMPLES, options.forget_s)
         points = options.field_points or {}
         for sensor in first.sensors:
-            magnitude = magnitude_of(first.metadata, sensor)
+            magnitude = first.metadata.magnitude(sensor)
             if self.posed:
                 towards = np.array(points_of(points, sensor, first.metadata))
                 self._known[sensor] = AttitudeKnown(sensor, magnitude, options.forget_s, towards)

@@ -20,6 +20,7 @@ from estimators.stillness.variance import variance_by_half_windows, weighted_var
 from rig.arm.rotation_map import moving_joints
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.errors import RefusedFit, RigError, unknown_name
+from rig.pose_nodes import one_sign
 from rig.recording import Recording
 
 Array = NDArray[np.float64]
@@ -223,7 +224,7 @@ def _pose_signals(recording: Recording, joints: Sequence[Array]) -> list[Signals
     if joints:
         return [Signals(joints, np.full(len(joints), SAME_ANGLE**2 / len(joints)))]
     if recording.q is None and recording.tool_quaternion is not None:
-        return [Signals(list(continuous(recording.tool_quaternion).T), np.full(4, (0.5 * SAME_ANGLE) ** 2 / 4.0))]
+        return [Signals(list(one_sign(recording.tool_quaternion).T), np.full(4, (0.5 * SAME_ANGLE) ** 2 / 4.0))]
     return []
 
 
@@ -262,12 +263,3 @@ def _held(recording: Recording, joints: Sequence[Array], half: int, speed_limit:
     first, stop = np.where(first > 0, first + 2 * half, 0), np.where(stop < len(slow), stop, count)
     turning = first < stop
     return ~mask_of(count, first[turning], stop[turning])
-
-
-def continuous(quaternion: Array) -> Array:
-    """Quaternions (n, 4) with the signs, of which q and -q are the same rotation, that make each follow the last."""
-    turned = np.einsum("ij,ij->i", quaternion[1:], quaternion[:-1]) < 0.0
-    if not turned.any():
-        return quaternion
-    signs = np.concatenate([[1.0], np.where(np.cumsum(turned) % 2, -1.0, 1.0)])
-    return np.asarray(quaternion * signs[:, None])

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.known_angle.statistics import Statistics
-from estimators.stillness.detection import SPEED_LIMIT, Stillness, continuous, find_still
+from estimators.stillness.detection import SPEED_LIMIT, Stillness, find_still
 from estimators.stillness.stretches import sums_over
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.pose_nodes import one_sign
 from rig.recording import Recording
 from rig.threads import one_blas_thread
 
@@ -116,7 +117,7 @@ def average_poses(recording: Recording, stillness: Stillness) -> StillPoses:
 
     quaternion = recording.tool_quaternion
     if quaternion is not None:
-        turned = mean(continuous(quaternion))
+        turned = mean(one_sign(quaternion))
         quaternion = turned / np.sqrt(np.square(turned).sum(axis=1))[:, None]
     extra = {**recording.metadata.extra, "pose_samples": [int(count) for count in counts]}
     readings = {sensor: mean(recording.readings(sensor)) for sensor in recording.sensors}
@@ -142,6 +143,15 @@ def average_poses(recording: Recording, stillness: Stillness) -> StillPoses:
         noise[sensor] = np.sqrt(variance)
         inflation[sensor] = halves[COLUMNS_OF[sensor]] / np.maximum(variance, np.finfo(float).tiny)
     return StillPoses(means, counts, within, noise, freedom, inflation, stillness)
+
+
+def counts_of(recording: Recording) -> Array | None:
+    """(n,) how many readings each sample is the mean of, of averaged poses."""
+    found = recording.metadata.extra.get("pose_samples")
+    if not isinstance(found, list) or len(found) != len(recording):
+        return None
+    counts = np.asarray(found, dtype=float)
+    return counts if bool((counts > 0.0).all()) else None
 
 
 def _scatter(recording: Recording, stillness: Stillness, means: Recording) -> tuple[Array, Array]:

@@ -94,6 +94,10 @@ class Metadata:
         """The unit of calibrated readings: "m_s2"; the magnetic field's unit, or "raw" where that is relative."""
         return "m_s2" if sensor == ACCELEROMETER else self.magnetic_field_unit or "raw"
 
+    def magnitude(self, sensor: str) -> float:
+        """The stated magnitude of the field that a sensor sees [m/s^2, field unit]."""
+        return self.gravity_m_s2 if sensor == ACCELEROMETER else self.magnetic_field
+
     def to_json(self) -> dict[str, Any]:
         """An object with ``format`` first; keys that say nothing beyond their default None are left out."""
         known = {name: getattr(self, name) for name in _NAMES}

@@ -167,11 +167,11 @@ def run(arguments: Sequence[str], group: click.Group = cli, program: str = "rig"
     except _Unread:
         return _unread()
     except MemoryError as error:
-        if _debugging():
+        if debugging():
             raise
         return _fail(f"not enough memory: {one_line(str(error)) or 'for this input'}", USAGE)
     except OSError as error:
-        if _debugging() or error.strerror is None:
+        if debugging() or error.strerror is None:
             return _bug(error)
         if error.filename is None:  # all that has no name is what is printed
             _forget_output()
@@ -188,7 +188,7 @@ def main(group: click.Group = cli, program: str = "rig") -> NoReturn:
     """The console command: arguments from the command line, exit status to the shell."""
     _open_standard_streams()
     os.environ["MPLBACKEND"] = "agg"  # pictures are files: no window of the user's choice is opened, or fails to be
-    if not _debugging():  # what a library has to say to its programmer is not for the user
+    if not debugging():  # what a library has to say to its programmer is not for the user
         warnings.simplefilter("ignore")
         logging.getLogger().addHandler(logging.NullHandler())
         os.environ.setdefault("RUST_LOG", "off")  # rerun's own log of what is reported anyway
@@ -216,12 +216,13 @@ def _open_standard_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _debugging() -> bool:
+def debugging() -> bool:
+    """Whether errors are to be raised, not told: the environment says RIG_DEBUG=1."""
     return os.environ.get("RIG_DEBUG", "") not in ("", "0")
 
 
 def _bug(error: Exception) -> int:
-    if _debugging():
+    if debugging():
         raise error
     what = f"{type(error).__name__}: {one_line(str(error), 150)}"
     return _fail(f"this is a bug in rig, not in your call: {what} (RIG_DEBUG=1 shows where)", BUG)

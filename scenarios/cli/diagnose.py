@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.errors import RigError, one_line, unknown_name
+from scenarios.cli._app import debugging
 from scenarios.cli._options import (
     PATH,
     arm_options,
@@ -159,7 +160,7 @@ def diagnose(
     with progress_bar(f"diagnosing {chosen[0]}") as progress:
         ((_, result),) = outcomes(tasks, workers, progress)
     if not isinstance(result, Outcome):
-        if _debugging() or not isinstance(result, RigError):
+        if debugging() or not isinstance(result, RigError):
             raise result
         raise type(result)(_words(tasks[0], result))
     _tell_averaged(tasks[0], result.about)
@@ -191,7 +192,7 @@ def _fleet(tasks: Sequence[Task], workers: Workers, out: Path, as_json: bool) ->
             if isinstance(result, Outcome):
                 write_outcome(result, out)
                 entries[number] = Entry(task.run.stem, result.diagnosis, result.about, without=task.without)
-            elif _debugging():
+            elif debugging():
                 raise result
             else:
                 entries[number] = Entry(task.run.stem, None, None, _words(task, result))
@@ -319,7 +320,3 @@ def _words(task: Task, error: Exception) -> str:
     if isinstance(error, RigError):
         return words if one_line(task.run.name) in words else f"{task.run}: {words}"
     return f"{task.run}: this is a bug in rig, not in your call: {type(error).__name__}: {words}"
-
-
-def _debugging() -> bool:
-    return os.environ.get("RIG_DEBUG", "") not in ("", "0")

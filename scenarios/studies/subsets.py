@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.known_angle.from_recording import Summed, magnitude_of, summarise
+from estimators.known_angle.from_recording import Summed, summarise
 from estimators.known_angle.model import Method
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
@@ -82,7 +82,7 @@ def study(
             one = SubsetsOfSensor.of(
                 sensor,
                 unit,
-                magnitude_of(summed.metadata, sensor),
+                summed.metadata.magnitude(sensor),
                 summed.statistics.select(columns),
                 [part.select(columns) for part in parts],
                 floor,

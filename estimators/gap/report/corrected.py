@@ -28,7 +28,7 @@ from estimators.gap.evidence.refine import Fitted, tangents
 from estimators.gap.search.posterior import Hypothesis, Posterior
 from estimators.known_angle.assemble import assemble
 from estimators.known_angle.fit import fit_sensor
-from estimators.known_angle.from_recording import magnitude_of, reads_of, summarise
+from estimators.known_angle.from_recording import reads_of, summarise
 from estimators.known_angle.identifiability import Told
 from estimators.known_angle.model import SensorParameters
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, READS
@@ -216,7 +216,7 @@ def _assembled(
     found = {}
     for place, (name, sensor) in enumerate(pipeline.sensors.items()):
         columns = range(len(CHANNELS))[COLUMNS_OF[name]]
-        magnitude = magnitude_of(recording.metadata, name)
+        magnitude = recording.metadata.magnitude(name)
         noise = np.sqrt([data.floor[column].variance for column in columns])
         of_floor = noise / np.sqrt(2.0 * np.maximum(data.floor_samples[list(columns)], 1.0))
         field = pipeline.environment.gravity if name == ACCELEROMETER else pipeline.environment.magnetic
