@@ -18,9 +18,9 @@ import scenarios
 from estimators import Calibration, calibrate
 from estimators.calibration.export import FORMULA, contents, export
 from estimators.calibration.fields import field_of
-from estimators.calibration.number_text import number
 from estimators.calibration.parts import Quality
 from rig.errors import RigError
+from rig.number_text import number
 
 #: A float as YAML 1.1 and 1.2 resolve it (yaml.org/type/float.html; YAML 1.2.2, section 10.3.2): with a point, and a
 #: sign in the exponent.

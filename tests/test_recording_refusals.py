@@ -204,7 +204,7 @@ def test_csv_cells_that_are_wrong(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_truncation_is_noticed(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
-    example(12).write(path)
+    example(4).write(path)
     content = path.read_bytes()
     last_row = content.rstrip(b"\n").rfind(b"\n") + 1
     for size in range(0, len(content) - 1, 7 if suffix == ".parquet" else 1):

@@ -12,9 +12,10 @@ from rich.text import Text
 import estimators
 import scenarios
 from rig.effects import EFFECTS
+from rig.number_text import with_std
 from scenarios.comparison import compare, units
 from scenarios.terminal.calibration import symbol
-from scenarios.terminal.tables import effect_record, plus_minus, shortened, show, table, with_sigma
+from scenarios.terminal.tables import effect_record, plus_minus, shortened, show, table
 
 # Without an attitude (camps) or with effects the calibration does not model (renk2005-gap) there is no truth to meet.
 MODELLED = [name for name in scenarios.names() if not name.startswith("camps") and not scenarios.load(name).rig.effects]
@@ -83,7 +84,7 @@ def test_units_follow_the_recording() -> None:
     ],
 )
 def test_numbers_end_where_their_uncertainty_does(value: float, sigma: float | None, expected: tuple[str, str]) -> None:
-    assert with_sigma(value, sigma) == expected
+    assert with_std(value, sigma) == expected
     assert plus_minus(value, sigma) == (f"({value:.4g})" if expected[1] == "–" else " ± ".join(expected))
 
 

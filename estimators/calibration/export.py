@@ -16,9 +16,9 @@ from typing import Any, Final
 from estimators._json import dump
 from estimators.calibration.contract import Calibration, SensorCalibration
 from estimators.calibration.export_ros import ros_yaml
-from estimators.calibration.number_text import number
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.errors import RigError, unknown_name
+from rig.number_text import number
 
 #: The format of an export, version included.
 FORMAT: Final = "rig-export/1"

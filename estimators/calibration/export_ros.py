@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration.contract import Calibration, SensorCalibration
-from estimators.calibration.number_text import number
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
+from rig.number_text import number
 from rig.units import conversion_factor
 
 Array = NDArray[np.float64]

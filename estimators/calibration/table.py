@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from rig.channels import ACCELEROMETER
+from rig.number_text import with_std
 
 if TYPE_CHECKING:
     from estimators.calibration.contract import Calibration, SensorCalibration
@@ -27,14 +28,6 @@ def parameter_unit(calibration: SensorCalibration, name: str, field_unit: str) -
     return calibration.unit if name.startswith("offset") else ""
 
 
-def number_with_std(value: float, std: float) -> tuple[str, str]:
-    """A value and its standard deviation, both to two digits of the latter."""
-    if not (math.isfinite(std) and std > 0.0):
-        return f"{value:.6g}", "-"
-    decimals = max(0, min(12, 1 - math.floor(math.log10(std))))
-    return f"{value:.{decimals}f}", f"{std:.{decimals}f}"
-
-
 def _sensor(name: str, sensor: SensorCalibration) -> str:
     field_unit = "m/s^2" if name == ACCELEROMETER else "field"
     lines = [f"{name}: {sensor.method}, {sensor.samples} samples"]
@@ -44,17 +37,17 @@ def _sensor(name: str, sensor: SensorCalibration) -> str:
     reasons: list[tuple[str, str]] = []
     for parameter in sensor.parameters:
         told = sensor.identifiable.get(parameter, True)
-        value, std = number_with_std(sensor.value(parameter), sensor.std(parameter))
+        value, std = with_std(sensor.value(parameter), sensor.std(parameter), "-")
         rows.append((parameter.removesuffix("_deg"), value, std, parameter_unit(sensor, parameter, field_unit)))
         if told is not True:
             reasons.append((parameter.removesuffix("_deg"), str(told)))
     if sensor.field_direction is not None:
         vector, covariance = sensor.field_direction.vector, sensor.field_direction.covariance
         for axis in range(3):
-            value, std = number_with_std(float(vector[axis]), float(math.sqrt(max(covariance[axis, axis], 0.0))))
+            value, std = with_std(float(vector[axis]), math.sqrt(max(covariance[axis, axis], 0.0)), "-")
             rows.append((f"field {'xyz'[axis]}", value, std, ""))
     for pair, angle in sensor.angles_between_deg.items():
-        value, std = number_with_std(angle, sensor.angles_between_std_deg.get(pair, math.nan))
+        value, std = with_std(angle, sensor.angles_between_std_deg.get(pair), "-")
         rows.append((f"angle {pair}", value, std, "deg"))
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
     for row in rows:

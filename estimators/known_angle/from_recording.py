@@ -15,7 +15,7 @@ from estimators.known_angle.statistics import Statistics
 from estimators.noise import NoiseFloor, given_floor, noise_floor
 from rig.channels import ACCELEROMETER, SENSORS
 from rig.errors import RigError, unknown_name
-from rig.recording import Metadata, Recording, RecordingScan, locked_beside, scan_recording, whole_or_beginning
+from rig.recording import Metadata, Recording, RecordingScan, locked_beside, scan_recording
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -176,9 +176,7 @@ def floors_of(path: PathLike | Recording | None, noise: Noise | None) -> Floors:
     if path is None or isinstance(path, Recording):
         return Floors()
     locked = locked_beside(Path(path))
-    return (
-        Floors() if locked is None else Floors("locked recording", measured=noise_floor(whole_or_beginning(locked)[0]))
-    )
+    return Floors() if locked is None else Floors("locked recording", measured=noise_floor(locked))
 
 
 def arm_of(batch: Recording, arm: Arm | None, where: str) -> Arm | None:

@@ -6,6 +6,7 @@ pose, so that it also holds for noise that is not white.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -17,7 +18,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.documents import plain
 from rig.errors import RigError
-from rig.recording import Recording
+from rig.recording import Recording, whole_or_beginning
 from rig.units import conversion_factor
 
 Array = NDArray[np.float64]
@@ -90,18 +91,22 @@ class NoiseFloor:
         }
 
 
-def noise_floor(locked: Recording, poses: ArrayLike | None = None, full_scale_V: float = FULL_SCALE_V) -> NoiseFloor:
+def noise_floor(
+    locked: Recording | str | os.PathLike[str], poses: ArrayLike | None = None, full_scale_V: float = FULL_SCALE_V
+) -> NoiseFloor:
     """The noise of each channel from a locked-arm recording.
 
     Args:
         locked: one or more held poses, one after the other; the way between them is left out. Without joint angles or
-            tool poses it is taken as one pose.
+            tool poses it is taken as one pose. Of a file as much as the memory holds.
         poses: (n,) number of the pose of each sample, negative where it moves, instead of finding them.
         full_scale_V: output range of the sensors [V].
 
     Raises:
-        RigError: no pose is held for long enough, or ``poses`` has another length.
+        RigError: no pose is held for long enough, ``poses`` has another length, or the file cannot be read.
     """
+    if not isinstance(locked, Recording):
+        locked = whole_or_beginning(locked)[0]
     where = locked.origin or locked.name
     labels = held_poses(locked) if poses is None else np.asarray(poses)
     if labels.shape != (len(locked),):

@@ -37,7 +37,7 @@ def calibrated(
     from estimators.known_angle.from_recording import has_pose
     from estimators.known_angle.together import calibrate_together
     from estimators.noise import noise_floor
-    from rig.recording import locked_beside, scan_recording, whole_or_beginning
+    from rig.recording import locked_beside, scan_recording
 
     scans = [scan_recording(run, joints=None if arm is None else arm.dof) for run in runs]
     for scan in scans:
@@ -51,7 +51,7 @@ def calibrated(
         sources = [at_rest_samples(scan.read()) for scan in scans]
         beside = [locked_beside(run) for run in runs]
         if noise is None:
-            floors = [None if each is None else noise_floor(whole_or_beginning(each)[0]) for each in beside]
+            floors = [None if each is None else noise_floor(each) for each in beside]
     calibration = calibrate_together(
         sources, method, floors, arm, field_points=field_points, weighting=weighting, stated=stated
     )

@@ -26,7 +26,7 @@ from scenarios.cli._options import (
 from scenarios.cli._stated import stated_by_place, stated_metadata, stated_options, unit_of_field, with_assumptions
 
 if TYPE_CHECKING:
-    from estimators import Calibration, NoiseFloor
+    from estimators import Calibration
     from estimators.known_angle.model import Weighting
     from rig.arm import Arm
     from rig.recording import Recording, RecordingScan
@@ -159,7 +159,7 @@ def calibrate(
         raise RigError(f"--fminunc: {run} is calibrated without the attitude, expected simultaneous or separate")
     if noise is None and locked is None and (robust or still):
         locked = locked_beside(run)
-    floor = _floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None
+    floor = estimators.noise_floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None
     points = field_points or "down"
     weighting: Weighting = "equal" if equal_weights else "likelihood"
     with progress_bar(f"calibrating {run if len(several) == 1 else f'{len(several)} recordings'}") as progress:
@@ -250,13 +250,6 @@ def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | N
         recording = recording if still is None else still
     used = arm_or_named(arm, calibration.arm)
     save(coverage_figure(recording.t, overlays(recording, calibration, used)), path)
-
-
-def _floor(locked: Path) -> NoiseFloor:
-    from estimators import noise_floor
-    from rig.recording import whole_or_beginning
-
-    return noise_floor(whole_or_beginning(locked)[0])
 
 
 def _given(text: str, scan: RecordingScan) -> dict[str, list[float]]:

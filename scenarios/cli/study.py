@@ -269,15 +269,9 @@ def _floor(locked: Path | None) -> Callable[[str, str], NDArray[Any] | None]:
     if locked is None:
         return lambda sensor, unit: None
     from estimators import noise_floor
-    from rig.recording import whole_or_beginning
 
-    floor = noise_floor(whole_or_beginning(locked)[0])
-
-    def of(sensor: str, unit: str) -> NDArray[Any] | None:
-        found = floor.of(sensor, unit)
-        return None if found is None else found[0]
-
-    return of
+    floor = noise_floor(locked)
+    return lambda sensor, unit: None if (found := floor.of(sensor, unit)) is None else found[0]
 
 
 study.add_command(PAPER)

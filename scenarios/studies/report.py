@@ -10,10 +10,11 @@ from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
+from rig.number_text import with_std
 from scenarios.studies.error_summary import Cell, Summary
 from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetStudy
 from scenarios.studies.verdict import verdicts
-from scenarios.terminal.tables import table, with_sigma
+from scenarios.terminal.tables import table
 
 _SHOWN_COUNTS: Final = 3
 
@@ -64,11 +65,11 @@ def subsets_report(study: SubsetStudy) -> RenderableType:
     columns = ("sensor", "parameter", "unit", "all samples", "mean", "std", "bound", "std/bound")
     rows = table(*columns, numbers=columns[3:])
     for row in study.parameters:
-        mean, std = with_sigma(row.mean, row.std)
-        whole = with_sigma(row.whole, row.std)[0]
+        mean, std = with_std(row.mean, row.std)
+        whole = with_std(row.whole, row.std)[0]
         told = math.isfinite(row.ratio)
         ratio = f"{row.ratio:.2f} ({row.ratio_low:.2f}-{row.ratio_high:.2f})" if told else "cannot be told"
-        bound = with_sigma(row.bound, row.std)[0] if told else "–"
+        bound = with_std(row.bound, row.std)[0] if told else "–"
         name = row.parameter.removesuffix("_deg")
         rows.add_row(*map(Text, (row.sensor, name, row.unit, whole, mean, std, bound, ratio)))
     headings = ("channel", "fit error", "noise floor", "noise-like", "systematic", "noise-like share")

@@ -12,8 +12,9 @@ from rich.text import Text
 
 from estimators.calibration import Calibration, SensorCalibration
 from rig.channels import ACCELEROMETER
+from rig.number_text import with_std
 from scenarios.comparison import Compared, units
-from scenarios.terminal.tables import plus_minus, table, with_sigma
+from scenarios.terminal.tables import plus_minus, table
 
 _SYMBOLS = {"sensitivity": "S", "offset": "δ", "beta": "β", "gamma": "γ", "phi": "φ", "psi": "ψ"}
 
@@ -182,7 +183,7 @@ def comparison_table(rows: Sequence[Compared], names: tuple[str, str] = ("truth"
             if previous:
                 result.add_section()
             result.add_row(Text(row.sensor, style="bold"))
-        estimate, sigma = with_sigma(row.estimate, row.sigma)
+        estimate, sigma = with_std(row.estimate, row.sigma)
         error = "–" if row.error_sigmas is None else f"{row.error_sigmas:+.2f}"
         result.add_row(*map(Text, (symbol(row.parameter), row.unit, f"{row.truth:.7g}", estimate, sigma, error)))
         previous = row.sensor

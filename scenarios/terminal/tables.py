@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import inspect
-import math
 import os
 import sys
 import unicodedata
@@ -18,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rig.effects import Effect
+from rig.number_text import with_std
 from scenarios.writer import toml_table
 
 #: Width where the output is no terminal, which would tell its own.
@@ -147,15 +147,7 @@ def shortened(places: Iterable[str]) -> str:
     )
 
 
-def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
-    """A value and its standard deviation to the second significant digit of the latter; a dash where there is none."""
-    if sigma is None or not math.isfinite(sigma) or sigma <= 0.0:
-        return f"{value:.6g}", "–"
-    decimals = min(max(1 - math.floor(math.log10(sigma)), 0), 12)
-    return f"{value:.{decimals}f}", f"{sigma:.{decimals}f}"
-
-
 def plus_minus(value: float, sigma: float | None, sign: str = " ± ") -> str:
     """A value with its standard deviation, as in ``85.309 ± 0.013``; in brackets what cannot be told."""
-    text, spread = with_sigma(value, sigma)
+    text, spread = with_std(value, sigma)
     return f"({value:.4g})" if spread == "–" else f"{text}{sign}{spread}"
