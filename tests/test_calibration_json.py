@@ -235,7 +235,7 @@ def test_missing_keys_and_files_are_named(content: dict[str, Any], tmp_path: Pat
 
 
 def test_intervals_use_students_t_where_the_noise_was_estimated() -> None:
-    run = run_of({"magnetometer": TRUTHS["table10"][0]}, BOTH_NOISES[1], 1).decimate(333)
+    run = run_of({"magnetometer": TRUTHS["table10"][0]}, BOTH_NOISES[1], 1).select(slice(None, None, 333))
     estimated = estimators.calibrate(run)["magnetometer"]
     assert estimated.samples == 20
     low, high = estimated.interval("offset1")

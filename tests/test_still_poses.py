@@ -10,10 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
-from stillness_examples import ACCELEROMETER, NOISE, at_rest, rig
+from stillness_examples import NOISE, at_rest, rig
 
-from estimators.known_angle.fit import fit_sensor
-from estimators.known_angle.statistics import Statistics
 from estimators.stillness import (
     average_poses,
     find_still,
@@ -36,26 +34,6 @@ def stops() -> tuple[StaticPoses, Recording]:
 
 
 # Averaging
-
-
-def test_averages_have_the_statistics_of_all_their_samples(stops: tuple[StaticPoses, Recording]) -> None:
-    """In held poses nothing is lost: the same sums, and so the same estimates, to rounding."""
-    _, run = stops
-    poses = still_poses(run)
-    arm = Arm.a465()
-    label = np.repeat(poses.stillness.pose, poses.stillness.stop - poses.stillness.first)
-    each = poses.recording.rotations(arm)[label]
-    used = run.select(poses.stillness.still)
-    wanted = Statistics.from_rotations(each, used.readings("accelerometer"), used.readings("magnetometer"))
-    found = poses.statistics(arm)
-    assert found.count == wanted.count == poses.counts.sum()
-    for name in ("gram", "cross", "square"):
-        assert getattr(found, name) == pytest.approx(getattr(wanted, name), rel=1e-11, abs=1e-9)
-    only = poses.statistics(arm, ("magnetometer",))
-    assert only.square == pytest.approx(wanted.square[3:, 3:], rel=1e-11)
-    fit = fit_sensor(poses.statistics(arm, ("accelerometer",)), 9.8)
-    # 20 poses of some 390 samples: offsets to 0.0134/sqrt(7800) times a few.
-    assert fit.parameters.offset == pytest.approx(ACCELEROMETER.offset, abs=5.0 * 3.0 * 0.0146 / np.sqrt(7800))
 
 
 def test_the_noise_within_poses_is_told(stops: tuple[StaticPoses, Recording]) -> None:

@@ -122,16 +122,16 @@ def estimate(readings: Readings, resist: bool) -> Estimate | None:
     return None if again is None else replace(again, kept=kept)
 
 
-def plain(readings: Readings, variances: Array | None = None) -> Estimate | None:
-    """The same without a look for outliers; ``variances`` of the noise are found where they are not known."""
+def plain(readings: Readings) -> Estimate | None:
+    """The same without a look for outliers."""
     sample = readings.sample()
-    weights = readings.assumed if variances is None else variances
+    weights = readings.assumed
     start = _first(sample)
     if start is None and len(sample) < len(readings):
         start = _first(readings)
     if start is None:
         return None
-    if variances is None and readings.noise is None and len(readings) >= _FEWEST_FOR_CHANNELS:
+    if readings.noise is None and len(readings) >= _FEWEST_FOR_CHANNELS:
         found = Residuals.of(sample.values, start, sample.counts).variances()
         weights = weights if found is None else found
     for _ in range(_STEPS):

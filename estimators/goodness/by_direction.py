@@ -72,22 +72,20 @@ class ByDirection:
         }
 
 
-def by_direction(residuals: Residuals, cells: int | None = None) -> ByDirection | None:
+def by_direction(residuals: Residuals) -> ByDirection | None:
     """Hold the mean residuals of cells against the scatter within them (analysis of variance).
 
     The noise level thus cancels: only its distribution over directions is tested. What the fit has already taken out of
     the means is taken off the degrees of freedom: offsets whole, and what is linear (quadratic) in the direction as far
     as it varies between cells of width w and not within: 1 - w^2/6 (1 - w^2/2) of it.
 
-    Args:
-        residuals: of a sensor.
-        cells: how many; None: one of ``estimators.coverage.seen.CELLS`` by the number of readings.
+    There are as many cells as the readings fill, one of ``estimators.coverage.seen.CELLS``.
 
     Returns:
         None where there are fewer than 24 readings.
     """
     n, k = residuals.values.shape
-    number = cells or cells_for(n, _READINGS_A_CELL)
+    number = cells_for(n, _READINGS_A_CELL)
     if n < _READINGS_A_CELL * min(number, _FEWEST_CELLS):
         return None
     partition = SphereCells.of(number)

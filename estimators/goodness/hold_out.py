@@ -60,21 +60,20 @@ class HoldOut:
         }
 
 
-def hold_out(residuals: Residuals, blocks: int = BLOCKS) -> HoldOut | None:
+def hold_out(residuals: Residuals) -> HoldOut | None:
     """Leave out block after block.
 
     Args:
         residuals: of a sensor, at the optimum of their own samples (``at_optimum``).
-        blocks: how many.
 
     Returns:
         None where the recording is too short, or every block is needed.
     """
     n = len(residuals)
-    if n < 2 * blocks:
+    if n < 2 * BLOCKS:
         return None
-    edges = np.linspace(0, n, blocks + 1).round().astype(int)
-    guard = int(GUARD * (n // blocks))
+    edges = np.linspace(0, n, BLOCKS + 1).round().astype(int)
+    guard = int(GUARD * (n // BLOCKS))
     inner = np.stack([edges[:-1] + guard, edges[1:] - guard], axis=1)
     cuts = [*np.concatenate([edges[:-1, None], inner], axis=1).ravel().tolist(), n]
     parts = [residuals.part(first, stop) for first, stop in pairwise(cuts)]
@@ -82,8 +81,8 @@ def hold_out(residuals: Residuals, blocks: int = BLOCKS) -> HoldOut | None:
     scale = unit_scale(total.information)
     full = inverted(total.information, scale)
     fitted = held = 0.0
-    p_values = np.full(blocks, np.nan)
-    for block in range(blocks):
+    p_values = np.full(BLOCKS, np.nan)
+    for block in range(BLOCKS):
         own = _sum(parts[3 * block : 3 * block + 3])
         guards = _sum([parts[i] for i in (3 * block - 1, 3 * block + 3) if 0 <= i < len(parts)])
         rest = total.information - own.information - guards.information

@@ -57,8 +57,8 @@ class Outliers:
         }
 
 
-def outliers(residuals: Residuals, cut: float = CUT) -> Outliers:
-    """Look for residuals beyond ``cut`` robust standard deviations.
+def outliers(residuals: Residuals) -> Outliers:
+    """Look for residuals beyond five robust standard deviations.
 
     They are significant if they are more than Gaussian noise has, and if the farthest is too far for Student's
     distribution on what is left (Bonferroni): of few readings the median deviation is a poor scale.
@@ -66,10 +66,10 @@ def outliers(residuals: Residuals, cut: float = CUT) -> Outliers:
     z = residuals.standardised
     spread = robust_scale(z)
     ratio = np.abs(z) / spread
-    out = ratio > cut
+    out = ratio > CUT
     rows = np.flatnonzero(out.any(axis=1))
     count = int(out.sum())
-    expected = z.size * 2.0 * float(ndtr(-cut))
+    expected = z.size * 2.0 * float(ndtr(-CUT))
     left = z[~out]
     freedom = max(1.0, float(left.size - residuals.parameters))
     scatter = max(float(np.sqrt(np.square(left).sum() / freedom)), np.finfo(float).tiny)

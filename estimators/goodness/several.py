@@ -48,7 +48,6 @@ def as_one(
     sensors: Sequence[str],
     calibration: Calibration,
     arm: Arm | None = None,
-    at_most: int = MOST_SAMPLES,
 ) -> Recording:
     """Recordings after one another, thinned, with tool poses, in the calibration's units.
 
@@ -62,7 +61,7 @@ def as_one(
     noise = {each["recording"]: np.asarray(each["noise"]) for each in told.get(sensors[0], [])}
     parts, weights, start = [], [], 0.0
     for run in runs:
-        part = thinned(run, at_most // len(runs))
+        part = thinned(run, MOST_SAMPLES // len(runs))
         made = _bare(part, arm_of(part, arm, part.origin or part.name), sensors, calibration, start)
         parts.append(made)
         start = float(made.t[-1]) + float(np.median(np.diff(made.t)) if len(made) > 1 else 1.0)

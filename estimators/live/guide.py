@@ -59,14 +59,9 @@ class Procedure:
     title: str
     steps: tuple[Step, ...]
 
-    def undetermined(self, parameters: Parameters = 9, dip_deg: float | None = None) -> tuple[str, ...]:
-        """The parameters that its directions leave open, however long it is done.
-
-        Args:
-            parameters: 6 or 9.
-            dip_deg: of a magnetic field below the horizon, which points along x at level; None: gravity.
-        """
-        directions = np.concatenate([step.directions for step in self._felt(dip_deg)])
+    def undetermined(self, parameters: Parameters = 9) -> tuple[str, ...]:
+        """The parameters, of 6 or 9, that its directions of gravity leave open, however long it is done."""
+        directions = np.concatenate([step.directions for step in self.steps])
         return AttitudeFreeInformation.of(directions, 1e-3, None, parameters).undetermined
 
     def lacking(self, parameters: Parameters = 9) -> str | None:
@@ -81,26 +76,6 @@ class Procedure:
                 if not Procedure(self.name, "", (*self.steps, turn)).undetermined(parameters):
                     return f"{words}: add {turn.words}"
         return f"{words}: add the steps of another procedure"
-
-    def _felt(self, dip_deg: float | None) -> tuple[Step, ...]:
-        if dip_deg is None:
-            return self.steps
-        level = np.array([np.cos(np.radians(dip_deg)), 0.0, -np.sin(np.radians(dip_deg))])
-        felt = []
-        for step in self.steps:
-            # The same turns: each takes level's up to the step's, by the shortest way.
-            felt.append(Step(step.words, np.array([_shortest(up) @ level for up in step.directions])))
-        return tuple(felt)
-
-
-def _shortest(up: Array) -> Array:
-    """(3, 3) rotation in the sensor's frame that takes +z to ``up`` by the shortest way."""
-    z = _AXES[2]
-    cross, cosine = np.cross(z, up), float(up[2])
-    if cosine < -1.0 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
-    return np.asarray(np.eye(3) + skew + skew @ skew / (1.0 + cosine))
 
 
 def _turn(axis: str, up: str) -> Step:

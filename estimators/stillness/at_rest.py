@@ -15,12 +15,13 @@ from rig.recording import Recording
 SETTLE_S: Final = 0.1
 
 
-def at_rest_samples(recording: Recording, settle_s: float = SETTLE_S) -> Recording:
+def at_rest_samples(recording: Recording) -> Recording:
     """The samples of a recording at which its joints, or its tool, neither turn nor have just turned.
+
+    Nor will for a tenth of a second.
 
     Args:
         recording: with joint angles or tool poses.
-        settle_s: time beside each motion that is left out [s].
 
     Raises:
         RigError: no pose was recorded.
@@ -37,9 +38,9 @@ def at_rest_samples(recording: Recording, settle_s: float = SETTLE_S) -> Recordi
         raise RigError(f"{where}: has no pose, expected joint angles or tool poses to see when the arm is at rest")
     moving: NDArray[np.bool_] = np.append(speed > SPEED_LIMIT, False) | np.append(False, speed > SPEED_LIMIT)
     when = recording.t[moving]
-    after = np.searchsorted(when, recording.t - settle_s, side="left")
-    before = np.searchsorted(when, recording.t + settle_s, side="right")
+    after = np.searchsorted(when, recording.t - SETTLE_S, side="left")
+    before = np.searchsorted(when, recording.t + SETTLE_S, side="right")
     still = before == after
     if not still.any():
-        raise RefusedFit(f"{where}: the arm is never at rest for {2.0 * settle_s:g} s, expected poses that are held")
+        raise RefusedFit(f"{where}: the arm is never at rest for {2.0 * SETTLE_S:g} s, expected poses that are held")
     return recording.select(still)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.known_angle.statistics import Statistics
 from estimators.stillness.detection import SPEED_LIMIT, Stillness, find_still
 from estimators.stillness.stretches import sums_over
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
@@ -18,7 +17,7 @@ from rig.recording import Recording
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
-    from rig.arm import Arm
+    pass
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -32,8 +31,6 @@ class StillPoses:
         recording: (p,) one sample a pose: its mean time, pose and readings. The metadata hold the counts as
             ``pose_samples``.
         counts: (p,) samples a pose.
-        within: (6, 6) sum over all samples of the products of their deviations from their pose's mean [recorded
-            units]; zero where a sensor was not recorded.
         noise: sensor -> (3,) standard deviation of a reading about its pose's mean [recorded unit], and
             ``degrees_of_freedom`` the number behind it.
         inflation: sensor -> (3,) the variance of the mean of half a pose over that of as many readings without memory:
@@ -43,7 +40,6 @@ class StillPoses:
 
     recording: Recording
     counts: Rows
-    within: Array
     noise: Mapping[str, Array]
     degrees_of_freedom: int
     inflation: Mapping[str, Array]
@@ -52,32 +48,6 @@ class StillPoses:
     def __len__(self) -> int:
         """How many poses."""
         return len(self.counts)
-
-    def statistics(self, arm: Arm | None = None, sensors: Sequence[str] | None = None) -> Statistics:
-        """The sufficient statistics of all samples of the poses, for ``estimators.known_angle.fit.fit_sensor``.
-
-        With the scatter about the means added back they are those of the single readings, each in its pose's mean
-        orientation: the poses count as often as they were read.
-
-        Args:
-            arm: for joint angles.
-            sensors: in this order; None: all.
-
-        Raises:
-            RigError: as ``Recording.rotations``.
-        """
-        chosen = self.recording.sensors if sensors is None else sensors
-        terms = np.column_stack([self.recording.rotations(arm), np.ones(len(self))])
-        means = np.hstack([self.recording.readings(sensor) for sensor in chosen])
-        columns = np.concatenate([np.arange(6)[COLUMNS_OF[sensor]] for sensor in chosen])
-        weights = self.counts[:, None].astype(float)
-        with one_blas_thread():
-            return Statistics(
-                int(self.counts.sum()),
-                terms.T @ (weights * terms),
-                terms.T @ (weights * means),
-                means.T @ (weights * means) + self.within[np.ix_(columns, columns)],
-            )
 
 
 def still_poses(
@@ -135,14 +105,14 @@ def average_poses(recording: Recording, stillness: Stillness) -> StillPoses:
         accelerometer=readings.get(ACCELEROMETER),
         magnetometer=readings.get(MAGNETOMETER),
     )
-    within, halves = _scatter(recording, stillness, means)
+    squares, halves = _scatter(recording, stillness, means)
     freedom = int(counts.sum()) - len(counts)
     noise, inflation = {}, {}
     for sensor in recording.sensors:
-        variance = within.diagonal()[COLUMNS_OF[sensor]] / max(freedom, 1)
+        variance = squares[COLUMNS_OF[sensor]] / max(freedom, 1)
         noise[sensor] = np.sqrt(variance)
         inflation[sensor] = halves[COLUMNS_OF[sensor]] / np.maximum(variance, np.finfo(float).tiny)
-    return StillPoses(means, counts, within, noise, freedom, inflation, stillness)
+    return StillPoses(means, counts, noise, freedom, inflation, stillness)
 
 
 def counts_of(recording: Recording) -> Array | None:
@@ -155,16 +125,16 @@ def counts_of(recording: Recording) -> Array | None:
 
 
 def _scatter(recording: Recording, stillness: Stillness, means: Recording) -> tuple[Array, Array]:
-    """(6, 6) sum of products about the poses' means, and (6,) the variance that the two halves of stretches suggest."""
-    within, halves = np.zeros((6, 6)), np.zeros(6)
+    """(6,) sums of squares about the poses' means, and (6,) the variance that the two halves of stretches suggest."""
+    squares, halves = np.zeros(6), np.zeros(6)
     readings = np.zeros((int(np.max(stillness.stop - stillness.first)), 6))
     with one_blas_thread():
         for first, stop, pose in zip(stillness.first, stillness.stop, stillness.pose, strict=True):
             part = readings[: stop - first]
             for sensor in recording.sensors:
                 part[:, COLUMNS_OF[sensor]] = recording.readings(sensor)[first:stop] - means.readings(sensor)[pose]
-            within += part.T @ part
+            squares += np.square(part).sum(axis=0)
             middle = len(part) // 2
             apart = part[:middle].mean(axis=0) - part[middle:].mean(axis=0)
             halves += np.square(apart) / (1.0 / middle + 1.0 / (len(part) - middle))
-    return within, halves / len(stillness.first)
+    return squares, halves / len(stillness.first)

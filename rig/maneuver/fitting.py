@@ -259,8 +259,8 @@ def static_poses_deg(arm: Arm, count: int, seed: int) -> tuple[tuple[float, ...]
     return _as_shown(arm, _drawn(arm, count, np.random.default_rng(seed)))
 
 
-def locked_poses_deg(arm: Arm, count: int = 3) -> tuple[tuple[float, ...], ...]:
-    """Poses [deg, m] that differ: one after the other that whose gravity, in the tool, is farthest from all before.
+def locked_poses_deg(arm: Arm) -> tuple[tuple[float, ...], ...]:
+    """Three poses [deg, m] that differ: one by one that whose gravity, in the tool, is farthest from all before.
 
     Up to a right angle: three directions at right angles show every sensor axis at different fields. What is equal in
     that, as on an arm that never tips its tool, is told apart by how far the tool is turned.
@@ -271,7 +271,7 @@ def locked_poses_deg(arm: Arm, count: int = 3) -> tuple[tuple[float, ...], ...]:
     rotation = arm.rotation_map.rotations(pool).reshape(-1, 3, 3)
     down = -rotation[:, 2]  # R^T (0, 0, -1)
     chosen = [0]
-    while len(chosen) < count:
+    while len(chosen) < 3:
         apart = np.degrees(np.arccos(np.clip(np.abs(down @ down[chosen].T), 0.0, 1.0))).min(axis=1)
         trace = np.einsum("nij,mij->nm", rotation, rotation[chosen])
         turned = np.degrees(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))).min(axis=1)

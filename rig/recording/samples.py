@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_BLOCK = 2048  # rotations at a time: they stay in the cache
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
@@ -180,8 +182,8 @@ class Recording:
                 result[rows] = block.T
         return result
 
-    def rotation_blocks(self, arm: Arm | None, rows: int = 2048) -> Iterator[tuple[slice, Array]]:
-        """As ``rotations``, in blocks of so many rows: the samples, and (9, m), overwritten by the next block.
+    def rotation_blocks(self, arm: Arm | None) -> Iterator[tuple[slice, Array]]:
+        """As ``rotations``, in blocks: the samples, and (9, m), overwritten by the next block.
 
         Wrap the loop in ``rig.threads.one_blas_thread``.
 
@@ -192,9 +194,9 @@ class Recording:
         if self.q is not None and arm is not None:
             if self.q.shape[1] != arm.dof:
                 raise RigError(f"{where}: found {self.q.shape[1]} joint angles, expected {arm.dof} of arm {arm.name!r}")
-            return arm.rotation_map.blocks(self.q, rows)
+            return arm.rotation_map.blocks(self.q, _BLOCK)
         if self.tool_quaternion is not None:
-            return quaternion.blocks(self.tool_quaternion, rows)
+            return quaternion.blocks(self.tool_quaternion, _BLOCK)
         if self.q is not None:
             raise RigError(f"{where}: has joint angles, for which an arm is needed: found none")
         raise RigError(f"{where}: has no pose, expected q1_rad..qN_rad or {', '.join(QUATERNION)}")
@@ -223,18 +225,6 @@ class Recording:
             supply=part(self.supply),
             first_row=0,
         )
-
-    def decimate(self, k: int, first: int = 0) -> Recording:
-        """Every k-th sample from ``first`` on; the stated rate is divided by k.
-
-        Raises:
-            RigError: k below 1, or no sample left.
-        """
-        if k < 1 or first < 0:
-            raise RigError(f"decimate: found every {k} from {first}, expected 1 or more from 0 or more")
-        rate = self.metadata.rate_Hz
-        metadata = replace(self.metadata, rate_Hz=None if rate is None else rate / k)
-        return replace(self.select(slice(first, None, k)), metadata=metadata)
 
     def with_fields(self, fields: Mapping[str, Array]) -> Recording:
         """The same run with calibrated readings, and only those: what a calibration made of it.

@@ -137,7 +137,7 @@ class PoseSearch:
         x = np.hstack([rotations, np.ones((len(q), 1))])
         return np.asarray(x[:, :, None] * x[:, None, :])
 
-    def timed(self, q: Array, seconds: float, grams: Array | None = None) -> PosePlan:
+    def timed(self, q: Array, seconds: float) -> PosePlan:
         """The plan of these poses in this order; its worst is far too large where they do not fit into the time."""
         move = float(np.ceil(100.0 * self.dynamics.seconds(q[:-1], q[1:]).max()) / 100.0)
         hold = (seconds - (len(q) - 1) * move) / len(q)
@@ -146,7 +146,7 @@ class PoseSearch:
         if hold < _LEAST_HOLD_S:
             return PosePlan(q, float(hold), move, FAR * (1.0 + _LEAST_HOLD_S - hold))
         samples = (hold - 2.0 * SETTLE_S) * self.rate_Hz
-        gram = samples * (self.grams(q) if grams is None else grams).sum(axis=0)
+        gram = samples * self.grams(q).sum(axis=0)
         worst = max(float(one.worst(one.information(gram)[None])[0]) for one in self.criteria)
         return PosePlan(q, float(hold), move, worst)
 
