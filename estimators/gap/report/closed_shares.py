@@ -29,8 +29,12 @@ Array = NDArray[np.float64]
 _LIKELY: Final = ndtri((np.arange(8) + 0.5) / 8.0)
 
 
-def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draws (d,) of the squared gap that is left and that was there, in whitened units: of what moves the mean."""
+def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Generator) -> tuple[Array, Array]:
+    """Draws (d,) of the squared gap that is left and that was there, in whitened units: of what moves the mean.
+
+    Args:
+        reported: the numbers of those members of the leading explanation that are.
+    """
     floor, means = posterior.scanner.fine.data, posterior.discrepancies.means
     known: dict[tuple[object, ...], Linear] = {}
 
@@ -41,7 +45,12 @@ def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Ar
             known[key] = explanation.linear if same else on_data(floor, explanation)[1]
         return known[key]
 
-    own = under_floor(posterior.leading.explanation)
+    leading = posterior.leading.explanation
+    own = under_floor(leading)
+    if len(reported) < len(leading.members):
+        data = around(floor, leading.data.pipeline)
+        change = project(data.absorbed, data.whiten(data.change([leading.fits[index].effect for index in reported])))
+        own = replace(own, left=floor.whitened - change, tangent=own.tangent[:, np.isin(own.owner, reported)])
     fitted, roughly = floor.whitened - own.left, means.linear(own).left
     nothing = means.linear(linearised(at([], floor))).left
     ways = []
@@ -58,7 +67,7 @@ def of_causes(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Ar
                 way = replace(way, terms=each.terms, on_means=(there, nothing - there.left, roughly - there.left))
             ways.append(way)
     after, before = closure.drawn(ways, fitted, rng)
-    if posterior.leading.explanation.members:
+    if reported:
         took = closure.held_out(own, fitted, floor)  # draws say how it varies with what is left
         before = before * (took + float(after.mean())) / float(before.mean())
     return after, before

@@ -37,23 +37,21 @@ def defect_probability(defect: Defect, prior: Prior) -> float:
     return at_most(defect.log_p, prior.log_single((defect.effect, own)))
 
 
-#: Probabilities of the mean effects of a hypothesis, by their label: as many as it holds of each.
-Doubts = dict[str, tuple[float, ...]]
-
-
-def doubts(posterior: Posterior) -> dict[int, Doubts]:
-    """For the hypotheses that hold something outside the catalogue, by their number, the probability of each mean
-    effect: as the catalogue's effects do part of what it does, their own evidence is no longer one."""
-    found: dict[int, Doubts] = {}
-    known: dict[int, Doubts] = {}
+def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
+    """For the hypotheses that hold something outside the catalogue, by their number, the probability of each member of
+    their explanation: as the catalogue's effects do part of what it does, their own evidence is no longer one."""
+    found: dict[int, tuple[float, ...]] = {}
+    known: dict[int, tuple[float, ...]] = {}
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
         if not each.other or probability < WAYS:
             continue
         key = id(each.explanation)
         if key not in known:
-            own = known[key] = {}
-            for index, member in enumerate(each.explanation.members):
-                odds = homogeneity.log_bayes_factor(each.explanation, index) + posterior.prior.log_single(member.drawn)
-                own[member.label] = (*own.get(member.label, ()), _probability(odds))
+            known[key] = tuple(
+                _probability(
+                    homogeneity.log_bayes_factor(each.explanation, index) + posterior.prior.log_single(member.drawn)
+                )
+                for index, member in enumerate(each.explanation.members)
+            )
         found[number] = known[key]
     return found

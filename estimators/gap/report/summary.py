@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -23,7 +22,7 @@ from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import by_channel, closed_shares, closure, marginal
 from estimators.gap.report.by_recording import of_several
-from estimators.gap.report.p_values import Doubts, defect_probability, doubts
+from estimators.gap.report.p_values import defect_probability, doubts
 from estimators.gap.report.recorded_units import in_recorded_units
 from estimators.gap.report.shift import calibration_shift
 from estimators.gap.search.posterior import Hypothesis as Weighing
@@ -39,6 +38,8 @@ Array = NDArray[np.float64]
 _LISTED, _MOST = 0.005, 50
 #: Causes that are likely enough to be told of, beside those of the likeliest explanation.
 _TOLD: Final = 0.1
+#: Of the likeliest explanation, where it holds something outside the catalogue, the causes that are told of and fitted.
+_REPORTED: Final = 0.5
 #: Shares of a hypothesis' probability that are not followed.
 _NO_SHARE: Final = 1e-9
 _NO_CLOSURE: Final = Closed(None, None, None)
@@ -53,7 +54,7 @@ def conclude(
     floors: Sequence[tuple[ChannelNoise, ...]],
     sources: Sequence[str],
 ) -> tuple[Diagnosis, list[Effect]]:
-    """The diagnosis that a posterior supports, and the mean effects of its leading explanation.
+    """The diagnosis that a posterior supports, and the mean effects of its leading explanation that are reported.
 
     Args:
         recordings, data: what was diagnosed; the data with the base fit's noise, defects left out.
@@ -79,8 +80,10 @@ def conclude(
     hypotheses, masses, omitted = _listed(posterior, places, same, certain, bool(nameless), doubted)
     leading = posterior.leading
     rng = np.random.default_rng(0)
-    fits = _at_every_sample(leading, data)
-    after, before = closed_shares.of_causes(posterior, rng)
+    shares = [share for _, share in _believed(leading, doubted.get(0))]
+    reported = [index for index in range(len(leading.explanation.members)) if shares[index] >= _REPORTED]
+    fits = [fit for index, fit in enumerate(_at_every_sample(leading, data)) if index in reported]
+    after, before = closed_shares.of_causes(posterior, reported, rng)
     effects = [fit.effect for fit in fits]
     noise_after, noise_before = closed_shares.of_noise(leading.state.fitted, named, data, rng)
     quiet = masses["nothing"] >= 0.5
@@ -131,17 +134,14 @@ def _listed(
     same: Mapping[str, str],
     certain: Mapping[tuple[str, str], float],
     nameless: bool,
-    doubted: Mapping[int, Doubts],
+    doubted: Mapping[int, Sequence[float]],
 ) -> tuple[tuple[Hypothesis, ...], dict[str, float], float]:
     """Hypotheses with twins and states of the floor merged; the three masses; the probability that is not listed."""
     merged: dict[tuple[tuple[tuple[str, str], ...], bool], float] = {}
     defects = _subsets(list(certain.items()))
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
-        believed = doubted.get(number, {})
         own = [
-            (places[same.get(label, label)].name, one)
-            for label, many in Counter(each.labels).items()
-            for one in believed.get(label, (1.0,) * many)
+            (places[same.get(label, label)].name, believed) for label, believed in _believed(each, doubted.get(number))
         ]
         for chosen, part in _subsets(own):
             for held, weight in defects:
@@ -156,6 +156,14 @@ def _listed(
     listed = [Hypothesis(causes, other, mass / total) for (causes, other), mass in ranked if mass / total >= _LISTED]
     listed = listed[:_MOST]
     return tuple(listed), masses, max(0.0, 1.0 - sum(one.probability for one in listed))
+
+
+def _believed(each: Weighing, doubted: Sequence[float] | None) -> list[tuple[str, float]]:
+    """Labels of a hypothesis, mean effects first, and the probability of each where the hypothesis holds."""
+    members = each.explanation.members
+    shares = doubted or (1.0,) * len(members)
+    mean = [(member.label, share) for member, share in zip(members, shares, strict=True)]
+    return mean + [(label, 1.0) for label in each.state.labels]
 
 
 def _subsets(causes: Sequence[tuple[tuple[str, str], float]]) -> list[tuple[tuple[tuple[str, str], ...], float]]:
@@ -187,7 +195,7 @@ def _causes(
     same: Mapping[str, str],
     defects: Sequence[tuple[Defect, int]],
     certain: Mapping[tuple[str, str], float],
-    doubted: Mapping[int, Doubts],
+    doubted: Mapping[int, Sequence[float]],
     after: Array,
     before: Array,
     rng: np.random.Generator,
@@ -195,15 +203,13 @@ def _causes(
     """Those of the leading explanation, and all others that are likely."""
     holders: dict[str, list[tuple[Weighing, float]]] = {}
     for number, (each, weight) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
-        own = doubted.get(number, {})
         shares: dict[str, float] = {}
-        for label in each.labels:
+        for label, believed in _believed(each, doubted.get(number)):
             name = same.get(label, label)
-            shares[name] = max(shares.get(name, 0.0), *own.get(label, (1.0,)))
+            shares[name] = max(shares.get(name, 0.0), believed)
         for label, share in shares.items():
             holders.setdefault(label, []).append((each, float(weight) * share))
-    believed = doubted.get(0, {})
-    reported = {same.get(label, label) for label in leading.labels if max(believed.get(label, (1.0,))) >= 0.5}
+    reported = {same.get(label, label) for label, share in _believed(leading, doubted.get(0)) if share >= _REPORTED}
     found = []
     for label, held in holders.items():
         probability = min(sum(weight for _, weight in held), 1.0)
