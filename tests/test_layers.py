@@ -33,25 +33,30 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"), str(path))
 
 
-def imports(path: Path) -> Iterator[tuple[int, str]]:
+@cache
+def imports(path: Path) -> tuple[tuple[int, str], ...]:
     """Line and absolute dotted name of everything that the file imports, wherever in it the statement stands."""
     package = path.relative_to(ROOT).parent.parts
-    for node in ast.walk(parsed(path)):
+    found: list[tuple[int, str]] = []
+    for node in statements(parsed(path)):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield node.lineno, alias.name
+            found += [(node.lineno, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             anchor = package[: len(package) - node.level + 1] if node.level else ()
-            yield node.lineno, ".".join((*anchor, *filter(None, [node.module])))
+            found.append((node.lineno, ".".join((*anchor, *filter(None, [node.module])))))
+    return tuple(found)
 
 
-def runtime(tree: ast.AST) -> Iterator[ast.AST]:
-    """All nodes but what stands under ``if TYPE_CHECKING``; function bodies too, where an import may hide a cycle."""
-    for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
-            continue
-        yield node
-        yield from runtime(node)
+def statements(tree: ast.AST, typed: bool = True) -> Iterator[ast.AST]:
+    """All statements, in function bodies too, where an import may hide a cycle; not ``typed``: but those under ``if
+    TYPE_CHECKING``."""
+    left = [tree]
+    while left:
+        for node in ast.iter_child_nodes(left.pop()):
+            checking = isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+            if not isinstance(node, ast.expr) and (typed or not checking):
+                yield node
+                left.append(node)
 
 
 def modules() -> dict[str, Path]:
@@ -66,7 +71,7 @@ def test_no_module_imports_itself_in_a_circle() -> None:
     imported: dict[str, set[str]] = {}
     for name, path in known.items():
         found: set[str] = set()
-        for node in runtime(parsed(path)):
+        for node in statements(parsed(path), typed=False):
             if isinstance(node, ast.Import):
                 found |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:
