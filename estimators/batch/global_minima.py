@@ -13,7 +13,7 @@ every channel is multiplied by the root of its weight, and the cost is then an u
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +80,26 @@ class Problems:
     def count(self) -> int:
         """P."""
         return int(self.cross.shape[1])
+
+    @cached_property
+    def trace(self) -> Array:
+        """() or (P,) of the covariance."""
+        return np.asarray(np.trace(self.covariance, axis1=-2, axis2=-1))
+
+    @cached_property
+    def for_axes(self) -> Array:
+        """(9, 9) or (P, 9, 9): maps f_i f_k to A_jl, the equations for m."""
+        return _permuted(self.covariance, (1, 3, 0, 2))
+
+    @cached_property
+    def for_field(self) -> Array:
+        """Maps m_j m_l to G_ik, the equations for f."""
+        return _permuted(self.covariance, (0, 2, 1, 3))
+
+    @cached_property
+    def for_both(self) -> Array:
+        """Maps m_j f_k to B_il, what couples f and m."""
+        return _permuted(self.covariance, (0, 3, 1, 2))
 
     def select(self, rows: Indices | slice) -> Problems:
         """Some of them."""
@@ -176,9 +196,9 @@ def forward(factor: tuple[Array, ...], right: Array) -> tuple[Array, Array, Arra
 def _explained(problems: Problems, points: int) -> Array:
     """(g, P) what the best m_k explain of the weighted readings, for every direction of the grid."""
     directions, _, products = half_sphere(points)
-    ridge = 1e-12 * np.trace(problems.covariance, axis1=-2, axis2=-1) + 1e-300
+    ridge = 1e-12 * problems.trace + 1e-300
     if problems.covariance.ndim == 2:
-        factor = cholesky((products @ _for_axes(problems.covariance).T).T, float(ridge))
+        factor = cholesky((products @ problems.for_axes.T).T, float(ridge))
         by_field = np.zeros((3, len(directions), 3, 3))  # row j of [f^T C] as a matrix on vec C
         for j in range(3):
             by_field[j, :, :, j] = directions
@@ -186,7 +206,7 @@ def _explained(problems: Problems, points: int) -> Array:
         z = solved.reshape(-1, 9) @ problems.cross.reshape(9, -1)
         np.multiply(z, z, out=z)
         return np.asarray(z.reshape(3, len(directions), problems.count, -1).sum(axis=(0, 3)))
-    normal = np.tensordot(_for_axes(problems.covariance), products, axes=(2, 1))  # (P, 9, g)
+    normal = np.tensordot(problems.for_axes, products, axes=(2, 1))  # (P, 9, g)
     factor = cholesky(normal.transpose(1, 0, 2), ridge[:, None])
     right = np.tensordot(problems.cross.reshape(3, 3, problems.count, -1), directions, axes=(0, 1))  # (3, P, c, g)
     z = np.stack(forward(factor, right.transpose(0, 2, 1, 3)))
@@ -223,8 +243,7 @@ def descend(problems: Problems, field: Array, label: Indices) -> Minima:
     for _ in range(_MOST_STEPS):
         step = now.step(part, damping[active])
         length = np.sqrt((step * step).sum(axis=0))
-        basis = tangent_basis(now.field.T).transpose(1, 2, 0)
-        moved = now.field + (step[:, None] * basis).sum(axis=0)
+        moved = now.field + (step[:, None] * now.basis).sum(axis=0)
         moved /= np.sqrt((moved * moved).sum(axis=0))
         new = _Point.at(part, moved)
         # Near the minimum the cost is flat to its rounding, so a rise of that size is none.
@@ -260,8 +279,7 @@ class _Point:
     @classmethod
     def at(cls, problems: Problems, field: Array) -> _Point:
         products = (field[:, None] * field[None]).reshape(9, -1)
-        trace = np.trace(problems.covariance, axis1=-2, axis2=-1)
-        factor = cholesky(_times(_for_axes(problems.covariance), products), 1e-15 * trace + 1e-300)
+        factor = cholesky(_times(problems.for_axes, products), 1e-15 * problems.trace + 1e-300)
         wide = tuple(entry[:, None] for entry in factor)
         right = np.einsum("ip,ijpc->jpc", field, problems.cross.reshape(3, 3, *problems.cross.shape[1:]))
         axes = np.stack(_backward(wide, forward(wide, right)))
@@ -270,6 +288,11 @@ class _Point:
     def mean_square(self, problems: Problems) -> Array:
         """(P, c) what is left of each channel."""
         return np.asarray(np.maximum(problems.variance - (self.right * self.scaled_axes).sum(axis=0), 0.0))
+
+    @cached_property
+    def basis(self) -> Array:
+        """(2, 3, P) of the tangents at the fields."""
+        return np.asarray(tangent_basis(self.field.T).transpose(1, 2, 0))
 
     def step(self, problems: Problems, damping: Array) -> Array:
         """(2, P) Newton's step of the projected cost in tangent coordinates, damped by (P,) of its curvature.
@@ -280,17 +303,17 @@ class _Point:
         _, p, c = self.scaled_axes.shape
         f = np.repeat(self.field, c, axis=1)
         m = self.scaled_axes.reshape(3, p * c)
-        covariance = problems.covariance if problems.covariance.ndim == 2 else np.repeat(problems.covariance, c, axis=0)
+        covariance, for_both, for_field = problems.covariance, problems.for_both, problems.for_field
+        if covariance.ndim == 3:
+            covariance, for_both, for_field = (np.repeat(each, c, axis=0) for each in (covariance, for_both, for_field))
         error = _times(covariance, (f[:, None] * m[None]).reshape(9, -1)) - problems.cross.reshape(9, -1)
         error = error.reshape(3, 3, -1)
-        mixed = error + _times(_for_both(covariance), (m[:, None] * f[None]).reshape(9, -1)).reshape(3, 3, -1)
-        basis = tangent_basis(self.field.T).transpose(1, 2, 0)  # (2, 3, P)
+        mixed = error + _times(for_both, (m[:, None] * f[None]).reshape(9, -1)).reshape(3, 3, -1)
+        basis = self.basis
         wide = np.repeat(basis, c, axis=2)
         gradient = np.einsum("aip,ijp,jp->ap", wide, error, m).reshape(2, p, c).sum(axis=2)
-        for_field = (
-            _times(_for_field(covariance), (m[:, None] * m[None]).reshape(9, -1)).reshape(3, 3, p, c).sum(axis=3)
-        )
-        hessian = np.einsum("aip,ijp,bjp->abp", basis, for_field, basis)
+        by_field = _times(for_field, (m[:, None] * m[None]).reshape(9, -1)).reshape(3, 3, p, c).sum(axis=3)
+        hessian = np.einsum("aip,ijp,bjp->abp", basis, by_field, basis)
         coupled = np.einsum("aip,ijp->jap", wide, mixed)  # (3, 2, P c)
         solved = np.stack(forward(tuple(np.repeat(entry, c) for entry in self.factor), coupled))
         hessian -= np.einsum("jap,jbp->abp", solved, solved).reshape(2, 2, p, c).sum(axis=3)
@@ -325,21 +348,6 @@ def _permuted(covariance: Array, order: tuple[int, int, int, int]) -> Array:
     lead = covariance.shape[:-2]
     axes = (*range(len(lead)), *(len(lead) + index for index in order))
     return covariance.reshape(*lead, 3, 3, 3, 3).transpose(axes).reshape(*lead, 9, 9)
-
-
-def _for_axes(covariance: Array) -> Array:
-    """Maps f_i f_k to A_jl, the equations for m."""
-    return _permuted(covariance, (1, 3, 0, 2))
-
-
-def _for_field(covariance: Array) -> Array:
-    """Maps m_j m_l to G_ik, the equations for f."""
-    return _permuted(covariance, (0, 2, 1, 3))
-
-
-def _for_both(covariance: Array) -> Array:
-    """Maps m_j f_k to B_il, what couples f and m."""
-    return _permuted(covariance, (0, 3, 1, 2))
 
 
 def _backward(factor: tuple[Array, ...], z: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
