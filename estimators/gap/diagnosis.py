@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from rig.documents import plain
 from rig.errors import in_short
 from rig.files import write_text
 
@@ -186,7 +187,7 @@ class Diagnosis:
 
     def to_json(self) -> Any:
         """The contract's object."""
-        return _plain(
+        return plain(
             {
                 "format": FORMAT,
                 "recordings": list(self.recordings),
@@ -368,18 +369,6 @@ def _size(name: str, estimate: Estimate) -> str:
     if estimate.unit == "rad":
         return f"{math.degrees(estimate.value):.3g} +- {math.degrees(estimate.std):.1g} deg"
     return f"{name} {estimate.value:.3g} +- {estimate.std:.1g} {estimate.unit}".rstrip()
-
-
-def _plain(value: Any) -> Any:
-    """JSON has no NaN: what is not known is null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    if isinstance(value, str | bool | int) or value is None:
-        return value
-    number = float(value)
-    return number if math.isfinite(number) else None
 
 
 def pooled(each: Sequence[Mapping[str, Channel]], counts: Sequence[int] | None = None) -> Mapping[str, Channel]:
