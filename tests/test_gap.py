@@ -41,6 +41,8 @@ CAUSES = {
     "dropouts": {"where": "acquisition", "share": 0.006},
 }
 
+STEPS = ((0.03, 400.0), (-0.02, 900.0))
+
 
 def recorded(seed: int, *effects: tuple[str, dict[str, object]]) -> Recording:
     """832 samples of the paper's sweep."""
@@ -63,6 +65,18 @@ def test_a_quiet_recording_has_no_gap(locked: Recording) -> None:
     assert found.causes == ()
     told = {(each["effect"], each["where"]) for each in found.cannot_tell}
     assert {("joint_offset", "joint1"), ("joint_offset", "joint6"), ("backlash", "joint6")} <= told
+
+
+def test_an_effect_that_is_there_twice_is_told_of_twice(locked: Recording) -> None:
+    """Steps of accel2, each alone of a signal-to-noise above 20: an instant is known to a few samples of 2 s."""
+    steps = [("bias_step", {"where": "accel2", "volts": volts, "at_s": at_s}) for volts, at_s in STEPS]
+    found = estimators.diagnose(recorded(2, *steps), locked=locked)
+    told = sorted(found.causes, key=lambda cause: cause.parameters["at_s"].value)
+    assert [(cause.effect, cause.where) for cause in told] == [("bias_step", "accel2")] * 2
+    for cause, (volts, at_s) in zip(told, STEPS, strict=True):
+        assert cause.probability > 0.95
+        assert abs(cause.parameters["volts"].value - volts) < 5.0 * cause.parameters["volts"].std
+        assert abs(cause.parameters["at_s"].value - at_s) < 60.0
 
 
 def test_a_floor_that_goes_on_slower_than_poses_at_rest_show_is_no_gap() -> None:

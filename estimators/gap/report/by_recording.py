@@ -12,14 +12,18 @@ from estimators.gap.diagnosis import Cause
 from estimators.gap.search.posterior import Hypothesis
 
 
-def of_several(cause: Cause, label: str, holder: Hypothesis, data: Stack) -> Cause:
-    """With the recording in which it acts or begins, on its own clock, and what each recording says for it."""
+def of_several(cause: Cause, label: str, index: int, holder: Hypothesis, data: Stack) -> Cause:
+    """With the recording in which it acts or begins, on its own clock, and what each recording says for it.
+
+    Args:
+        label: its effect and place. holder: a hypothesis that holds it. index: its number there, of a mean effect.
+    """
     fitted = next((each for each in holder.state.fitted if each.label == label), None)
     if fitted is not None:
         said = {data.names[each.part]: 0.5 * each.gain for each in fitted.every if each.part >= 0}
         return replace(cause, evidence=said)
     explanation = holder.explanation
-    fit = next(fit for fit in explanation.fits if fit.candidate.label == label)
+    fit = explanation.fits[index]
     rest = [each.effect for each in explanation.fits if each is not fit]
     whole = explanation.data
     own = project(whole.absorbed, whole.whiten(whole.change([fit.effect, *rest]) - whole.change(rest)))

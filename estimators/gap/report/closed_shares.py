@@ -115,21 +115,20 @@ def of_noise(
 
 
 def by_cause(
-    label: str, holder: Hypothesis, posterior: Posterior, after: Array, before: Array, rng: np.random.Generator
+    index: int, holder: Hypothesis, posterior: Posterior, after: Array, before: Array, rng: np.random.Generator
 ) -> Closed:
     """By how much the squared gap grows, as a share of what it was, where this cause is taken out again.
 
     Args:
-        label: its effect and place. holder: the likeliest hypothesis that holds it.
+        holder: the likeliest hypothesis that holds it. index: its number there.
         after, before: as of ``of_causes``.
     """
     explanation = holder.explanation
     if len(explanation.fits) == 1:
         return closure.share(after, before)
     data, linear = on_data(posterior.scanner.fine.data, explanation)
-    rest = [fit.effect for fit in explanation.fits if fit.candidate.label != label]
+    rest = [fit.effect for number, fit in enumerate(explanation.fits) if number != index]
     change = data.change([fit.effect for fit in explanation.fits]) - data.change(rest)
-    index = next(number for number, fit in enumerate(explanation.fits) if fit.candidate.label == label)
     mine = linear.owner == index
     deltas = closure.of_parameters(holder.moments, rng, len(before))[:, mine]
     own = replace(linear, tangent=linear.tangent[:, mine])

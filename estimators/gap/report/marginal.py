@@ -112,14 +112,13 @@ def _order(label: str) -> tuple[int, str]:
     return list(EFFECTS).index(effect), where
 
 
-def parameters(label: str, holders: Sequence[tuple[Hypothesis, float]]) -> dict[str, Estimate]:
+def parameters(index: int, holders: Sequence[tuple[Hypothesis, float]]) -> dict[str, Estimate]:
     """The parameters of a mean effect: as in the likeliest explanation that holds it, widths over all that do.
 
     Args:
-        holders: these, with their probabilities; the likeliest first.
+        index: its number in the likeliest. holders: all, with their probabilities; the likeliest first.
     """
     leading = holders[0][0]
-    index = next(number for number, member in enumerate(leading.explanation.members) if member.label == label)
     member = leading.explanation.members[index]
     fit = member.fit
     mean, covariance, felt = _moments(leading, index)
@@ -130,8 +129,11 @@ def parameters(label: str, holders: Sequence[tuple[Hypothesis, float]]) -> dict[
     centre = values / fit.scale
     second = np.zeros_like(spread)
     for hypothesis, weight in holders:
-        number = next((k for k, each in enumerate(hypothesis.explanation.members) if each.label == label), None)
-        if number is None or weight < _LIGHT * total:
+        labels = [each.label for each in hypothesis.explanation.members]
+        if member.label not in labels:
+            continue
+        number = index if hypothesis is leading else labels.index(member.label)
+        if weight < _LIGHT * total:
             continue
         other = hypothesis.explanation.members[number].fit
         if len(other.values) != len(values) or other.kept.keys() != fit.kept.keys():

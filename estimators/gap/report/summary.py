@@ -201,38 +201,44 @@ def _causes(
     rng: np.random.Generator,
 ) -> tuple[Cause, ...]:
     """Those of the leading explanation, and all others that are likely."""
-    holders: dict[str, list[tuple[Weighing, float]]] = {}
+    holders: dict[tuple[str, int], list[tuple[Weighing, float, int]]] = {}
+    reported = set()
     for number, (each, weight) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
-        shares: dict[str, float] = {}
-        for label, believed in _believed(each, doubted.get(number)):
-            name = same.get(label, label)
-            shares[name] = max(shares.get(name, 0.0), believed)
-        for label, share in shares.items():
-            holders.setdefault(label, []).append((each, float(weight) * share))
-    reported = {same.get(label, label) for label, share in _believed(leading, doubted.get(0)) if share >= _REPORTED}
+        believed: dict[str, list[tuple[float, int]]] = {}
+        for index, (label, share) in enumerate(_believed(each, doubted.get(number))):
+            believed.setdefault(same.get(label, label), []).append((share, index))
+        for label, shares in believed.items():
+            # an effect can be there twice at one place: the first is the one that is most believed
+            for copy, (share, index) in enumerate(sorted(shares, key=lambda one: -one[0])):
+                holders.setdefault((label, copy), []).append((each, float(weight) * share, index))
+                if each is leading and share >= _REPORTED:
+                    reported.add((label, copy))
     found = []
-    for label, held in holders.items():
-        probability = min(sum(weight for _, weight in held), 1.0)
-        if label not in reported and probability < _TOLD:
+    for (label, copy), held in holders.items():
+        probability = min(sum(weight for _, weight, _ in held), 1.0)
+        if (label, copy) not in reported and probability < _TOLD:
             continue
         place = places[label]
         effect, where = place.name
         equivalent = tuple(
             {"effect": e, "where": w, "probability": probability * part} for e, w, part in place.members[1:]
         )
-        mean = [(each, weight) for each, weight in held if label in each.explanation.key]
+        mean = [one for one in held if label in one[0].explanation.key]
         if mean:
-            estimates = marginal.parameters(label, mean)
-            closed = closed_shares.by_cause(label, mean[0][0], posterior, after, before, rng)
+            holder, _, index = mean[0]
+            alone = (label, 1) not in holders
+            estimates = marginal.parameters(index, [one[:2] for one in mean] if alone else [mean[0][:2]])
+            closed = closed_shares.by_cause(index, holder, posterior, after, before, rng)
         else:
-            fitted = next((o for each, _ in held for o in each.state.fitted if o.label == label), None)
+            holder, index = held[0][0], -1
+            fitted = next((o for each, *_ in held for o in each.state.fitted if o.label == label), None)
             if fitted is None:  # a twin of what is listed elsewhere
                 continue
             estimates, closed = _of_noise(fitted), closed_shares.by_noise(fitted, rng)
         data = leading.explanation.data
         cause = Cause(effect, where, probability, equivalent, estimates, closed)
         if isinstance(data, Stack):
-            cause = of_several(cause, label, mean[0][0] if mean else held[0][0], data)
+            cause = of_several(cause, label, index, holder, data)
         found.append(cause)
     for defect, number in defects:
         estimates = {name: Estimate(*values) for name, values in defect.parameters.items()}
