@@ -15,8 +15,9 @@ from rig.signals import Signals
 from validation.blind.draws import ABSORBED, BY_BEING_THERE, draw_effect
 from validation.blind.floors import Colour, Floor
 from validation.blind.forms import FORMS
+from validation.blind.laboratories import LABORATORIES
 from validation.blind.likeness import in_band, likenesses
-from validation.blind.outside import OUTSIDE
+from validation.blind.outside import JOINTED, OUTSIDE
 from validation.blind.settings import FAST, RATE_HZ, Setting, draw_setting
 from validation.blind.strength import signal_to_noise, strength_for
 
@@ -187,3 +188,18 @@ def test_fast_sweeps_stay_within_the_joints(setting: Setting) -> None:
     moving = replace(fast, inertial=True)
     assert len(moving.ideal) == SAMPLES
     assert fast.projection.snr(moving.ideal.volts - fast.ideal.volts) > 10.0
+
+
+@pytest.mark.parametrize("name", [name for name in OUTSIDE if name not in JOINTED])
+def test_what_is_outside_shows_beside_logged_poses(name: str) -> None:
+    """At a signal-to-noise of 100 the readings miss the rig at the logged poses by 10,000 squares more than by their
+    noise; half of that is 25 standard deviations of 4,800 squares above them."""
+    rng = np.random.default_rng(11)
+    setting = draw_setting(scenarios.load("ann-arbor"), SAMPLES, rng, laboratory=LABORATORIES["tool poses"])
+    effect, snr = strength_for(OUTSIDE[name](rng, setting), 100.0, setting)
+    recording = setting.record((effect,), rng, name)
+    seen = replace(setting.ideal, R_base_tool=recording.rotations(None).reshape(-1, 3, 3))
+    rig = replace(setting.rig.pipeline, effects=()).expected(seen, np.random.default_rng(0))
+    readings = np.hstack([recording.readings(sensor) for sensor in recording.sensors])
+    missed = setting.projection.snr(readings - rig.volts) ** 2
+    assert missed > 0.5 * snr**2 + SAMPLES * 6

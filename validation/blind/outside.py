@@ -276,7 +276,7 @@ OUTSIDE: Final[dict[str, Callable[[np.random.Generator, Setting], Make]]] = {
     **SLOW,
 }
 
-#: Of these, those that need the joints.
+#: Of these, those that need the joints, or that a tracker of the tool would see.
 JOINTED: Final = (
     "cable_pull",
     "thermal_bending",
@@ -285,4 +285,5 @@ JOINTED: Final = (
     "slip_ring",
     "loaded_supply",
     "cable_drag",
+    "settling_floor",
 )

@@ -45,6 +45,7 @@ class CreepingMount(Effect):
     name = "creeping_mount"
     stage = Stage.POSE
     places = ("mount",)
+    on_mount = True
 
     turns_rad: tuple[Vector, ...]
     phases: tuple[float, ...]
