@@ -42,6 +42,8 @@ PathLike = str | os.PathLike[str]
 
 #: Where known causes leave less than this share of the defective readings, these are looked at anew.
 _FEWER = 0.7
+#: Standard deviations to both sides of an instant within which readings belong to either side.
+_UNSURE = 3.0
 #: Units of parameters that only times give a meaning. That something happened between two poses, their order shows.
 _OF_TIME = ("s", "Hz", "V/sqrt(s)")
 
@@ -138,11 +140,19 @@ def examined(
         posterior = explain(clean.pointwise(), without, laid.at_rest, prior, progress)
         leading = posterior.leading
         effects = [fit.effect for fit in leading.explanation.fits]
+        unsure = [
+            [*effects[:index], fit.effect, *effects[index + 1 :]]
+            for index, member in enumerate(leading.explanation.members)
+            for by in (-_UNSURE, _UNSURE)
+            for fit in member.moved(by)
+        ]
         left = []
         for number, (data, own, block) in enumerate(zip(laid.data, defects, blocks, strict=True)):
             pipeline = restricted(leading.explanation.data.pipeline, tuple(data.pipeline.sensors))
             raised = _raised(leading.state, block, len(data.base), number, posterior.scanner.fine.data)
-            left.append(explained_away(data, own, pipeline, acting(effects, number), raised, leading.other))
+            own_unsure = [acting(each, number) for each in unsure]
+            own_effects = acting(effects, number)
+            left.append(explained_away(data, own, pipeline, own_effects, raised, leading.other, own_unsure))
         if _affected(left) >= _FEWER * _affected(defects):
             break
         defects = left

@@ -107,6 +107,7 @@ def explained_away(
     effects: Sequence[Effect],
     raised: Array | None = None,
     other: bool = False,
+    unsure: Sequence[Sequence[Effect]] = (),
 ) -> list[Defect]:
     """The defects that are left once causes are known: a motion's peaks look like spikes until it is, as does jitter.
 
@@ -115,17 +116,25 @@ def explained_away(
         pipeline, effects: the calibration with the causes in place, and these.
         raised: (n, 6) factor by which named noise exceeds the floor in time; None: there is none.
         other: whether something without a name is left: then the floor is no measure, but what is around a reading.
+        unsure: the effects as they may be as well: readings that these change, at an instant, are no spikes beside it.
     """
     known = bool(effects) or raised is not None or other
     if not known or not any(defect.effect == _LAST for defect in defects):
         return list(defects)
     others = [defect for defect in defects if defect.effect != _LAST]
     base = pipeline.expected(data.base, np.random.default_rng(0))
-    volts = replace(pipeline, effects=(*data.given, *effects)).carried(base, np.random.default_rng(0)).volts
+
+    def with_causes(causes: Sequence[Effect]) -> Array:
+        return replace(pipeline, effects=(*data.given, *causes)).carried(base, np.random.default_rng(0)).volts
+
+    volts = with_causes(effects)
     left = replace(masked(data, others), readings=data.readings - volts + data.modelled)
     judged = left if raised is None else replace(left, weights=left.weights / raised)
     if other:
         judged = replace(judged, weights=judged.weights / _around(readings_of(judged, np.zeros(6)).white))
+    sigma = np.array([whitener.sigma for whitener in data.whiteners])
+    for each in unsure:
+        judged = judged.without(np.abs(with_causes(each) - volts) > sigma)
     return [*others, *_examined(_LAST, judged, np.zeros(left.readings.shape[1]))]
 
 

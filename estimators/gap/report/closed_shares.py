@@ -79,9 +79,7 @@ def shapes_apart(explanation: Explanation, floor: WhitenedData) -> list[Array]:
     data = around(floor, explanation.data.pipeline)
     now, found = explanation.fits, []
     for number, member in enumerate(explanation.members):
-        for name, width in member.widths.items():
-            values = float(np.asarray(member.fit.kept[name])) + width * _LIKELY
-            shifted = [replace(member.fit, kept={**member.fit.kept, name: float(value)}) for value in values]
+        for shifted in zip(*(member.moved(float(by)) for by in _LIKELY), strict=True):
             sets = [[*now[:number], each, *now[number + 1 :]] for each in shifted]
             there = data.change([fit.effect for fit in now])
             changes = [data.whiten(data.change([fit.effect for fit in each]) - there) for each in sets]

@@ -72,6 +72,12 @@ class Member:
         """As the prior knows it."""
         return self.fit.candidate.effect.name, self.labels
 
+    def moved(self, by: float) -> list[Fitted]:
+        """The fit with one shape that it keeps moved by so many standard deviations, for each such shape."""
+        kept = self.fit.kept
+        values = {name: float(np.asarray(kept[name])) + by * width for name, width in self.widths.items()}
+        return [replace(self.fit, kept={**kept, name: value}) for name, value in values.items()]
+
 
 @dataclass(frozen=True)
 class Explanation:
