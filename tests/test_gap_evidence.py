@@ -10,9 +10,11 @@ import pytest
 from whitened_examples import arm, data, recorded  # noqa: F401
 
 from estimators.gap.data.basefit import estimated_floor, set_up
+from estimators.gap.data.projection import project
 from estimators.gap.data.stack import only_in
 from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.common import beside, common_noises, is_common
+from estimators.gap.evidence.discrepancy import Discrepancies, weighed
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.laplace import Linear, _width
 from estimators.gap.evidence.refine import Fitted
@@ -20,7 +22,7 @@ from estimators.gap.evidence.states import NoiseState, log_det, under_steps, uns
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.prior import FLOOR_RAISED
 from rig.arm import Arm
-from rig.effects import EFFECTS
+from rig.effects import EFFECTS, make_effect
 from rig.pose_nodes import quaternions
 
 
@@ -139,3 +141,22 @@ def test_one_axis_alone_or_all_of_them_are_averaged(fault: tuple[float, ...]) ->
     assert linear.averaged[0] == pytest.approx(expected, abs=allowed)
     all_alike = replace(linear, by_axis=~there).averaged[0]
     assert (linear.averaged[0] > all_alike) == (sum(value != 0.0 for value in fault) == 1)
+
+
+def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(data: WhitenedData) -> None:
+    """A cubic error whose size goes with the square of time is a signal-to-noise of 40 beside a steady one; no source
+    but its own strength follows that in one term."""
+    cubic = make_effect("scale_cubic", {"where": "mag1", "fraction_of_full": 0.05})
+    change = data.whiten(data.change([cubic]))
+    share = np.tile(np.linspace(-1.0, 1.0, data.count) ** 2, len(data.columns)) - 1.0 / 3.0
+    off = project(data.absorbed, change * share)
+    noise = project(data.absorbed, np.random.default_rng(4).standard_normal(data.size))
+    discrepancies = Discrepancies.of(data, data)
+    best = weighed(unexplained(noise + 40.0 * off / np.linalg.norm(off)), discrepancies, {"scale_cubic@mag1": change})[
+        0
+    ]
+    assert best.term.source == "the strength of scale_cubic at mag1"
+    assert best.term.course == "time"
+    assert best.log_mass > 0.5 * 0.9 * 40.0**2 - 100.0
+    quiet = weighed(unexplained(noise), discrepancies, {"scale_cubic@mag1": change})
+    assert all(each.log_mass < 0.0 for each in quiet)

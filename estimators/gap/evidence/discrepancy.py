@@ -8,9 +8,10 @@ amplitudes, and all hypotheses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import log
 from typing import Final
 
 import numpy as np
@@ -19,8 +20,8 @@ from numpy.typing import NDArray
 from estimators.gap.data.projection import orthonormal, project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
-from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS
-from estimators.gap.hypotheses.sources import COSINES, Source, cosines, courses, level_courses, matern, sources
+from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS, OTHER_FORM
+from estimators.gap.hypotheses.sources import COSINES, Course, Source, cosines, courses, level_courses, matern, sources
 
 Array = NDArray[np.float64]
 
@@ -111,44 +112,67 @@ class Means:
 
 @dataclass(frozen=True)
 class Discrepancies:
-    """All terms on sums over neighbouring samples."""
+    """All terms on sums over neighbouring samples.
+
+    Attributes:
+        terms: of every source. courses: those that any source may follow.
+    """
 
     terms: list[Term]
     means: Means
+    courses: tuple[Course, ...]
 
     @classmethod
     def of(cls, fine: WhitenedData, rough: WhitenedData) -> Discrepancies:
         """Of every source along every course."""
         data = Means(fine, rough)
-        waves = cosines(data.count)
         along = list(courses(rough))
-        every = [
-            replace(
-                each,
-                series=data(each.series.transpose(1, 2, 0).reshape(-1, len(each.series))).T.reshape(
-                    len(each.series), len(fine.columns), data.count
-                ),
-            )
-            for each in sources(fine)
-        ]
+        every = [_on_means(data, each) for each in sources(fine)]
         found: list[Term] = []
         for source in every:
-            own: list[tuple[str, Array, Array]] = []
-            for length in LENGTHS:
-                most = min(COSINES, max(8, int(np.ceil(8.0 / length))))
-                own.append(("time", waves[:, :most], matern(length, most)))
-            named = [(course.name, course.values, course.weight) for course, kinds in along if source.kind in kinds]
+            own = [course for course, kinds in along if source.kind in kinds]
             if source.column >= 0 and source.kind == "offset":
-                named += [(course.name, course.values, course.weight) for course in level_courses(rough, source.column)]
+                own += level_courses(rough, source.column)
             blocks = [count for count in BLOCKS if count < 0.7 * data.count] + [data.count]
-            share = -float(np.log(len(every))) - float(np.log(len(named) + 2))
-            for name, values, weight in own:
-                found.append(_term(data, source, name, values, weight, share - float(np.log(len(own)))))
-            for name, values, weight in named:
-                found.append(_term(data, source, name, values, weight, share))
+            share = -float(np.log(len(every))) - float(np.log(len(own) + 2))
+            found += _smooth(data, source, own, share)
             for count in blocks:
                 found.append(blocks_term(data, source, count, share - float(np.log(len(blocks)))))
-        return cls([term for term in found if len(term.values)], data)
+        general = tuple(course for course, kinds in along if "gain" in kinds)
+        return cls([term for term in found if len(term.values)], data, general)
+
+    def forms(self, changes: Mapping[str, Array]) -> list[Term]:
+        """Effects that are there in another form than the catalogue's: of a strength that follows something.
+
+        Args:
+            changes: by label, (c n,) whitened change of each effect.
+        """
+        share = -float(np.log(max(len(changes), 1))) - float(np.log(len(self.courses) + 1))
+        found: list[Term] = []
+        for label, change in changes.items():
+            effect, where = label.split("/")[0].split("@")
+            series = change.reshape(1, len(self.means.fine.columns), -1)
+            source = Source(f"the strength of {effect} at {where}", series, "gain")
+            found += _smooth(self.means, _on_means(self.means, source), self.courses, share)
+        return [term for term in found if len(term.values)]
+
+
+def _on_means(data: Means, source: Source) -> Source:
+    """A source of every sample, as sums over neighbours."""
+    freedoms, channels, _ = source.series.shape
+    both = data(source.series.transpose(1, 2, 0).reshape(-1, freedoms))
+    return replace(source, series=both.T.reshape(freedoms, channels, data.count))
+
+
+def _smooth(data: Means, source: Source, along: Sequence[Course], log_prior: float) -> list[Term]:
+    """A source along time, with every memory, and along each of some courses."""
+    waves = cosines(data.count)
+    found = []
+    for length in LENGTHS:
+        most = min(COSINES, max(8, int(np.ceil(8.0 / length))))
+        share = log_prior - float(np.log(len(LENGTHS)))
+        found.append(_term(data, source, "time", waves[:, :most], matern(length, most), share))
+    return found + [_term(data, source, each.name, each.values, each.weight, log_prior) for each in along]
 
 
 def _term(data: Means, source: Source, name: str, values: Array, weight: Array, log_prior: float) -> Term:
@@ -226,9 +250,19 @@ class Weighed:
         return self.term.log_prior + float(np.logaddexp.reduce(self.gains) - np.log(len(self.gains)))
 
 
-def weighed(linear: Linear, discrepancies: Discrepancies) -> list[Weighed]:
-    """Every term beside a set of effects, the likeliest first; ``linear`` as ``Means.linear`` gives it."""
-    return weighed_terms(linear, discrepancies.terms)
+def weighed(linear: Linear, discrepancies: Discrepancies, changes: Mapping[str, Array] | None = None) -> list[Weighed]:
+    """Every term beside a set of effects, the likeliest first; ``linear`` as ``Means.linear`` gives it.
+
+    Args:
+        changes: of the set's effects, as ``Discrepancies.forms`` takes them.
+    """
+    found = weighed_terms(linear, discrepancies.terms)
+    if not changes:
+        return found
+    forms = weighed_terms(linear, discrepancies.forms(changes))
+    every = [(each, 1.0 - OTHER_FORM) for each in found] + [(each, OTHER_FORM) for each in forms]
+    shared = [replace(one, term=replace(one.term, log_prior=one.term.log_prior + log(part))) for one, part in every]
+    return sorted(shared, key=lambda each: -each.log_mass)
 
 
 def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:

@@ -31,6 +31,9 @@ FURTHER: Final = 0.35
 OTHER: Final = 0.1
 #: Of that, the share that noise of single channels is, instead of an error of a joint, a field, a mount or a clock.
 OTHER_NOISE: Final = 0.3
+#: Of what else there is beside causes, the share that is another form of one of them than the catalogue's: as likely as
+#: an error of something that none of them touches.
+OTHER_FORM: Final = 0.5
 #: Where no recording at rest was given, anything that looks like noise is the floor itself, with this probability.
 FLOOR_UNSEEN: Final = 0.6
 #: The floor is raised, then, by a factor whose logarithm has this standard deviation.
