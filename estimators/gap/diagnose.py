@@ -140,12 +140,7 @@ def examined(
         posterior = explain(clean.pointwise(), without, laid.at_rest, prior, progress)
         leading = posterior.leading
         effects = [fit.effect for fit in leading.explanation.fits]
-        unsure = [
-            [*effects[:index], fit.effect, *effects[index + 1 :]]
-            for index, member in enumerate(leading.explanation.members)
-            for by in (-_UNSURE, _UNSURE)
-            for fit in member.moved(by)
-        ]
+        unsure = [*leading.explanation.moved(-_UNSURE), *leading.explanation.moved(_UNSURE)]
         left = []
         for number, (data, own, block) in enumerate(zip(laid.data, defects, blocks, strict=True)):
             pipeline = restricted(leading.explanation.data.pipeline, tuple(data.pipeline.sensors))

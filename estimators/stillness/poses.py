@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.pose_nodes import one_sign
 from rig.recording import Recording
 from rig.threads import one_blas_thread
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]

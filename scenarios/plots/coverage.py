@@ -51,10 +51,14 @@ def coverage_figure(t: Array, overlays: Mapping[str, Overlay]) -> Figure:
     return figure
 
 
+def time_span(t: Array) -> Normalize:
+    """Times t (n,) [s] as shares of their span, for ``ELAPSED_MAP``."""
+    return Normalize(float(t[0]), max(float(t[-1]), float(t[0]) + 1e-9))
+
+
 def time_bar(figure: Figure, panels: list[Axes], t: Array, shrink: float) -> None:
     """The colours of times t (n,) [s] below panels, so much narrower than these."""
-    span = Normalize(float(t[0]), max(float(t[-1]), float(t[0]) + 1e-9))
-    bar = ScalarMappable(span, ELAPSED_MAP)
+    bar = ScalarMappable(time_span(t), ELAPSED_MAP)
     figure.colorbar(bar, ax=panels, location="bottom", shrink=shrink, aspect=40, label="time [s]")
 
 

@@ -16,7 +16,7 @@ from rig.errors import RigError
 from scenarios.colours import BLACK, GREY, VERMILLION
 from scenarios.decimation import evenly
 from scenarios.overlay import Overlay
-from scenarios.plots.coverage import ELAPSED_MAP, time_bar
+from scenarios.plots.coverage import ELAPSED_MAP, time_bar, time_span
 from scenarios.plots.coverage_cells import outlines, unseen
 from scenarios.plots.style import new_figure, style
 
@@ -44,7 +44,7 @@ def projection_figure(t: Array, overlays: Mapping[str, Overlay]) -> Figure:
     with style():
         figure = new_figure(9.6, 0.7 + 3.3 * len(overlays))
         grid = figure.add_gridspec(len(overlays), 2, width_ratios=(1.0, 2.1))
-        span = Normalize(float(t[0]), max(float(t[-1]), float(t[0]) + 1e-9))
+        span = time_span(t)
         panels: list[Axes] = []
         for row, overlay in enumerate(overlays.values()):
             _sphere(figure.add_subplot(grid[row, 0], projection="3d"), t, overlay, span)

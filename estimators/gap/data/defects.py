@@ -17,6 +17,7 @@ from scipy.ndimage import median_filter
 from scipy.special import ndtri
 
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.floor.channel_noise import sigmas
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Finding, Kind, Readings
 from rig.effects.converter import lattice_step
@@ -80,7 +81,7 @@ def readings_of(data: WhitenedData, step: Array) -> Readings:
     white = np.zeros_like(data.readings)
     for column in data.columns:
         white[:, column] = data.whiteners[column](data.residual[:, column]) * data.weights[:, column]
-    sigma = np.array([whitener.sigma for whitener in data.whiteners])
+    sigma = sigmas(data.whiteners)
     degrees = tuple(channel.degrees for channel in data.floor)
     return Readings(data.readings, data.modelled, sigma, white, data.weights == 0.0, step, degrees)
 
@@ -132,7 +133,7 @@ def explained_away(
     judged = left if raised is None else replace(left, weights=left.weights / raised)
     if other:
         judged = replace(judged, weights=judged.weights / _around(readings_of(judged, np.zeros(6)).white))
-    sigma = np.array([whitener.sigma for whitener in data.whiteners])
+    sigma = sigmas(data.whiteners)
     for each in unsure:
         judged = judged.without(np.abs(with_causes(each) - volts) > sigma)
     return [*others, *_examined(_LAST, judged, np.zeros(left.readings.shape[1]))]
@@ -166,6 +167,6 @@ def masked(data: WhitenedData, defects: Sequence[Defect]) -> WhitenedData:
     for defect in defects:
         data = data.without(defect.affected)
         if defect.effect == "adc_quantisation":  # its rounding error is white noise of variance step^2 / 12
-            sigma = np.array([whitener.sigma for whitener in data.whiteners])
+            sigma = sigmas(data.whiteners)
             data = replace(data, weights=data.weights * sigma / np.hypot(sigma, defect.gap))
     return relieved(data)

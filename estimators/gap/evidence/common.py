@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.discrepancy import Term, Weighed, blocks_term, weighed_terms
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.floor.channel_noise import sigmas
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from rig.effects import EFFECTS, Effect, Kind
@@ -94,7 +95,7 @@ def _of_parts(data: WhitenedData, values: Sequence[Array], beyond: float = 0.0) 
 
 def _floor(member: WhitenedData) -> Array:
     """(n, 6) [recorded unit]; infinite where a channel is not there."""
-    sigma = np.array([whitener.sigma for whitener in member.whiteners])
+    sigma = sigmas(member.whiteners)
     sigma = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, np.inf)
     return np.broadcast_to(sigma, (member.count, len(sigma)))
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from estimators.gap.data.projection import orthonormal, project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS, OTHER_FORM
 from estimators.gap.hypotheses.sources import COSINES, Course, Source, cosines, courses, level_courses, matern, sources
 
@@ -150,7 +151,7 @@ class Discrepancies:
         share = -float(np.log(max(len(changes), 1))) - float(np.log(len(self.courses) + 1))
         found: list[Term] = []
         for label, change in changes.items():
-            effect, where = label.split("/")[0].split("@")
+            effect, where = split(label)
             series = change.reshape(1, len(self.means.fine.columns), -1)
             source = Source(f"the strength of {effect} at {where}", series, "gain")
             found += _smooth(self.means, _on_means(self.means, source), self.courses, share)

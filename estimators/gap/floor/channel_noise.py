@@ -8,6 +8,7 @@ carries autocovariances over, never filter coefficients.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
 
@@ -187,3 +188,8 @@ class Whitener:
             return 0
         memory = max(np.abs(np.roots(self.ma)), default=0.0) if len(self.ma) > 1 else 0.0
         return len(self.ar) - 1 + int(np.ceil(np.log(_FORGOTTEN) / np.log(np.clip(memory, 1e-12, 1.0 - 1e-12))))
+
+
+def sigmas(whiteners: Sequence[Whitener]) -> Array:
+    """(c,) standard deviations of the white noise that channels' floors are made of [recorded unit]."""
+    return np.array([whitener.sigma for whitener in whiteners])

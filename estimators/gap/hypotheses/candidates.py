@@ -27,6 +27,12 @@ _COURSE = 100
 STEP = 1e-3
 
 
+def split(label: str) -> tuple[str, str]:
+    """Effect and place of a candidate's label."""
+    effect, where = label.split("/")[0].split("@")
+    return effect, where
+
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a place.

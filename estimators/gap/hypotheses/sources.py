@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -186,11 +187,13 @@ def level_courses(data: WhitenedData, column: int) -> list[Course]:
     ]
 
 
+@lru_cache(maxsize=4)
 def cosines(count: int, most: int = COSINES) -> Array:
     """(n, most) cosines over a recording, the constant first, each of mean square one."""
     clock = (np.arange(count) + 0.5) / count
     waves = np.cos(np.pi * np.outer(clock, np.arange(most)))
     waves[:, 1:] *= np.sqrt(2.0)
+    waves.setflags(write=False)  # every caller has the same
     return np.asarray(waves)
 
 

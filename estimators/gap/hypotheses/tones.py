@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.floor.channel_noise import sigmas
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.score import Explained, Score, evidence
 
@@ -50,7 +51,7 @@ def best_tone(
         lowest_Hz: no tone below this.
     """
     count = data.count
-    sigma = np.array([whitener.sigma for whitener in data.whiteners])
+    sigma = sigmas(data.whiteners)
     shown = (raw / sigma[:, None] * data.weights[:, :, None])[:, data.columns]
     shown = shown[:, :, np.einsum("ncj,ncj->j", shown, shown) > 0]
     residual = explained.residual.reshape(len(data.columns), count)

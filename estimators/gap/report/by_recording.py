@@ -24,9 +24,8 @@ def of_several(cause: Cause, label: str, index: int, holder: Hypothesis, data: S
         return replace(cause, evidence=said)
     explanation = holder.explanation
     fit = explanation.fits[index]
-    rest = [each.effect for each in explanation.fits if each is not fit]
     whole = explanation.data
-    own = project(whole.absorbed, whole.whiten(whole.change([fit.effect, *rest]) - whole.change(rest)))
+    own = project(whole.absorbed, whole.whiten(explanation.own_change(index, whole)))
     gains = own * explanation.linear.left + 0.5 * own**2
     evidence = {name: float(gains[whole.rows(number)].sum()) for number, name in enumerate(data.names)}
     number = part_of(fit.candidate.effect)

@@ -17,6 +17,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Closed
 from estimators.gap.evidence.laplace import Linear, linearised
 from estimators.gap.evidence.refine import at
+from estimators.gap.floor.channel_noise import sigmas
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import closure
 from estimators.gap.report.p_values import WAYS
@@ -76,14 +77,14 @@ def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Gene
 def shapes_apart(explanation: Explanation, floor: WhitenedData) -> list[Array]:
     """For each shape that a fit keeps, such as an instant: its effect's change at equally likely values of it, less
     that at its own, (k, m) whitened and with the calibration projected out."""
+    if not any(member.widths for member in explanation.members):
+        return []
     data = around(floor, explanation.data.pipeline)
-    now, found = explanation.fits, []
-    for number, member in enumerate(explanation.members):
-        for shifted in zip(*(member.moved(float(by)) for by in _LIKELY), strict=True):
-            sets = [[*now[:number], each, *now[number + 1 :]] for each in shifted]
-            there = data.change([fit.effect for fit in now])
-            changes = [data.whiten(data.change([fit.effect for fit in each]) - there) for each in sets]
-            found.append(project(data.absorbed, np.column_stack(changes)).T)
+    now = data.change([fit.effect for fit in explanation.fits])
+    found = []
+    for sets in zip(*(explanation.moved(float(by)) for by in _LIKELY), strict=True):
+        changes = [data.whiten(data.change(effects) - now) for effects in sets]
+        found.append(project(data.absorbed, np.column_stack(changes)).T)
     return found
 
 
@@ -102,7 +103,7 @@ def of_noise(
             before = before + size
     for defect, number in defects:
         part = data.parts[number]
-        sigma = np.array([whitener.sigma for whitener in part.whiteners])
+        sigma = sigmas(part.whiteners)
         size = float(np.nansum((defect.gap / sigma) ** 2)) * part.count
         wrong = closure.of_noise(
             1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))) if defect.affected.any() else 1e-3, rng
@@ -125,12 +126,10 @@ def by_cause(
     if len(explanation.fits) == 1:
         return closure.share(after, before)
     data, linear = on_data(posterior.scanner.fine.data, explanation)
-    rest = [fit.effect for number, fit in enumerate(explanation.fits) if number != index]
-    change = data.change([fit.effect for fit in explanation.fits]) - data.change(rest)
     mine = linear.owner == index
     deltas = closure.of_parameters(holder.moments, rng, len(before))[:, mine]
     own = replace(linear, tangent=linear.tangent[:, mine])
-    grown = closure.moved(own, project(data.absorbed, data.whiten(change)), deltas)
+    grown = closure.moved(own, project(data.absorbed, data.whiten(explanation.own_change(index, data))), deltas)
     return closure.share(np.maximum(before - grown, 0.0), before)
 
 

@@ -38,10 +38,8 @@ def log_bayes_factor(explanation: Explanation, index: int) -> float:
     Args:
         index: its number in the set.
     """
-    linear, data, fits = explanation.linear, explanation.data, explanation.fits
-    others = [fit.effect for number, fit in enumerate(fits) if number != index]
-    change = data.change([fit.effect for fit in fits]) - data.change(others)
-    along = project(data.absorbed, data.whiten(change))
+    linear, data = explanation.linear, explanation.data
+    along = project(data.absorbed, data.whiten(explanation.own_change(index, data)))
     beside = linear.tangent[:, linear.owner != index]
     if beside.shape[1]:
         along = along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0]

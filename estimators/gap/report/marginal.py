@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.diagnosis import Estimate
+from estimators.gap.hypotheses.candidates import split
 from estimators.gap.search.beam import Member
 from estimators.gap.search.posterior import Hypothesis, Posterior
 from rig.effects import EFFECTS
@@ -43,12 +44,6 @@ class Place:
     def name(self) -> tuple[str, str]:
         """Effect and place."""
         return self.members[0][0], self.members[0][1]
-
-
-def split(label: str) -> tuple[str, str]:
-    """Effect and place of a label."""
-    effect, where = label.split("/")[0].split("@")
-    return effect, where
 
 
 def twins(posterior: Posterior) -> dict[str, str]:

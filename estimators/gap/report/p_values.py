@@ -6,8 +6,9 @@ import math
 from typing import Final
 
 from estimators.gap.data.defects import Defect
+from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import Prior
-from estimators.gap.report import homogeneity, marginal
+from estimators.gap.report import homogeneity
 from estimators.gap.search.posterior import Posterior
 
 #: Hypotheses that are looked at, by their probability.
@@ -33,7 +34,7 @@ def _probability(log_odds: float) -> float:
 def defect_probability(defect: Defect, prior: Prior) -> float:
     """Of a defect whose p-value is known."""
     place = defect.effect, defect.where
-    own = tuple(label for label in prior.places[defect.effect] if marginal.split(label) == place)
+    own = tuple(label for label in prior.places[defect.effect] if split(label) == place)
     return at_most(defect.log_p, prior.log_single((defect.effect, own)))
 
 

@@ -24,6 +24,7 @@ from estimators.gap.hypotheses.candidates import Candidate, Shape
 from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained, solve
+from rig.effects import Effect
 
 Array = NDArray[np.float64]
 
@@ -72,12 +73,6 @@ class Member:
         """As the prior knows it."""
         return self.fit.candidate.effect.name, self.labels
 
-    def moved(self, by: float) -> list[Fitted]:
-        """The fit with one shape that it keeps moved by so many standard deviations, for each such shape."""
-        kept = self.fit.kept
-        values = {name: float(np.asarray(kept[name])) + by * width for name, width in self.widths.items()}
-        return [replace(self.fit, kept={**kept, name: value}) for name, value in values.items()]
-
 
 @dataclass(frozen=True)
 class Explanation:
@@ -104,6 +99,21 @@ class Explanation:
     def fits(self) -> list[Fitted]:
         """What was fitted."""
         return [member.fit for member in self.members]
+
+    def own_change(self, index: int, data: WhitenedData) -> Array:
+        """(n, 6) change of one effect in some data, beside the others."""
+        effects = [fit.effect for fit in self.fits]
+        return data.change(effects) - data.change(effects[:index] + effects[index + 1 :])
+
+    def moved(self, by: float) -> list[list[Effect]]:
+        """The effects with one shape that a fit keeps moved by so many standard deviations, for each such shape."""
+        effects, found = [fit.effect for fit in self.fits], []
+        for index, member in enumerate(self.members):
+            kept = member.fit.kept
+            for name, width in member.widths.items():
+                fit = replace(member.fit, kept={**kept, name: float(np.asarray(kept[name])) + by * width})
+                found.append([*effects[:index], fit.effect, *effects[index + 1 :]])
+        return found
 
     @cached_property
     def linear(self) -> Linear:

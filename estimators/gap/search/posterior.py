@@ -191,7 +191,9 @@ class _Weighing:
                 continue
             done.add(each.key)
             means = discrepancies.means.linear(each.linear)
-            terms = weighed(means, discrepancies, _changes(each))
+            own = enumerate(each.members)
+            changes = {member.label: each.data.whiten(each.own_change(index, each.data)) for index, member in own}
+            terms = weighed(means, discrepancies, changes)
             for log_mass, fitted in beside(each.linear, self.common):
                 named = replace(state, fitted=(*state.fitted, fitted))
                 prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
@@ -281,16 +283,6 @@ def explain(
     assert work.discrepancies is not None
     weighed_all = tuple(sorted(work.hypotheses.values(), key=lambda one: -one.log_mass))
     return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
-
-
-def _changes(each: Explanation) -> dict[str, Array]:
-    """(c n,) whitened change of each effect of a set."""
-    effects, data = [fit.effect for fit in each.fits], each.data
-    whole = data.change(effects) if effects else np.zeros(0)
-    return {
-        member.label: data.whiten(whole - data.change(effects[:index] + effects[index + 1 :]))
-        for index, member in enumerate(each.members)
-    }
 
 
 def _near(found: Sequence[Explanation]) -> list[Explanation]:
