@@ -70,12 +70,7 @@ class Pipeline:
         return signals
 
     def carried(
-        self,
-        base: Signals,
-        rng: np.random.Generator,
-        begun: Signals | None = None,
-        first: Stage = Stage.TRANSMISSION,
-        stop: Stage = Stage.ELECTRONIC,
+        self, base: Signals, rng: np.random.Generator, begun: Signals | None = None, first: Stage = Stage.TRANSMISSION
     ) -> Signals:
         """Signals that have been through every stage without effects, with the effects: what they leave alone is kept.
 
@@ -83,12 +78,19 @@ class Pipeline:
 
         Args:
             base: without effects.
-            begun: with the effects of the stages before the first; ``base`` by default.
-            first, stop: the first stage to carry them through, and the one to stop before.
+            begun: as ``begun`` makes it of the first stage; ``base`` by default.
+            first: the first stage whose effects are applied.
         """
-        signals = base if begun is None else begun
-        for stage in map(Stage, range(first, stop)):
+        signals = apply_stage(self.effects, first, base if begun is None else begun, rng)
+        for stage in map(Stage, range(first + 1, Stage.ELECTRONIC)):
             signals = apply_stage(self.effects, stage, self._again(stage, signals, base), rng)
+        return signals
+
+    def begun(self, base: Signals, rng: np.random.Generator, stage: Stage) -> Signals:
+        """As ``carried``, up to where the effects of a stage are applied."""
+        signals = base
+        for earlier in map(Stage, range(stage)):
+            signals = self._again(Stage(earlier + 1), apply_stage(self.effects, earlier, signals, rng), base)
         return signals
 
     def _again(self, stage: Stage, signals: Signals, base: Signals) -> Signals:
@@ -118,11 +120,12 @@ class Pipeline:
             return signals
         if signals.arm is None:
             raise RigError("joint angles without an arm: expected an Arm beside them")
-        if signals.position.size and not any("position" in effect.requires for effect in self.effects):
-            # posed before, and nothing asks where the sensor is: only its orientation follows the joints
+        posed = bool(signals.position.size)  # before
+        if posed and not any("position" in effect.requires for effect in self.effects):
+            # nothing asks where the sensor is: only its orientation follows the joints
             rotation = signals.arm.rotation_map.rotations(signals.q)
             return replace(signals, R_base_tool=rotation.reshape(-1, 3, 3))
-        poses = signals.arm.poses(signals.q)
+        poses = signals.arm.mapped_poses(signals.q) if posed else signals.arm.poses(signals.q)
         return replace(signals, R_base_tool=poses.R_base_tool, position=poses.position)
 
     def _exposed(self, signals: Signals) -> Signals:

@@ -14,7 +14,7 @@ from rig.errors import RigError
 from rig.pose_nodes import PoseNodes, find_nodes
 
 if TYPE_CHECKING:
-    from rig.arm import Arm, LinkPoses
+    from rig.arm import Arm
 
 Array = NDArray[np.float64]
 _SCALAR_PER_SAMPLE = ("t", "temperature", "supply")
@@ -67,7 +67,7 @@ class Signals:
     currents: Mapping[int, Array] = field(default_factory=dict)
     supply: Array | None = None
     electrical: bool = True
-    known_links: tuple[Array, LinkPoses] | None = None
+    known_links: tuple[Array, tuple[tuple[Array, Array], ...]] | None = None
     known_nodes: tuple[PoseNodes | None] | None = None
 
     def __len__(self) -> int:
@@ -102,31 +102,26 @@ class Signals:
             return None
         return find_nodes(self.t, self.R_base_tool, self.position)
 
-    @property
-    def links(self) -> LinkPoses:
-        """The poses of all links at the true joint angles, base frame; computed once for the same angles.
+    def link_pose(self, link: int) -> tuple[Array, Array]:
+        """R_base_link (n, 3, 3) and position (n, 3) [m] of a link, counted from 0, at the true joint angles.
 
         Raises:
             RigError: the recording has no joint angles.
         """
         if self.known_links is not None and self.known_links[0] is self.q:
-            return self.known_links[1]
-        return self._links
-
-    @cached_property
-    def _links(self) -> LinkPoses:
-        return self._jointed_arm.link_poses(self.q)
+            return self.known_links[1][link]
+        return self._jointed_arm.link_pose(link, self.q)
 
     def link_rotation(self, link: int) -> Array:
-        """R_base_link (n, 3, 3) of a link, counted from 0, at the true joint angles.
-
-        Raises:
-            RigError: the recording has no joint angles.
-        """
+        """As the first of ``link_pose``."""
         if self.known_links is not None and self.known_links[0] is self.q:
-            return self.known_links[1].rotation[:, link]
-        rotation = self._jointed_arm.link_maps[link].rotations(self.q)
-        return rotation.reshape(-1, 3, 3)
+            return self.known_links[1][link][0]
+        return self._jointed_arm.link_maps[link].rotations(self.q).reshape(-1, 3, 3)
+
+    def knowing_links(self) -> Signals:
+        """With the poses of all links known, and the joint velocities."""
+        links = tuple(self.link_pose(link) for link in range(self._jointed_arm.dof))
+        return replace(self, velocity=self.joint_velocity, known_links=(self.q, links))
 
     @property
     def _jointed_arm(self) -> Arm:

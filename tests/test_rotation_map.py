@@ -61,6 +61,9 @@ def test_any_joints_may_move(arm: Arm, rotation_map: RotationMap, moving: tuple[
     q[:, moving] = angles(60, len(moving), seed=2, reach=400.0)
     assert moving_joints(q) == list(moving)
     np.testing.assert_allclose(rotation_map.rotations(q), arm.poses(q).R_base_tool.reshape(-1, 9), rtol=0, atol=EXACT)
+    rotation, position = rotation_map.poses(q)
+    np.testing.assert_allclose(rotation, arm.poses(q).R_base_tool, rtol=0, atol=EXACT)
+    np.testing.assert_allclose(position, arm.poses(q).position, rtol=0, atol=EXACT)
 
 
 def test_table_1_of_the_paper(rotation_map: RotationMap) -> None:
@@ -153,6 +156,8 @@ def test_wrong_shapes_are_refused(rotation_map: RotationMap) -> None:
         rotation_map.rotations(np.zeros((4, 5)))
     with pytest.raises(ValueError, match="out has shape"):
         rotation_map.rotations(np.zeros((4, 6)), out=np.zeros((4, 8)))
+    with pytest.raises(ValueError, match="rotations only"):
+        RotationMap(rotation_map.axes, rotation_map.R_zero).poses(np.zeros((4, 6)))
 
 
 def test_a_joint_that_moves_once_is_moving() -> None:
@@ -167,8 +172,8 @@ def test_a_joint_that_moves_once_is_moving() -> None:
 
 def test_the_sweeps_map_has_only_the_products_that_do_not_vanish(rotation_map: RotationMap) -> None:
     """Joint 5 is at right angles to joints 1 and 6: of 27 products 13 have a coefficient."""
-    from rig.arm.rotation_map import _terms
+    from rig.arm.rotation_map import _terms, folded
 
     q = TorusSweep().trajectory(np.array([0.0, 1.0])).q
-    axes, R_zero = rotation_map.folded(q[0], [0, 4, 5])
+    axes, R_zero = folded(rotation_map.axes, rotation_map.R_zero, q[0], [0, 4, 5])
     assert _terms(tuple(axes.ravel().tolist()), tuple(R_zero.ravel().tolist())).coefficients.shape == (9, 13)

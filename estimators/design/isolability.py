@@ -107,7 +107,7 @@ def isolability(
     """
     base = pipeline.expected(signals, np.random.default_rng(0))
     if base.q_encoder is not None:
-        base = replace(base, velocity=base.joint_velocity, known_links=(base.q, base.links))
+        base = base.knowing_links()
     weight = np.sqrt(samples) / noise[pipeline.columns]
     keys: list[Key] = []
     blocks: list[tuple[Array, int]] = []

@@ -201,28 +201,31 @@ class Arm:
     @cached_property
     def rotation_map(self) -> RotationMap:
         """The rotation R_base_tool as a function of the joints' cosines and sines."""
-        return self._map(self._at_zero().site_xmat.reshape(3, 3), len(self.chain.members))
+        zero = self._at_zero()
+        return self._map(zero.site_xmat.reshape(3, 3), zero.site_xpos[0], len(self.chain.members))
 
     @cached_property
     def link_maps(self) -> tuple[RotationMap, ...]:
         """The rotation of each link as a function of the values of all N joints."""
-        zero = self._at_zero().xmat[self.chain.links].reshape(-1, 3, 3)
+        zero, links = self._at_zero(), self.chain.links
         if self.chain.coupling is None:
             counts = list(range(1, self.dof + 1))
         else:  # up to the member that is the joint itself
             counts = [int(np.argmax(self.chain.members == joint)) + 1 for joint in self.chain.joints]
-        return tuple(self._map(R, count, partial=True) for R, count in zip(zero, counts, strict=True))
+        poses = zip(zero.xmat[links].reshape(-1, 3, 3), zero.xpos[links], counts, strict=True)
+        return tuple(self._map(R, p, count, partial=True) for R, p, count in poses)
 
-    def _map(self, R_zero: Array, count: int, partial: bool = False) -> RotationMap:
-        """The rotation after the first ``count`` joints of the chain."""
-        chain = self.chain
+    def _map(self, R_zero: Array, p_zero: Array, count: int, partial: bool = False) -> RotationMap:
+        """The rotation after the first ``count`` joints of the chain; where none slides the position, too."""
+        chain, zero = self.chain, self._at_zero()
         turning = np.flatnonzero(~chain.slides[:count])
-        axes = self._at_zero().xaxis[turning].copy()
+        axes = zero.xaxis[turning].copy()
+        placed = {} if chain.slides.any() else {"anchors": zero.xanchor[turning].copy(), "p_zero": p_zero.copy()}
         if chain.coupling is None and not chain.slides.any() and not partial:
-            return RotationMap(axes, R_zero.copy())
+            return RotationMap(axes, R_zero.copy(), **placed)
         coupling = np.eye(self.dof) if chain.coupling is None else chain.coupling
         offset = None if chain.offset is None else chain.offset[turning]
-        return RotationMap(axes, R_zero.copy(), coupling[turning], offset)
+        return RotationMap(axes, R_zero.copy(), coupling[turning], offset, **placed)
 
     def _at_zero(self) -> mujoco.MjData:
         data = mujoco.MjData(self.chain.bare)
@@ -248,6 +251,19 @@ class Arm:
             rotation[rows] = xmat[:, links].reshape(-1, self.dof, 3, 3)
             position[rows] = xpos[:, links]
         return LinkPoses(rotation, position)
+
+    def mapped_poses(self, q: ArrayLike) -> Poses:
+        """As ``poses``, to rounding and many times as fast, by ``rotation_map``; by MuJoCo where a joint slides."""
+        if self.rotation_map.anchors is None:
+            return self.poses(q)
+        return Poses(*self.rotation_map.poses(self._angles(q)))
+
+    def link_pose(self, link: int, q: ArrayLike) -> tuple[Array, Array]:
+        """Rotation (n, 3, 3) and position (n, 3) of one link, counted from 0, as ``mapped_poses`` of the tool."""
+        if self.rotation_map.anchors is None:
+            every = self.link_poses(q)
+            return every.rotation[:, link], every.position[:, link]
+        return self.link_maps[link].poses(self._angles(q))
 
     def joint_anchors(self, q: ArrayLike) -> Array:
         """(n, N, 3) [m] a point on each joint's axis, base frame, at joint values ``q`` (n, N) [rad, m]."""

@@ -73,8 +73,9 @@ class AxisMisalignment(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        axis = signals.links.rotation[:, self.joint] @ twist_axis(signals, self.joint)
-        lever = signals.position - signals.links.position[:, self.joint]
+        R_base_link, position = signals.link_pose(self.joint)
+        axis = R_base_link @ twist_axis(signals, self.joint)
+        lever = signals.position - position
         return replace(
             signals,
             R_base_tool=turned(axis, self.twist_rad, signals.R_base_tool),

@@ -208,7 +208,7 @@ class ViscousMotor(Effect):
         speed = signals.joint_velocity[:, self.joint]
         drive = np.sign(speed) * (np.abs(speed) > 1e-4) + 0.5 * speed / np.abs(speed).max()
         link = 0 if self.where == "joint1" else 3
-        change = drive[:, None] * (signals.links.rotation[:, link] @ np.asarray(self.field))
+        change = drive[:, None] * (signals.link_rotation(link) @ np.asarray(self.field))
         return replace(signals, magnetic=signals.magnetic + signals.references[3] * change)
 
 

@@ -52,7 +52,7 @@ class ThermalBending(Effect):
     axis: Vector
 
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        in_base = signals.links.rotation[:, 2] @ np.asarray(self.axis)
+        in_base = signals.link_rotation(2) @ np.asarray(self.axis)
         angle = self.bend_rad_per_degC * (signals.temperatures - 22.0)
         turn = Rotation.from_rotvec(angle[:, None] * in_base).as_matrix()
         return replace(signals, R_base_tool=turn @ signals.R_base_tool)

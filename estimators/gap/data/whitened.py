@@ -337,8 +337,8 @@ class WhitenedData:
         begun, found = None, []
         for effect in moved:
             pipeline = replace(self.pipeline, effects=(*self.given, effect, *others))
-            begun = begun or pipeline.carried(self.base, rng, stop=stage)
-            found.append(pipeline.carried(self.base, rng, begun, first=stage).volts - self.modelled)
+            begun = begun or pipeline.begun(self.base, rng, stage)
+            found.append(pipeline.carried(self.base, rng, begun, stage).volts - self.modelled)
         return found
 
     def replayed(self, effects: Sequence[Effect]) -> Array:
@@ -393,4 +393,4 @@ def known(base: Signals) -> Signals:
     """The signals with what is asked for again and again: joint velocities and link poses, or the log's nodes."""
     if base.q_encoder is None:
         return replace(base, known_nodes=(base.pose_nodes,))
-    return replace(base, velocity=base.joint_velocity, known_links=(base.q, base.links))
+    return base.knowing_links()
