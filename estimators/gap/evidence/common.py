@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Term, Weighed, blocks_term, weighed_terms
+from estimators.gap.evidence.discrepancy import Weighed, weighed_terms
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.terms import Errors, Term, blocks_term
 from estimators.gap.floor.channel_noise import sigmas
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
@@ -81,7 +82,8 @@ def common_noises(data: WhitenedData, without: Sequence[str]) -> list[CommonNois
             tau_s = float(np.max(shape.get("tau_s", 0.0)))
             pieces = data.count if tau_s < data.interval_s else max(8, int(np.ptp(data.t) / (2.0 * tau_s)))
             source = Source(effect.name, series, "noise")
-            term = blocks_term(data, source, min(pieces, data.count), -float(np.log(len(effect.searched(data.base)))))
+            share, every = -float(np.log(len(effect.searched(data.base)))), slice(0, len(series))
+            term = blocks_term(Errors.of([source]), source, every, min(pieces, data.count), share)
             found.append(CommonNoise(probe, response, floor, replace(term, steps=_STEPS, ratio=_RATIO)))
     return found
 

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from estimators.gap.data.projection import orthonormal, project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms
 from estimators.gap.hypotheses.candidates import split
-from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS, OTHER_FORM
-from estimators.gap.hypotheses.sources import COSINES, Course, Source, cosines, courses, level_courses, matern, sources
+from estimators.gap.hypotheses.prior import OTHER_FORM
+from estimators.gap.hypotheses.sources import Course, Source, courses, level_courses, sources
 
 Array = NDArray[np.float64]
 
@@ -30,43 +31,6 @@ Array = NDArray[np.float64]
 BLOCKS: Final = (128, 512)
 #: A term that could not gain this much, its prior counted, is not weighed.
 _HOPELESS: Final = -9.0
-#: Eigenvalues below this share of the largest tell nothing.
-_NEGLIGIBLE: Final = 1e-9
-
-
-@dataclass(frozen=True)
-class Term:
-    """One source along one course.
-
-    Attributes:
-        source, course: in words.
-        log_prior: of this term among all, before its amplitudes.
-        basis: function that projects whitened (m, k) onto its eigenvectors, scaled: (r, k).
-        values: (r,) eigenvalues of W' G W.
-        steps, ratio: of the grid of amplitudes.
-        unit: variance of the source's error for a variance of one here.
-        projected: whether ``values`` are with the calibration projected out.
-    """
-
-    source: str
-    course: str
-    log_prior: float
-    values: Array
-    _project: object
-    steps: int = DISCREPANCY_STEPS
-    ratio: float = 2.0
-    unit: float = 1.0
-    projected: bool = True
-
-    @cached_property
-    def variances(self) -> Array:
-        """(steps,) variances, one for each signal-to-noise before the data."""
-        snr = DISCREPANCY_SNR * self.ratio ** np.arange(self.steps)
-        return np.asarray(snr**2 / max(float(self.values.sum()), 1e-300))
-
-    def along(self, columns: Array) -> Array:
-        """(r, k) of whitened columns (m, k): products with the eigenvectors."""
-        return self._project(columns)  # type: ignore[operator,no-any-return]
 
 
 @dataclass(frozen=True)
@@ -129,16 +93,17 @@ class Discrepancies:
         data = Means(fine, rough)
         along = list(courses(rough))
         every = [_on_means(data, each) for each in sources(fine)]
-        found: list[Term] = []
+        blocks = [count for count in BLOCKS if count < 0.7 * data.count] + [data.count]
+        own: list[list[Course]] = []
         for source in every:
-            own = [course for course, kinds in along if source.kind in kinds]
+            own.append([course for course, kinds in along if source.kind in kinds])
             if source.column >= 0 and source.kind == "offset":
-                own += level_courses(rough, source.column)
-            blocks = [count for count in BLOCKS if count < 0.7 * data.count] + [data.count]
-            share = -float(np.log(len(every))) - float(np.log(len(own) + 2))
-            found += _smooth(data, source, own, share)
+                own[-1] += level_courses(rough, source.column)
+        shares = [-float(np.log(len(every))) - float(np.log(len(each) + 2)) for each in own]
+        errors, found = smooth_terms(data.absorbed, every, own, shares)
+        for source, share, freedoms in zip(every, shares, freedoms_of(every), strict=True):
             for count in blocks:
-                found.append(blocks_term(data, source, count, share - float(np.log(len(blocks)))))
+                found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
         general = tuple(course for course, kinds in along if "gain" in kinds)
         return cls([term for term in found if len(term.values)], data, general)
 
@@ -149,13 +114,12 @@ class Discrepancies:
             changes: by label, (c n,) whitened change of each effect.
         """
         share = -float(np.log(max(len(changes), 1))) - float(np.log(len(self.courses) + 1))
-        found: list[Term] = []
+        every: list[Source] = []
         for label, change in changes.items():
             effect, where = split(label)
             series = change.reshape(1, len(self.means.fine.columns), -1)
-            source = Source(f"the strength of {effect} at {where}", series, "gain")
-            found += _smooth(self.means, _on_means(self.means, source), self.courses, share)
-        return [term for term in found if len(term.values)]
+            every.append(_on_means(self.means, Source(f"the strength of {effect} at {where}", series, "gain")))
+        return smooth_terms(self.means.absorbed, every, [self.courses] * len(every), [share] * len(every))[1]
 
 
 def _on_means(data: Means, source: Source) -> Source:
@@ -165,74 +129,6 @@ def _on_means(data: Means, source: Source) -> Source:
     return replace(source, series=both.T.reshape(freedoms, channels, data.count))
 
 
-def _smooth(data: Means, source: Source, along: Sequence[Course], log_prior: float) -> list[Term]:
-    """A source along time, with every memory, and along each of some courses."""
-    waves = cosines(data.count)
-    found = []
-    for length in LENGTHS:
-        most = min(COSINES, max(8, int(np.ceil(8.0 / length))))
-        share = log_prior - float(np.log(len(LENGTHS)))
-        found.append(_term(data, source, "time", waves[:, :most], matern(length, most), share))
-    return found + [_term(data, source, each.name, each.values, each.weight, log_prior) for each in along]
-
-
-def _term(data: Means, source: Source, name: str, values: Array, weight: Array, log_prior: float) -> Term:
-    """A source along functions of time, the calibration projected out."""
-    freedoms, channels, _ = source.series.shape
-    touched = [channel for channel in range(channels) if source.series[:, channel].any()]
-    count = values.shape[1]
-    gram = np.zeros((freedoms * count, freedoms * count))
-    for i in range(freedoms):
-        for j in range(i, freedoms):
-            both = np.einsum("cn,cn->n", source.series[i, touched], source.series[j, touched])
-            part = values.T @ (both[:, None] * values)
-            gram[i * count : (i + 1) * count, j * count : (j + 1) * count] = part
-            gram[j * count : (j + 1) * count, i * count : (i + 1) * count] = part.T
-
-    def products(columns: Array) -> Array:
-        by_channel = columns.reshape(channels, data.count, -1)[touched]
-        parts = [values.T @ np.einsum("cn,cnk->nk", source.series[i, touched], by_channel) for i in range(freedoms)]
-        return np.concatenate(parts)
-
-    shared = products(data.absorbed)
-    gram -= shared @ shared.T
-    # each freedom as visible as any other
-    scale = np.sqrt(np.array([np.sum(source.series[i] ** 2) for i in range(freedoms)]))
-    scale = np.where(scale > 1e-12, 1.0 / np.maximum(scale, 1e-12), 0.0)
-    weights = np.concatenate([weight * each for each in scale])
-    own, vectors = np.linalg.eigh(weights[:, None] * gram * weights)
-    kept = own > _NEGLIGIBLE * max(float(own[-1]), 1e-300)
-    if not kept.any() or own[-1] <= 0.0:
-        return Term(source.name, name, log_prior, np.zeros(0), None)
-    vectors = vectors[:, kept]
-    return Term(
-        source.name, name, log_prior, own[kept], lambda columns: vectors.T @ (weights[:, None] * products(columns))
-    )
-
-
-def blocks_term(data: Means | WhitenedData, source: Source, count: int, log_prior: float) -> Term:
-    """A source that is off by something else in each of so many blocks; what the calibration takes of it is little."""
-    edges = np.linspace(0, data.count, count, endpoint=False).astype(int)
-    size = np.sqrt(np.maximum(np.sum(source.series**2, axis=(1, 2)), 1e-300))
-    if source.kind == "noise":  # one strength for all errors
-        size[:] = np.sqrt(np.mean(size**2))
-    series = source.series / size[:, None, None]
-    channels = series.shape[1]
-    grams = np.add.reduceat(np.einsum("icn,jcn->nij", series, series), edges, axis=0)
-    own, vectors = np.linalg.eigh(grams)  # (b, f), (b, f, f)
-    flat = own.ravel()
-    kept = flat > _NEGLIGIBLE * max(float(flat.max()), 1e-300)
-
-    def products(columns: Array) -> Array:
-        by_channel = columns.reshape(channels, data.count, -1)
-        parts = np.add.reduceat(np.einsum("icn,cnk->nik", series, by_channel), edges, axis=0)  # (b, f, k)
-        turned = np.einsum("bij,bik->bjk", vectors, parts)
-        return np.asarray(turned.reshape(-1, columns.shape[1])[kept])
-
-    name = f"time, in {count} pieces" if count < data.count else "time, from sample to sample"
-    return Term(source.name, name, log_prior, flat[kept], products, unit=1.0 / float(size[0]) ** 2, projected=False)
-
-
 @dataclass(frozen=True)
 class Weighed:
     """A term beside a set of effects.
@@ -240,15 +136,18 @@ class Weighed:
     Attributes:
         term: the source and course.
         gains: (8,) log evidence at each amplitude beyond that without the term.
+        log_share: of the terms of its kind, among all kinds.
     """
 
     term: Term
     gains: Array
+    log_share: float = 0.0
 
-    @property
+    @cached_property
     def log_mass(self) -> float:
         """With the term's prior, amplitudes averaged."""
-        return self.term.log_prior + float(np.logaddexp.reduce(self.gains) - np.log(len(self.gains)))
+        averaged = float(np.logaddexp.reduce(self.gains)) - log(len(self.gains))
+        return self.term.log_prior + self.log_share + averaged
 
 
 def weighed(linear: Linear, discrepancies: Discrepancies, changes: Mapping[str, Array] | None = None) -> list[Weighed]:
@@ -262,7 +161,7 @@ def weighed(linear: Linear, discrepancies: Discrepancies, changes: Mapping[str, 
         return found
     forms = weighed_terms(linear, discrepancies.forms(changes))
     every = [(each, 1.0 - OTHER_FORM) for each in found] + [(each, OTHER_FORM) for each in forms]
-    shared = [replace(one, term=replace(one.term, log_prior=one.term.log_prior + log(part))) for one, part in every]
+    shared = [Weighed(one.term, one.gains, log(part)) for one, part in every]
     return sorted(shared, key=lambda each: -each.log_mass)
 
 
@@ -272,24 +171,22 @@ def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
     columns = np.column_stack([linear.left, linear.tangent])
     square, gram, moment = float(linear.left @ linear.left), linear.gram, linear.tangent.T @ linear.left
     alone = float(linear.log_evidence(square, gram, moment, precision))
-    kept, taken, dets = [], [], []
-    for term in terms:
-        along = term.along(columns)
+    rows, others = np.triu_indices(columns.shape[1])
+    kept, taken = [], []
+    for term, along in zip(terms, every_along(terms, columns), strict=True):
         # without the effects' freedom no term can gain more than half the square it explains
         if 0.5 * float(np.sum(along[:, 0] ** 2 / term.values)) + term.log_prior < _HOPELESS:
             continue
-        ratio = np.outer(term.variances, term.values)
-        shrink = term.variances[:, None] / (1.0 + ratio)
         kept.append(term)
-        taken.append((shrink[:, :, None] * along).transpose(0, 2, 1) @ along)
-        dets.append(np.log1p(ratio).sum(axis=1))
+        taken.append(term.shrunk[0] @ (along[:, rows] * along[:, others]))
     if not kept:
         return []
-    every = np.stack(taken)  # (terms, amplitudes, 1 + p, 1 + p)
+    every = np.empty((len(kept), len(taken[0]), columns.shape[1], columns.shape[1]))
+    every[..., rows, others] = every[..., others, rows] = np.stack(taken)
     logs = linear.log_evidence(
         square - every[..., 0, 0], gram - every[..., 1:, 1:], moment - every[..., 1:, 0], precision
     )
-    gains = logs - alone - 0.5 * np.stack(dets)
+    gains = logs - alone - 0.5 * np.stack([term.shrunk[1] for term in kept])
     return sorted([Weighed(*each) for each in zip(kept, gains, strict=True)], key=lambda each: -each.log_mass)
 
 

@@ -108,6 +108,11 @@ class Look:
             found = [replace(tested, spread=spread) for tested in found]
         return sorted(found, key=lambda tested: -tested.score.statistic)
 
+    def columns(self, candidate: Candidate, shape: Shape) -> Columns:
+        """A candidate's columns at a shape, those that were kept where it was looked at."""
+        kept = self.kept.get((candidate.label, str(shape)))
+        return candidate.columns(self.data, shape) if kept is None else kept.columns
+
     def stepped(self, steps: Sequence[Step]) -> Look:
         """With further steps of whitening, which the columns go through."""
         data = self.data.stepped(steps)

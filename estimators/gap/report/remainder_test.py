@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Discrepancies, Term
+from estimators.gap.evidence.discrepancy import Discrepancies
 from estimators.gap.evidence.states import SLOWER
+from estimators.gap.evidence.terms import Term
 from estimators.gap.hypotheses.candidates import STEP, Candidate
 from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, Prior
 from estimators.gap.hypotheses.scan import Scanner

@@ -270,26 +270,30 @@ class Search:
 
     def beside(self, parent: Explanation, weighed: Weighed) -> list[Explanation]:
         """The set with one more effect each, by their scores beside a discrepancy."""
-        index = int(np.argmax(weighed.gains))
-        shrink = weighed.term.variances[index] / (1.0 + weighed.term.variances[index] * weighed.term.values)
+        shrink = weighed.term.shrunk[0][int(np.argmax(weighed.gains))]
         explained, rough = self._left(parent, self.rough), self._scanner(parent).rough
-        own = weighed.term.along(explained.residual[:, None])
-        scored: list[tuple[float, Candidate, Shape]] = []
         held = {member.label for member in parent.members}
-        for candidate in self.candidates:
-            if not candidate.smooth or candidate.label in held:
-                continue
-            best = max(rough.best(candidate, explained)[:2], key=lambda tested: tested.score.statistic)
-            columns = candidate.columns(rough.data, best.shape)
-            full = np.zeros((self.rough.size, columns.values.shape[1]))
-            full[columns.rows] = columns.values
-            full = explained.without(full)
-            along = weighed.term.along(full)
-            gram = full.T @ full - (along * shrink[:, None]).T @ along
-            moment = full.T @ explained.residual - (along * shrink[:, None]).T @ own[:, 0]
-            score = solve(gram, moment, np.linalg.norm(full, axis=0))
-            price = self.prior.log_single((candidate.effect.name, (candidate.label,)))
-            scored.append((0.5 * score.evidence + price - best.spread, candidate, best.shape))
+        tests = [
+            max(rough.best(candidate, explained)[:2], key=lambda tested: tested.score.statistic)
+            for candidate in self.candidates
+            if candidate.smooth and candidate.label not in held
+        ]
+        columns = [rough.columns(tested.candidate, tested.shape) for tested in tests]
+        ends = np.cumsum([1, *(own.values.shape[1] for own in columns)]).tolist()
+        full = np.zeros((ends[-1], self.rough.size)).T
+        for own, first, end in zip(columns, ends[:-1], ends[1:], strict=True):
+            full[own.rows, first:end] = own.values
+        full = explained.without(full)
+        full[:, 0] = explained.residual
+        along = weighed.term.along(full)
+        gram = full.T @ full - (along * shrink[:, None]).T @ along
+        length = np.linalg.norm(full, axis=0)
+        scored: list[tuple[float, Candidate, Shape]] = []
+        for tested, first, end in zip(tests, ends[:-1], ends[1:], strict=True):
+            part = slice(first, end)
+            score = solve(gram[part, part], gram[part, 0], length[part])
+            price = self.prior.log_single((tested.candidate.effect.name, (tested.candidate.label,)))
+            scored.append((0.5 * score.evidence + price - tested.spread, tested.candidate, tested.shape))
         scored.sort(key=lambda each: -each[0])
         found = []
         for promise, candidate, shape in scored[:3]:

@@ -1,0 +1,225 @@
+"""The terms of a discrepancy: an error source along a family of functions of time, or in pieces of time.
+
+The errors of all sources are products with the same functions: what terms share of these is made once for all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS
+from estimators.gap.hypotheses.sources import COSINES, Course, Source, cosines, matern
+
+Array = NDArray[np.float64]
+
+#: Eigenvalues below this share of the largest tell nothing.
+_NEGLIGIBLE: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """What sources do to whitened readings, and functions of time that their terms share.
+
+    Attributes:
+        series: (n, f, c) of every freedom of every source: its change of each channel.
+        values: (n, k) functions of time.
+    """
+
+    series: Array
+    values: Array
+
+    @classmethod
+    def of(cls, every: Sequence[Source], values: Array | None = None) -> Errors:
+        """Of sources one after another."""
+        series = np.concatenate([each.series for each in every]).transpose(2, 0, 1).copy()
+        return cls(series, np.empty((len(series), 0)) if values is None else values)
+
+    def moments(self, columns: Array, freedoms: slice = slice(None)) -> Array:
+        """(n, f, m) products of some freedoms with whitened columns (c n, m), sample by sample."""
+        count, _, channels = self.series.shape
+        by_channel = columns.reshape(channels, count, -1).transpose(1, 0, 2)
+        return np.asarray(np.matmul(self.series[:, freedoms], by_channel))
+
+    def along(self, moments: Array, functions: slice = slice(None)) -> Array:
+        """(k, f, m) of these along some functions of time."""
+        own = self.values[:, functions]
+        return np.asarray((own.T @ moments.reshape(len(moments), -1)).reshape(-1, *moments.shape[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One source along one course.
+
+    Attributes:
+        source, course: in words.
+        log_prior: of this term among all, before its amplitudes.
+        values: (r,) eigenvalues of W' G W.
+        errors, freedoms: the source. functions: of the course; None: the errors of each of some pieces of time.
+        vectors: (f k, r) eigenvectors, scaled, of smooth terms. Of pieces: (b, f, f).
+        edges: (b,) where the pieces begin. kept: (b f,) which of their values count.
+        steps, ratio: of the grid of amplitudes.
+        unit: variance of the source's error for a variance of one here.
+    """
+
+    source: str
+    course: str
+    log_prior: float
+    values: Array
+    errors: Errors
+    freedoms: slice
+    functions: slice | None
+    vectors: Array
+    edges: NDArray[np.intp] | None = None
+    kept: NDArray[np.bool_] | None = None
+    steps: int = DISCREPANCY_STEPS
+    ratio: float = 2.0
+    unit: float = 1.0
+
+    @property
+    def projected(self) -> bool:
+        """Whether ``values`` are with the calibration projected out."""
+        return self.functions is not None
+
+    @cached_property
+    def variances(self) -> Array:
+        """(steps,) variances, one for each signal-to-noise before the data."""
+        snr = DISCREPANCY_SNR * self.ratio ** np.arange(self.steps)
+        return np.asarray(snr**2 / max(float(self.values.sum()), 1e-300))
+
+    @cached_property
+    def shrunk(self) -> tuple[Array, Array]:
+        """At each variance the share of it (steps, r) that the data leave, and log det(I + variance W' G W)."""
+        ratio = np.outer(self.variances, self.values)
+        return self.variances[:, None] / (1.0 + ratio), np.log1p(ratio).sum(axis=1)
+
+    def along(self, columns: Array) -> Array:
+        """(r, k) of whitened columns (m, k): products with the eigenvectors."""
+        moments = self.errors.moments(columns, self.freedoms)
+        if self.edges is not None:
+            return self.turned(np.add.reduceat(moments, self.edges, axis=0))
+        assert self.functions is not None
+        return self.turned(self.errors.along(moments, self.functions))
+
+    def turned(self, sums: Array) -> Array:
+        """(r, m) of sums (k, f, m) of the source's freedoms along the functions, or (b, f, m) in the pieces."""
+        if self.functions is not None:
+            return np.asarray(self.vectors.T @ sums.transpose(1, 0, 2).reshape(-1, sums.shape[2]))
+        return np.asarray(np.matmul(self.vectors.transpose(0, 2, 1), sums).reshape(-1, sums.shape[2])[self.kept])
+
+
+def freedoms_of(every: Sequence[Source]) -> list[slice]:
+    """Where each source's are among all, one after another."""
+    ends = np.cumsum([len(each.series) for each in every]).tolist()
+    return [slice(end - len(each.series), end) for end, each in zip(ends, every, strict=True)]
+
+
+def smooth_terms(
+    absorbed: Array, every: Sequence[Source], along: Sequence[Sequence[Course]], shares: Sequence[float]
+) -> tuple[Errors, list[Term]]:
+    """Sources along time, with every memory, and each along each of its courses.
+
+    Args:
+        absorbed: (c n, p) orthonormal basis of the calibration's tangent.
+        along: courses of each source. shares: of each the log prior of one course.
+    """
+    distinct = {id(course): course for own in along for course in own}
+    values = [cosines(every[0].series.shape[2]), *(course.values for course in distinct.values())]
+    ends = np.cumsum([each.shape[1] for each in values]).tolist()
+    functions = dict(zip(distinct, map(slice, ends[:-1], ends[1:]), strict=True))
+    errors = Errors.of(every, np.hstack(values))
+    shared = errors.along(errors.moments(absorbed))  # (k, f, p) what the calibration takes
+    found: list[Term] = []
+    for source, freedoms, own, share in zip(every, freedoms_of(every), along, shares, strict=True):
+        gram = _gram(errors, freedoms, slice(0, COSINES))
+        ways = []
+        for length in LENGTHS:  # the first of the same cosines
+            most = min(COSINES, max(8, int(np.ceil(8.0 / length))))
+            prior = share - float(np.log(len(LENGTHS)))
+            ways.append(("time", slice(0, most), gram[:, :most, :, :most], matern(length, most), prior))
+        for each in own:
+            of = functions[id(each)]
+            ways.append((each.name, of, _gram(errors, freedoms, of), each.weight, share))
+        for name, of, block, weight, prior in ways:
+            found.append(_term(errors, source, freedoms, name, of, block, shared[of, freedoms], weight, prior))
+    return errors, [each for each in found if len(each.values)]
+
+
+def _gram(errors: Errors, freedoms: slice, functions: slice) -> Array:
+    """(f, k, f, k) products of a source's freedoms along functions of time, of unit noise."""
+    series, values = errors.series[:, freedoms], errors.values[:, functions]
+    both = np.matmul(series, series.transpose(0, 2, 1))
+    count = series.shape[1]
+    found = np.empty((count, values.shape[1], count, values.shape[1]))
+    for i in range(count):
+        for j in range(i, count):
+            found[i, :, j] = found[j, :, i] = values.T @ (both[:, i, j, None] * values)
+    return found
+
+
+def _term(
+    errors: Errors,
+    source: Source,
+    freedoms: slice,
+    name: str,
+    functions: slice,
+    gram: Array,
+    shared: Array,
+    weight: Array,
+    log_prior: float,
+) -> Term:
+    """A source along functions of time, the calibration projected out.
+
+    Args:
+        gram: as ``_gram`` makes it. shared: (k, f, p) products with the calibration's tangent.
+    """
+    size = len(gram) * len(weight)
+    taken = shared.transpose(1, 0, 2).reshape(size, -1)
+    left = gram.reshape(size, size) - taken @ taken.T
+    # each freedom as visible as any other
+    scale = np.sqrt(np.sum(source.series**2, axis=(1, 2)))
+    scale = np.where(scale > 1e-12, 1.0 / np.maximum(scale, 1e-12), 0.0)
+    weights = np.outer(scale, weight).ravel()
+    own, vectors = np.linalg.eigh(weights[:, None] * left * weights)
+    kept = (own > _NEGLIGIBLE * max(float(own[-1]), 1e-300)) & (own[-1] > 0.0)
+    scaled = weights[:, None] * vectors[:, kept]
+    return Term(source.name, name, log_prior, own[kept], errors, freedoms, functions, scaled)
+
+
+def blocks_term(errors: Errors, source: Source, freedoms: slice, count: int, log_prior: float) -> Term:
+    """A source that is off by something else in each of so many blocks; what the calibration takes of it is little."""
+    series = errors.series[:, freedoms]
+    edges = np.linspace(0, len(series), count, endpoint=False).astype(int)
+    size = np.sqrt(np.maximum(np.sum(series**2, axis=(0, 2)), 1e-300))
+    if source.kind == "noise":  # one strength for all errors
+        size[:] = np.sqrt(np.mean(size**2))
+    grams = np.add.reduceat(np.matmul(series, series.transpose(0, 2, 1)), edges, axis=0) / np.outer(size, size)
+    own, vectors = np.linalg.eigh(grams)  # (b, f), (b, f, f)
+    flat = own.ravel()
+    kept = flat > _NEGLIGIBLE * max(float(flat.max()), 1e-300)
+    name = f"time, in {count} pieces" if count < len(series) else "time, from sample to sample"
+    scaled, unit = vectors / size[:, None], 1.0 / float(size[0]) ** 2
+    return Term(source.name, name, log_prior, flat[kept], errors, freedoms, None, scaled, edges, kept, unit=unit)
+
+
+def every_along(terms: Sequence[Term], columns: Array) -> Iterator[Array]:
+    """``along`` of each term; what terms of the same errors share is made once."""
+    known: dict[int, tuple[Array, Array]] = {}
+    pieces: dict[tuple[int, int], Array] = {}
+    for term in terms:
+        errors, own = term.errors, id(term.errors)
+        if own not in known:
+            moments = errors.moments(columns)
+            known[own] = moments, errors.along(moments)
+        if term.edges is None:
+            yield term.turned(known[own][1][term.functions, term.freedoms])
+            continue
+        key = own, len(term.edges)
+        if key not in pieces:
+            pieces[key] = np.add.reduceat(known[own][0], term.edges, axis=0)
+        yield term.turned(pieces[key][:, term.freedoms])
