@@ -18,7 +18,7 @@ from estimators.gap.evidence.discrepancy import Discrepancies, weighed
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.laplace import Linear, _width
 from estimators.gap.evidence.refine import Fitted
-from estimators.gap.evidence.states import NoiseState, log_det, under_steps, unseen_floor
+from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.prior import FLOOR_RAISED
 from rig.arm import Arm
@@ -83,7 +83,12 @@ def test_the_determinant_of_a_step_is_that_of_the_readings_it_is_of(data: Whiten
     moved = data.absorbed * weights.ravel()[:, None]
     expected = float(np.log(factor).sum()) - 0.5 * float(np.linalg.slogdet(moved.T @ moved)[1])
     assert log_det(data, steps) == pytest.approx(expected, rel=1e-9)
-    assert under_steps(data, unexplained(data.whitened), steps)[1] == pytest.approx(expected, rel=1e-9)
+    linear = unexplained(data.whitened)
+    under, determinant = under_steps(pieces_of(data, linear), linear, steps)
+    assert determinant == pytest.approx(expected, rel=1e-9)
+    left = data.whitened * weights.ravel()
+    left -= moved @ np.linalg.lstsq(moved, left)[0]
+    assert under.left @ under.left == pytest.approx(left @ left, rel=1e-9)
     assert log_det(data, []) == 0.0
 
 

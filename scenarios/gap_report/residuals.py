@@ -24,7 +24,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.score import Explained
-from estimators.gap.hypotheses.stochastic import fit_effect
+from estimators.gap.hypotheses.stochastic import Left, fit_effect
 from rig.arm import Arm
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
@@ -170,7 +170,7 @@ def with_noise(data: WhitenedData, causes: Sequence[Effect], after: Array) -> Wh
     for effect in causes:
         if effect.kind is Kind.NOISE:
             explained = Explained(np.empty((data.size, 0)), data.whiten(after))  # the calibration is refitted already
-            fitted = fit_effect(type(effect), effect.where, data, explained)
+            fitted = fit_effect(type(effect), effect.where, Left(data, explained))
             data = data if fitted is None else data.stepped(fitted.steps(data))
     return data
 

@@ -161,7 +161,7 @@ class WhitenedData:
         """(count,) [s] of the means."""
         return block_means(self.base.t, self.block)
 
-    @property
+    @cached_property
     def interval_s(self) -> float:
         """Between means [s]."""
         return float(np.median(np.diff(self.t)))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -31,7 +32,7 @@ from estimators.gap.hypotheses.prior import (
     Drawn,
 )
 from estimators.gap.hypotheses.score import Explained
-from estimators.gap.hypotheses.stochastic import FittedNoise, fitted_noises, spectrum
+from estimators.gap.hypotheses.stochastic import FittedNoise, Left, fitted_noises
 from rig.channels import COLUMNS_OF
 
 Array = NDArray[np.float64]
@@ -78,13 +79,59 @@ class NoiseState:
         return tuple(sorted(fitted.label for fitted in self.fitted))
 
 
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Whitened columns, channel by channel and recording by recording: what further steps make of their products.
+
+    Attributes:
+        data: what they are of. columns: (c n, m).
+    """
+
+    data: WhitenedData
+    columns: Array
+
+    @cached_property
+    def _values(self) -> dict[tuple[int, int], Array]:
+        """(m, n) of each channel and each recording, or calibration from before."""
+        by_channel = self.columns.T.reshape(self.columns.shape[1], len(self.data.columns), self.data.count)
+        return {
+            (column, part): np.ascontiguousarray(by_channel[:, index, own])
+            for index, column in enumerate(self.data.columns)
+            for part, own in enumerate(self.data.stretches)
+        }
+
+    @cached_property
+    def _grams(self) -> dict[tuple[int, int], Array]:
+        return {place: values @ values.T for place, values in self._values.items()}
+
+    @cached_property
+    def _spectra(self) -> dict[tuple[int, int], Array]:
+        return {}
+
+    def gram(self, steps: Sequence[Step]) -> Array:
+        """(m, m) products of the columns after further steps."""
+        found = dict(self._grams)
+        for place in dict.fromkeys((step.column, step.part) for step in steps):
+            *before, last = (step for step in steps if (step.column, step.part) == place)
+            values = self._values[place]
+            for step in before:
+                values = step(values)
+            if not last.in_time:  # the transform keeps products: it need not be undone
+                if before:
+                    values = dct(values, norm="ortho")
+                else:
+                    if place not in self._spectra:
+                        self._spectra[place] = dct(values, norm="ortho")
+                    values = self._spectra[place]
+            values = values * last.factor
+            found[place] = values @ values.T
+        return np.asarray(sum(found.values()))
+
+
 def log_det(data: WhitenedData, steps: Sequence[Step]) -> float:
     """log determinant of further steps of whitening, less half that of what they make of the calibration's information:
     the calibration is integrated out, and coarser noise leaves it more room (Harville, Biometrika 61, 1974)."""
-    if not steps:
-        return 0.0
-    basis = _stepped(data, data.absorbed, steps)
-    return _log_det(steps, basis.T @ basis)
+    return _log_det(steps, Pieces(data, data.absorbed).gram(steps)) if steps else 0.0
 
 
 def _log_det(steps: Sequence[Step], information: Array) -> float:
@@ -92,50 +139,60 @@ def _log_det(steps: Sequence[Step], information: Array) -> float:
     return own - 0.5 * float(np.linalg.slogdet(information)[1])
 
 
-def under_steps(data: WhitenedData, linear: Linear, steps: Sequence[Step]) -> tuple[Linear, float]:
-    """Linearised effects after further steps of whitening, not refitted; and ``log_det`` of the steps."""
-    absorbed = data.absorbed.shape[1]
-    every = _stepped(data, np.column_stack([data.absorbed, linear.left, linear.tangent]), steps)
-    basis, rest = every[:, :absorbed], every[:, absorbed:]
-    information = basis.T @ basis
-    rest = rest - basis @ np.linalg.solve(information, basis.T @ rest)
-    return replace(linear, left=rest[:, 0], tangent=rest[:, 1:]), _log_det(steps, information)
+def pieces_of(data: WhitenedData, linear: Linear) -> Pieces:
+    """The calibration's tangent, then what linearised effects leave and their own."""
+    return Pieces(data, np.column_stack([data.absorbed, linear.left, linear.tangent]))
 
 
-def _stepped(data: WhitenedData, columns: Array, steps: Sequence[Step]) -> Array:
-    """Whitened columns (c n, m) after further steps."""
-    by_channel = columns.T.reshape(columns.shape[1], len(data.columns), data.count).copy()
-    for step in steps:
-        own = data.columns.index(step.column), data.stretches[step.part]
-        by_channel[:, *own] = step(by_channel[:, *own])
-    return by_channel.reshape(columns.shape[1], -1).T
+def under_steps(pieces: Pieces, linear: Linear, steps: Sequence[Step]) -> tuple[Linear, float]:
+    """Linearised effects after further steps of whitening, not refitted; and ``log_det`` of the steps.
+
+    Of what is left, and of the tangent, the products are those of the readings; the rows are fewer.
+
+    Args:
+        pieces: as ``pieces_of`` makes them.
+    """
+    gram = pieces.gram(steps)
+    first = len(gram) - 1 - linear.tangent.shape[1]
+    information, shared = gram[:first, :first], gram[:first, first:]
+    rest = gram[first:, first:] - shared.T @ np.linalg.solve(information, shared)
+    length = np.sqrt(np.maximum(np.diag(rest), 1e-300))
+    values, vectors = np.linalg.eigh(rest / np.outer(length, length))
+    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * length
+    return replace(linear, left=root[:, 0], tangent=root[:, 1:]), _log_det(steps, information)
 
 
-def moved_floor(data: WhitenedData, explained: Explained, at_rest: bool, slower: bool = False) -> NoiseState | None:
+def left_of(data: WhitenedData, explained: Explained) -> list[Left]:
+    """What is left of each recording."""
+    if len(data.parts) == 1:
+        return [Left(data.parts[0], explained)]
+    return [Left(part, explained.of(data.rows(number))) for number, part in enumerate(data.parts)]
+
+
+def moved_floor(lefts: Sequence[Left], at_rest: bool, slower: bool = False) -> NoiseState | None:
     """The floor as the sweep itself says it is, as far as what it was learned from allows.
 
     Args:
+        lefts: of each recording.
         at_rest: whether that was a recording at rest. Without, any spectrum may be the floor: see ``unseen_floor``.
         slower: whether it goes on below what that shows.
     """
-    places = [(number, column) for number, part in enumerate(data.parts) for column in part.columns]
-    goes_on = any(going_on(data.parts[number].floor, column, 0.0) for number, column in places)
+    places = [(number, column) for number, left in enumerate(lefts) for column in left.data.columns]
+    goes_on = any(going_on(lefts[number].data.floor, column, 0.0) for number, column in places)
     if slower and not goes_on:
         return None
-    coloured = any(remembers(data.parts[number].floor, column) for number, column in places)
+    coloured = any(remembers(lefts[number].data.floor, column) for number, column in places)
     share = 0.0 if not goes_on else FLOOR_SLOWER if coloured else FLOOR_WALKS
     share = share if slower else 1.0 - share
     steps, weight = [], float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
     for number, column in places:
-        part, left = data.parts[number], explained.of(data.rows(number))
-        learned = spectrum(part, left, column)
-        own = spectrum(part, left, column, slower) if slower else learned
+        learned, own = (lefts[number].spectrum(column, way) for way in (False, slower))
         point, _ = own.alone
         before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
         factor = np.sqrt(before / after)
         if np.abs(np.log(factor)).max() < 1e-3:
             continue
-        group = groups(part.count, 1)
+        group = groups(lefts[number].data.count, 1)
         full = np.concatenate([factor[:1], factor[group]])
         steps.append(Step(column, full, in_time=False, part=number))
         weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
@@ -158,25 +215,24 @@ def unseen_floor(found: NoiseState) -> NoiseState:
     return NoiseState(UNSEEN, (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
 
 
-def named(data: WhitenedData, explained: Explained, without: Sequence[str], given: NoiseState) -> list[NoiseState]:
+def named(lefts: Sequence[Left], without: Sequence[str], given: NoiseState) -> list[NoiseState]:
     """States with one more noise effect of the catalogue each, the most evident first."""
     held = {fitted.label for fitted in given.fitted}
     found = []
-    for fitted in _fitted_at(data, explained, without):
+    for fitted in _fitted_at(lefts, without):
         if fitted.label in held:
             continue
-        steps = tuple(step for each in fitted.every for step in each.steps(data.parts[each.part]))
+        steps = tuple(step for each in fitted.every for step in each.steps(lefts[each.part].data))
         weight = given.log_weight + sum(_cost(each) for each in fitted.every)
         found.append(NoiseState("", (*given.fitted, fitted), (*given.steps, *steps), weight, given.other))
     return found
 
 
-def _fitted_at(data: WhitenedData, explained: Explained, without: Sequence[str]) -> list[FittedNoise]:
+def _fitted_at(lefts: Sequence[Left], without: Sequence[str]) -> list[FittedNoise]:
     """Of every noise effect at every place, with a strength of its own in each recording that shows it."""
     found: dict[str, list[FittedNoise]] = {}
-    for number, part in enumerate(data.parts):
-        own = explained if len(data.parts) == 1 else explained.of(data.rows(number))
-        for fitted in fitted_noises(part, own, without):
+    for number, left in enumerate(lefts):
+        for fitted in fitted_noises(left, without):
             if fitted.gain > 0.0:
                 found.setdefault(fitted.label, []).append(replace(fitted, part=number))
     return [replace(first, more=tuple(rest)) for first, *rest in found.values()]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
@@ -318,7 +318,10 @@ class Spectrum:
         return value, np.array([*gradient, added * float(unit @ slope)])
 
 
+@lru_cache(maxsize=8)
 def groups(count: int, first: int) -> NDArray[np.intp]:
     """The group of each of the cosine coefficients ``first`` to ``count`` - 1, from zero on."""
     number = np.arange(first, count, dtype=float)
-    return np.asarray(np.unique((np.log(number) / _ALIKE).astype(int), return_inverse=True)[1])
+    found = np.asarray(np.unique((np.log(number) / _ALIKE).astype(int), return_inverse=True)[1])
+    found.setflags(write=False)  # every caller has the same
+    return found

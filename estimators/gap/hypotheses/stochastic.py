@@ -7,7 +7,7 @@ residual under a spectrum (Whittle's, with cosines) or under a variance in time,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,34 +89,51 @@ class FittedNoise:
         )
 
 
-def fitted_noises(data: WhitenedData, explained: Explained, without: Sequence[str] = ()) -> list[FittedNoise]:
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What is left of one recording, and its spectra: each is made once.
+
+    Attributes:
+        data: the recording. explained: what is left of its readings.
+    """
+
+    data: WhitenedData
+    explained: Explained
+    _spectra: dict[tuple[int, bool], Spectrum] = field(default_factory=dict)
+    _responses: dict[int, Array] = field(default_factory=dict)
+
+    def spectrum(self, column: int, slower: bool = False) -> Spectrum:
+        """A channel's residual by cosine transform; ``slower``: beside a floor that goes on below what was seen."""
+        if (column, slower) not in self._spectra:
+            self._spectra[column, slower] = _spectrum(self.data, self.explained, column, slower)
+        return self._spectra[column, slower]
+
+    def response(self, column: int) -> Array:
+        """What the whitening does to a spectrum at the frequencies of the cosine transform."""
+        if column not in self._responses:
+            frequency = np.arange(self.data.count)[_TAKEN:] / (2.0 * self.data.count)
+            self._responses[column] = whitened_response(self.data, column, frequency)
+        return self._responses[column]
+
+
+def fitted_noises(left: Left, without: Sequence[str] = ()) -> list[FittedNoise]:
     """Every noise effect at every place, the most evident first."""
-    noises = []
-    spectra = {column: spectrum(data, explained, column) for column in data.columns}
+    noises, data = [], left.data
     for effect in EFFECTS.values():
         if effect.kind is not Kind.NOISE or effect.name in without or effect.lacking(data.base):
             continue
         if effect.response is not Effect.response:  # one error for all channels: see ``common``
             continue
         for where in effect.places_on(data.base):
-            fitted = fit_effect(effect, where, data, explained, spectra)
+            fitted = fit_effect(effect, where, left)
             if fitted is not None:
                 noises.append(fitted)
     return sorted(noises, key=lambda fitted: -fitted.evidence)
 
 
-def fit_effect(
-    effect: type[Effect],
-    where: str,
-    data: WhitenedData,
-    explained: Explained,
-    spectra: Mapping[int, Spectrum] | None = None,
-) -> FittedNoise | None:
-    """One noise effect's strengths by maximum likelihood, at its best shape; None where its channels are not there.
-
-    Args:
-        spectra: of the channels, where they are known.
-    """
+def fit_effect(effect: type[Effect], where: str, left: Left) -> FittedNoise | None:
+    """One noise effect's strengths by maximum likelihood, at its best shape; None where its channels are not there."""
+    data = left.data
     (strength,) = [item for item in effect.parameters() if item.strength]
     shapes = effect.searched(data.base)
     best: FittedNoise | None = None
@@ -126,10 +143,9 @@ def fit_effect(
         if not columns:
             return None
         if probe.adds_in_time:
-            fits, units, sizes = _in_time(probe, data, explained, columns)
+            fits, units, sizes = _in_time(probe, data, left.explained, columns)
         else:
-            known = {column: spectrum(data, explained, column) for column in columns} if spectra is None else spectra
-            fits, units, sizes = _by_frequency(probe, data, known, columns)
+            fits, units, sizes = _by_frequency(probe, left, columns)
         used = columns if strength.size > 1 else columns[:1]
         gain = float(sum(fits[column][1] for column in used))
         if best is not None and gain <= best.gain:
@@ -178,12 +194,12 @@ def _units_in_time(probe: Effect, data: WhitenedData, columns: Sequence[int]) ->
     return units
 
 
-def _units_by_frequency(probe: Effect, data: WhitenedData, columns: Sequence[int]) -> dict[int, Array]:
+def _units_by_frequency(probe: Effect, data: WhitenedData, responses: Mapping[int, Array]) -> dict[int, Array]:
     """The same by cosine transform, where it has a spectrum; what lies below the lowest frequencies is as there."""
     frequency = np.arange(data.count)[_TAKEN:] / (2.0 * data.count)
     group = groups(data.count, _TAKEN)
     own = _of_means(probe, data, np.bincount(group, frequency) / np.bincount(group))[group]
-    units = {column: own * whitened_response(data, column, frequency) for column in columns}
+    units = {column: own * response for column, response in responses.items()}
     return {column: np.concatenate([unit[:1].repeat(_TAKEN), unit]) for column, unit in units.items()}
 
 
@@ -193,7 +209,11 @@ def known_steps(effect: Effect, data: WhitenedData) -> tuple[Step, ...]:
     shared = type(effect).response is not Effect.response  # one error for several channels is no step of each
     if not columns or (shared and not effect.adds_in_time):
         return ()
-    units = (_units_in_time if effect.adds_in_time else _units_by_frequency)(effect, data, columns)
+    if effect.adds_in_time:
+        units = _units_in_time(effect, data, columns)
+    else:
+        frequency = np.arange(data.count)[_TAKEN:] / (2.0 * data.count)
+        units = _units_by_frequency(effect, data, {each: whitened_response(data, each, frequency) for each in columns})
     touched = range(len(CHANNELS))[effect.columns]
     strengths = dict(zip(touched, np.broadcast_to(effect.strengths, len(touched)), strict=True))
     return tuple(
@@ -202,20 +222,21 @@ def known_steps(effect: Effect, data: WhitenedData) -> tuple[Step, ...]:
     )
 
 
-def _by_frequency(
-    probe: Effect, data: WhitenedData, spectra: Mapping[int, Spectrum], columns: Sequence[int]
-) -> tuple[Fits, dict[int, Array], dict[int, float]]:
+def _by_frequency(probe: Effect, left: Left, columns: Sequence[int]) -> tuple[Fits, dict[int, Array], dict[int, float]]:
     """Noise with a spectrum: a strength for each channel."""
+    data = left.data
     group = groups(data.count, _TAKEN)
     many = np.bincount(group)
-    units = _units_by_frequency(probe, data, columns)
+    units = _units_by_frequency(probe, data, {column: left.response(column) for column in columns})
     recorded = max(data.count, _DENSE)
     every = probe.added_spectrum(np.arange(1, recorded) / (2.0 * recorded), data.interval_s / data.samples)
-    fits = {column: spectra[column].added(np.bincount(group, units[column][_TAKEN:]) / many) for column in columns}
+    fits = {
+        column: left.spectrum(column).added(np.bincount(group, units[column][_TAKEN:]) / many) for column in columns
+    }
     return fits, units, dict.fromkeys(columns, float(np.mean(every)))
 
 
-def spectrum(data: WhitenedData, explained: Explained, column: int, slower: bool = False) -> Spectrum:
+def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: bool) -> Spectrum:
     """A channel's residual by cosine transform.
 
     Cosines are close to the eigenvectors of slowly correlated noise and of a random walk, without the jump between its

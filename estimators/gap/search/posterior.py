@@ -19,8 +19,11 @@ from estimators.gap.evidence.refine import at
 from estimators.gap.evidence.states import (
     UNSEEN,
     NoiseState,
+    Pieces,
+    left_of,
     moved_floor,
     named,
+    pieces_of,
     raised,
     under_steps,
     unnamed,
@@ -298,19 +301,20 @@ def _states(work: _Weighing, given: NoiseState, scanner: Scanner, each: Explanat
     """States of the noise beyond a given one, beside an explanation: what each promises before anything is refitted."""
     data = scanner.fine.data if not each.members else around(scanner.fine.data, each.data.pipeline)
     explained = Explained(data.absorbed, each.linear.left)
-    found = named(data, explained, work.without, given)
+    lefts, pieces = left_of(data, explained), pieces_of(data, each.linear)
+    found = named(lefts, work.without, given)
     if not given.name:
-        moved = (moved_floor(data, explained, work.at_rest, slower) for slower in (False, True))
+        moved = (moved_floor(lefts, work.at_rest, slower) for slower in (False, True))
         for state in (*moved, *_nameless(work, data, explained)):
             if state is not None:
                 weight = given.log_weight + state.log_weight
                 found.append(replace(state, fitted=given.fitted, steps=(*given.steps, *state.steps), log_weight=weight))
-    return [_promised(work, data, each.linear, scanner, each, state, len(given.steps)) for state in found]
+    return [_promised(work, pieces, each.linear, scanner, each, state, len(given.steps)) for state in found]
 
 
 def _promised(
     work: _Weighing,
-    data: WhitenedData,
+    pieces: Pieces,
     linear: Linear,
     scanner: Scanner,
     each: Explanation,
@@ -319,7 +323,7 @@ def _promised(
 ) -> _Promised:
     """What a state is worth beside an explanation that was linearised under the first ``taken`` steps."""
     prior = work.prior.log_set([*state.drawn, *(member.drawn for member in each.members)])
-    under, determinant = under_steps(data, linear, state.steps[taken:])
+    under, determinant = under_steps(pieces, linear, state.steps[taken:])
     weight = state.log_weight + determinant
     return under.averaged[0] + prior + weight, replace(state, log_weight=weight), scanner, each
 
@@ -338,8 +342,8 @@ def on_data(data: WhitenedData, each: Explanation) -> tuple[WhitenedData, Linear
 
 def _relearned(work: _Weighing, data: WhitenedData, linear: Linear, each: Explanation) -> list[_Promised]:
     """Noise without a name beside an explanation under the floor."""
-    states = _nameless(work, data, Explained(data.absorbed, linear.left))
-    return [_promised(work, data, linear, work.scanner, each, state) for state in states if state is not None]
+    states, pieces = _nameless(work, data, Explained(data.absorbed, linear.left)), pieces_of(data, linear)
+    return [_promised(work, pieces, linear, work.scanner, each, state) for state in states if state is not None]
 
 
 def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
