@@ -73,10 +73,10 @@ class TriaxialSensor:
         Returns:
             (n, 3) [field unit].
         """
-        one = field.ndim == 1  # one product with the (3, 3) matrices as they lie in memory
-        in_tool = np.matmul(field, R_base_tool) if one else np.einsum("nij,ni->nj", R_base_tool, field)
-        return np.asarray(in_tool @ self.axes.T)
+        if field.ndim == 1:  # one product with the matrices as they lie in memory
+            return np.asarray(R_base_tool.reshape(-1, 9) @ np.multiply.outer(field, self.axes.T).reshape(9, 3))
+        return np.asarray(np.einsum("nij,ni->nj", R_base_tool, field) @ self.axes.T)
 
     def volts(self, components: Array) -> Array:
         """Readings (n, 3) [V] of components (n, 3) [field unit]; Renk (9), (17)."""
-        return np.asarray(components * self.sensitivity + np.asarray(self.offset))
+        return np.asarray(np.einsum("nk,k->nk", components, np.asarray(self.sensitivity)) + np.asarray(self.offset))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
 from typing import Final
@@ -21,7 +20,9 @@ Array = NDArray[np.float64]
 
 #: The torque is affine in the cosine and sine of each joint: three angles a joint determine it.
 _NODES: Final = 2.0 * np.pi / 3.0 * np.arange(3)
-_MOST_JOINTS = 3  # 27 poses; more joints that move are evaluated sample by sample
+#: Values that one sample's waves become weights of those at the nodes by: 1, cosine and sine.
+_WEIGHTS: Final = np.stack([np.ones(3), 2.0 * np.cos(_NODES), 2.0 * np.sin(_NODES)]) / 3.0
+_MOST_JOINTS = 7  # 2187 poses; of more joints the torque is evaluated sample by sample
 _ROWS = 4096
 _STARTS = 32
 
@@ -43,26 +44,31 @@ def relative_gravity_torque(signals: Signals, joint: int) -> Array:
 
 def gravity_torque(arm: Arm, q: Array, joint: int) -> Array:
     """The torque (n,) [N m] on one joint (a column) that keeps the arm at rest at q (n, N) [rad]."""
-    moving = moving_joints(q)
-    if len(moving) > _MOST_JOINTS or 3 ** len(moving) >= len(q):
+    bent = arm.chain.coupling is not None or any(arm.slides)  # not affine in cosines and sines of the joints' values
+    if bent or arm.dof > _MOST_JOINTS:
         return _evaluated(arm, q, joint)
-    table = _table(arm, q[0], moving, joint)
-    return np.broadcast_to(_interpolated(table, q[:, moving]), len(q))
+    moving = moving_joints(q)
+    still = [column for column in range(arm.dof) if column not in moving]
+    table = _interpolated(np.transpose(_table(arm, joint), [*still, *moving]), q[:1, still])[0]
+    blocks = [q[start : start + _ROWS, moving] for start in range(0, len(q), _ROWS)]
+    return np.concatenate([np.broadcast_to(_interpolated(table, block), len(block)) for block in blocks])
 
 
-def _table(arm: Arm, around: Array, joints: Sequence[int], joint: int) -> Array:
-    """(3, 3, ...) the torque with each of some joints at each of the three nodes."""
-    poses = np.repeat(around[None], 3 ** len(joints), axis=0)
-    poses[:, list(joints)] = list(product(_NODES, repeat=len(joints)))
-    return _evaluated(arm, poses, joint).reshape((3,) * len(joints))
+@lru_cache(maxsize=64)
+def _table(arm: Arm, joint: int) -> Array:
+    """(3, 3, ...) the torque on a joint with each joint of the arm at each of the three nodes."""
+    poses = np.array(list(product(_NODES, repeat=arm.dof)))
+    return _evaluated(arm, poses, joint).reshape((3,) * arm.dof)
 
 
 def _interpolated(table: Array, q: Array) -> Array:
     """(n, ...) a table's first axes, one for each column of q (n, m), contracted at these angles."""
     values = table[None]
     for angle in q.T:  # the first of the remaining axes is this joint's
-        weights = (1.0 + 2.0 * np.cos(angle[:, None] - _NODES)) / 3.0
-        values = np.einsum("nk,nk...->n...", weights, np.broadcast_to(values, (len(q), *values.shape[1:])))
+        weights = np.stack([np.ones(len(q)), np.cos(angle), np.sin(angle)], axis=1) @ _WEIGHTS
+        rest = values.reshape(len(values), 3, -1)
+        found = weights @ rest[0] if len(rest) == 1 else np.einsum("nk,nkr->nr", weights, rest)
+        values = found.reshape(len(q), *values.shape[2:])
     return values
 
 
@@ -85,7 +91,7 @@ def largest_gravity_torque(arm: Arm, joint: int) -> float:
     """
     rng = np.random.default_rng(0)  # starts only
     q = rng.uniform(-np.pi, np.pi, (_STARTS, arm.dof))
-    table = _table(arm, np.zeros(arm.dof), range(arm.dof), joint)
+    table = _table(arm, joint)
     best = 0.0
     while True:
         for column in range(arm.dof):

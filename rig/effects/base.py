@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.channels import CHANNELS, COLUMNS_OF
-from rig.effects.parameters import Parameter, Value
+from rig.effects.parameters import Parameter, Value, choices_of, parameters_of
 from rig.effects.readings import Finding, Readings
 from rig.environment import MAGNITUDES
 from rig.errors import RigError, nearest, unknown_name
@@ -181,6 +181,8 @@ class Effect(ABC):
                 raise unknown_name(f"{name} of effect {self.name}", str(getattr(self, name)), choices)
         for item in self.parameters():
             value = getattr(self, item.name)
+            if item.holds(value):
+                continue
             try:
                 values = np.asarray(value, dtype=float)
             except (TypeError, ValueError):
@@ -241,14 +243,12 @@ class Effect(ABC):
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
         """The parameters in the order of the class."""
-        return tuple(
-            Parameter(item.name, **item.metadata) for item in dataclasses.fields(cls) if "unit" in item.metadata
-        )
+        return parameters_of(cls)
 
     @classmethod
     def choices(cls) -> dict[str, tuple[str, ...]]:
         """The fields that are names, each with the names it may be."""
-        return {item.name: item.metadata["choices"] for item in dataclasses.fields(cls) if "choices" in item.metadata}
+        return dict(choices_of(cls))
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:

@@ -93,7 +93,7 @@ class BaseDipole(Effect):
         counts = np.ceil((high - low) / DIPOLE_STEP).astype(int) + 1
         axes = [np.linspace(low[axis], high[axis], counts[axis]) for axis in range(3)]
         points = np.array(list(itertools.product(*axes)))
-        nearest = np.array([np.min(np.sum((path - point) ** 2, axis=1)) for point in points])
+        nearest = np.sum((path - points[:, None]) ** 2, axis=2).min(axis=1)
         kept = points[nearest > DIPOLE_CLEARANCE**2]
         return [{"position_m": tuple(float(x) for x in point)} for point in kept]
 

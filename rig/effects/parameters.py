@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
+
+from rig.environment import MAGNITUDES
 
 Value = float | tuple[float, ...]
 
@@ -43,6 +46,28 @@ class Parameter:
     grid: tuple[Value, ...] = ()
     scatter: bool = False
     by_axis: bool = False
+
+    def holds(self, value: object) -> bool:
+        """Whether a value is a float, or a tuple of as many as it should be, within bounds."""
+        values = value if type(value) is tuple else (value,)
+        if len(values) != self.size or (self.size > 1) is not (type(value) is tuple):
+            return False
+        low, high = max(self.lower, -MAGNITUDES[1]), min(self.upper, MAGNITUDES[1])
+        return all(type(each) is float and low <= each <= high for each in values)
+
+
+@lru_cache(maxsize=1024)
+def parameters_of(effect: type) -> tuple[Parameter, ...]:
+    """The parameters of an effect's class, in its order."""
+    return tuple(
+        Parameter(item.name, **item.metadata) for item in dataclasses.fields(effect) if "unit" in item.metadata
+    )
+
+
+@lru_cache(maxsize=1024)
+def choices_of(effect: type) -> dict[str, tuple[str, ...]]:
+    """The fields of an effect's class that are names, each with the names it may be."""
+    return {item.name: item.metadata["choices"] for item in dataclasses.fields(effect) if "choices" in item.metadata}
 
 
 def parameter(

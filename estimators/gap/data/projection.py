@@ -33,5 +33,12 @@ def orthonormal(columns: Array, tolerance: float = 1e-7) -> Array:
 
 
 def project(basis: Array, values: Array) -> Array:
-    """Values (rows,) or (rows, m) with an orthonormal basis (rows, rank) projected out."""
-    return values - basis @ (basis.T @ values)
+    """Values (rows,) or (rows, m) with an orthonormal basis (rows, rank) projected out; each column contiguous."""
+    if values.ndim == 1:
+        return values - basis @ (basis.T @ values)
+    return (values.T - (basis.T @ values).T @ basis.T).T
+
+
+def side_by_side(*columns: Array) -> Array:
+    """(rows, m) of arrays (rows,) or (rows, k), each column contiguous."""
+    return np.vstack([each.T for each in columns]).T

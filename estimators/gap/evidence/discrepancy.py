@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import orthonormal, project
+from estimators.gap.data.projection import orthonormal, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms
@@ -53,15 +53,14 @@ class Means:
         """Whitened columns (c n, k) as (c m, k)."""
         if self.rough is self.fine:
             return columns
-        by_channel = columns.reshape(len(self.fine.columns), self.fine.count, -1)
-        found = np.empty((len(self.fine.columns), self.count, by_channel.shape[-1]))
+        by_channel = columns.T.reshape(-1, len(self.fine.columns), self.fine.count)
+        found = np.empty((*by_channel.shape[:2], self.count))
         for fine, own in zip(self.fine.stretches, self.rough.stretches, strict=True):
             count = own.stop - own.start
             size = (fine.stop - fine.start) // count
-            cut = by_channel[:, fine.start : fine.start + count * size]
-            shape = (len(found), count, size, cut.shape[-1])
-            found[:, own] = cut.reshape(shape).sum(axis=2) / np.sqrt(size)
-        return found.reshape(-1, found.shape[-1])
+            cut = by_channel[:, :, fine.start : fine.start + count * size]
+            found[:, :, own] = cut.reshape(*found.shape[:2], count, size).sum(axis=3) / np.sqrt(size)
+        return found.reshape(len(found), -1).T
 
     @cached_property
     def absorbed(self) -> Array:
@@ -70,7 +69,7 @@ class Means:
 
     def linear(self, fine: Linear) -> Linear:
         """A linearised set of effects, the calibration projected out here too."""
-        both = self(np.column_stack([fine.left, fine.tangent]))
+        both = self(side_by_side(fine.left, fine.tangent))
         both = project(self.absorbed, both)  # the effects' own calibration is a slightly different one
         return replace(fine, left=both[:, 0], tangent=both[:, 1:])
 
@@ -125,7 +124,7 @@ class Discrepancies:
 def _on_means(data: Means, source: Source) -> Source:
     """A source of every sample, as sums over neighbours."""
     freedoms, channels, _ = source.series.shape
-    both = data(source.series.transpose(1, 2, 0).reshape(-1, freedoms))
+    both = data(source.series.reshape(freedoms, -1).T)
     return replace(source, series=both.T.reshape(freedoms, channels, data.count))
 
 
@@ -168,7 +167,7 @@ def weighed(linear: Linear, discrepancies: Discrepancies, changes: Mapping[str, 
 def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
     """Terms beside a set of effects, the likeliest first; all on the same grid of amplitudes."""
     precision = linear.precision(linear.averaged[1])
-    columns = np.column_stack([linear.left, linear.tangent])
+    columns = side_by_side(linear.left, linear.tangent)
     square, gram, moment = float(linear.left @ linear.left), linear.gram, linear.tangent.T @ linear.left
     alone = float(linear.log_evidence(square, gram, moment, precision))
     rows, others = np.triu_indices(columns.shape[1])

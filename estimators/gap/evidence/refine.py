@@ -10,11 +10,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import project
+from estimators.gap.data.projection import project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.candidates import STEP, Candidate, Shape
 from estimators.gap.hypotheses.scan import KEPT, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained
+from rig.channels import CHANNELS
 from rig.effects import Effect
 from rig.effects.parameters import Parameter, Value
 from rig.environment import MAGNITUDES
@@ -268,19 +269,35 @@ class _Problem:
         misfit = float(left @ left - absorbed @ absorbed + self.prior @ point**2)
         return _Point(point, fits, left, misfit)
 
+    @cached_property
+    def touched(self) -> list[NDArray[np.bool_]]:
+        """The channels of each effect, which are the same wherever it is fitted."""
+        return touched_by(self.fits, self.data)
+
     def slopes(self, here: _Point) -> _Slopes:
         """The derivatives at a point."""
-        columns = np.hstack(tangents(here.fits, self.data))
+        columns = side_by_side(*tangents(here.fits, self.data, self.touched))
         shared = self.data.absorbed.T @ columns
         gram = columns.T @ columns - shared.T @ shared + np.diag(self.prior)
         return _Slopes(here.point, columns, gram, self.data.absorbed, self.prior)
 
 
-def tangents(fits: Sequence[Fitted], data: WhitenedData) -> list[Array]:
-    """The tangent of each fitted effect with the others in place: those that touch a channel that it touches."""
-    touched = [each.touched(data) for each in fits]
-    if any(each.candidate.names for each in fits):  # what a channel's reading does to another's
-        touched = [np.ones_like(own) for own in touched]
+def touched_by(fits: Sequence[Fitted], data: WhitenedData) -> list[NDArray[np.bool_]]:
+    """The channels that matter to each effect: those that it touches."""
+    if len(fits) == 1 or any(each.candidate.names for each in fits):  # what a channel's reading does to another's
+        return [np.ones(len(CHANNELS), dtype=bool) for _ in fits]
+    return [each.touched(data) for each in fits]
+
+
+def tangents(
+    fits: Sequence[Fitted], data: WhitenedData, touched: Sequence[NDArray[np.bool_]] | None = None
+) -> list[Array]:
+    """The tangent of each fitted effect with the others in place: those that touch a channel that it touches.
+
+    Args:
+        touched: as ``touched_by``, where it is known.
+    """
+    touched = touched_by(fits, data) if touched is None else touched
     found = []
     for each, here in zip(fits, touched, strict=True):
         near = [bool((here & own).any()) for own in touched]
@@ -294,7 +311,7 @@ def at(fits: Sequence[Fitted], data: WhitenedData) -> Refit:
     if not fits:
         return Refit([], data, data.whitened, np.zeros((data.size, 0)))
     left = data.whiten(data.residual - data.change([each.effect for each in fits]))
-    return Refit(list(fits), data, left, np.hstack(tangents(fits, data)))
+    return Refit(list(fits), data, left, side_by_side(*tangents(fits, data)))
 
 
 def explained_by(fits: Sequence[Fitted], data: WhitenedData) -> Explained:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
+from estimators.gap.data.projection import side_by_side
 from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.floor.learned import going_on, groups, remembers
@@ -141,7 +142,7 @@ def _log_det(steps: Sequence[Step], information: Array) -> float:
 
 def pieces_of(data: WhitenedData, linear: Linear) -> Pieces:
     """The calibration's tangent, then what linearised effects leave and their own."""
-    return Pieces(data, np.column_stack([data.absorbed, linear.left, linear.tangent]))
+    return Pieces(data, side_by_side(data.absorbed, linear.left, linear.tangent))
 
 
 def under_steps(pieces: Pieces, linear: Linear, steps: Sequence[Step]) -> tuple[Linear, float]:

@@ -43,7 +43,7 @@ class Errors:
     def moments(self, columns: Array, freedoms: slice = slice(None)) -> Array:
         """(n, f, m) products of some freedoms with whitened columns (c n, m), sample by sample."""
         count, _, channels = self.series.shape
-        by_channel = columns.reshape(channels, count, -1).transpose(1, 0, 2)
+        by_channel = np.ascontiguousarray(columns.T.reshape(-1, channels, count).transpose(2, 1, 0))
         return np.asarray(np.matmul(self.series[:, freedoms], by_channel))
 
     def along(self, moments: Array, functions: slice = slice(None)) -> Array:

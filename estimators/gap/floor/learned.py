@@ -67,9 +67,15 @@ class Parts:
 
     def gradient(self, point: Array) -> Array:
         """(1 + 2 k, b) derivatives of ``at``."""
-        moved = self._moved(point)
-        each = np.stack([moved, moved * self.slopes], axis=1).reshape(-1, len(self.white))
-        return np.vstack([np.exp(point[0]) * self.white, each])
+        return self.both(point)[1]
+
+    def both(self, point: Array) -> tuple[Array, Array]:
+        """``at`` and ``gradient``."""
+        gradient = np.empty((len(point), len(self.white)))
+        np.multiply(self.white, np.exp(point[0]), out=gradient[0])
+        gradient[1::2] = self._moved(point)
+        np.multiply(gradient[1::2], self.slopes, out=gradient[2::2])
+        return gradient[0] + gradient[1::2].sum(axis=0) + self.fixed, gradient
 
     def times(self, factor: Array, fixed: Array | float = 0.0) -> Parts:
         """Times a factor (b,)."""
@@ -182,7 +188,7 @@ class Learned:
             value = samples * (point[0] + np.exp(-point[0]) - 1.0)
             return float(value), np.array([samples * (1.0 - np.exp(-point[0]))])
         counts, shares = self._at_rest
-        total, slopes = shares.at(point), shares.gradient(point)
+        total, slopes = shares.both(point)
         value = 2.0 * float(counts @ (np.log(total) + 1.0 / total - 1.0))
         gradient = 2.0 * slopes @ (counts * (1.0 - 1.0 / total) / total)
         return value, np.asarray(gradient)
@@ -280,7 +286,7 @@ class Spectrum:
         spread = np.linalg.slogdet(known + sweep)[1] - np.linalg.slogdet(known)[1]
         return -0.5 * float(spread + self._prior @ (point - self._expected) ** 2)
 
-    @property
+    @cached_property
     def _prior(self) -> Array:
         """Prior precisions of the logarithms of the white part, and of the coloured parts' sizes and times."""
         found = np.array([1e-2, *[1.0 / _SIZES**2, 1.0 / _TIMES**2] * (self.learned.free // 2)])
@@ -288,7 +294,7 @@ class Spectrum:
         found[self._unseen] = 1.0 / (_UNSEEN if seen else _UNTOLD) ** 2
         return found
 
-    @property
+    @cached_property
     def _expected(self) -> Array:
         """Their prior means."""
         found = np.zeros(self.learned.free)
@@ -308,13 +314,14 @@ class Spectrum:
 
     def _loss(self, point: Array, unit: Array) -> tuple[float, Array]:
         added = float(np.exp(point[-1]))
-        total = self.floor.at(point[:-1]) + added * unit
+        floor, slopes = self.floor.both(point[:-1])
+        total = floor + added * unit
         penalty, pull = self.learned.penalty(point[:-1])
         slope = (self.counts - self.power / total) / total
         off = point[:-1] - self._expected
         pulled = self._prior * off
         value = float(self.counts @ np.log(total) + np.sum(self.power / total) + pulled @ off) + penalty
-        gradient = self.floor.gradient(point[:-1]) @ slope + pull + 2.0 * pulled
+        gradient = slopes @ slope + pull + 2.0 * pulled
         return value, np.array([*gradient, added * float(unit @ slope)])
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import orthonormal, project
+from estimators.gap.data.projection import orthonormal, project, side_by_side
 from estimators.gap.data.whitened import Columns
 from estimators.gap.hypotheses.tails import chi2_logsf
 
@@ -61,6 +61,8 @@ def evidence(statistic: float, rank: int) -> float:
 def solve(gram: Array, moment: Array, length: Array) -> Score:
     """The score from projected Gram matrix Z'MZ (m, m), Z'Mr (m,) and the columns' unprojected lengths (m,)."""
     length = np.maximum(length, 1e-100)
+    if len(length) == 1:
+        return _solve_one(float(gram[0, 0]) / float(length[0]) ** 2, float(moment[0] / length[0]), float(length[0]))
     values, vectors = np.linalg.eigh(gram / np.outer(length, length))
     kept = values > ABSORBED**2
     visible = float(np.sqrt(max(values[-1], 0.0)))
@@ -69,6 +71,14 @@ def solve(gram: Array, moment: Array, length: Array) -> Score:
     along = vectors[:, kept].T @ (moment / length)
     strengths = np.where(length > 1e-100, vectors[:, kept] @ (along / values[kept]) / length, 0.0)
     return Score(float(np.sum(along**2 / values[kept])), int(kept.sum()), strengths, visible)
+
+
+def _solve_one(value: float, along: float, length: float) -> Score:
+    """As ``solve``, of one column."""
+    visible = float(np.sqrt(max(value, 0.0)))
+    if value <= ABSORBED**2:
+        return Score(0.0, 0, np.zeros(1), visible)
+    return Score(along**2 / value, 1, np.array([along / value / length if length > 1e-100 else 0.0]), visible)
 
 
 @dataclass(frozen=True)
@@ -88,7 +98,7 @@ class Explained:
     @property
     def basis(self) -> Array:
         """(c n, p + k)."""
-        return self.absorbed if self.added is None else np.hstack([self.absorbed, self.added])
+        return self.absorbed if self.added is None else side_by_side(self.absorbed, self.added)
 
     def of(self, rows: NDArray[np.intp]) -> Explained:
         """In some of the rows: for columns that are zero outside them, and residuals."""
@@ -128,5 +138,5 @@ class Explained:
         """With columns (c n, m) explained as well."""
         fresh = orthonormal(self.without(columns))
         fresh = orthonormal(self.without(fresh))  # twice is enough (Parlett 1980, section 6.9)
-        added = fresh if self.added is None else np.hstack([self.added, fresh])
+        added = fresh if self.added is None else side_by_side(self.added, fresh)
         return Explained(self.absorbed, project(fresh, self.residual), added)
