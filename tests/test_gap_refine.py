@@ -204,7 +204,10 @@ def test_sets_far_from_everything_are_followed_while_noise_is_likelier_beside_th
 def test_the_set_that_leads_sample_by_sample_has_its_effects_swapped_too(
     arm: Arm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A steady roll of joint 6 makes the field of its motor much like one of link 5: with one, the other is tried."""
+    """A steady roll of joint 6 makes the field of its motor much like one of link 5: with one, the other is tried.
+
+    They tie to rounding: either may lead, and where the other does next, its effects are swapped in turn.
+    """
     data = whitened_data(1, arm, DIPOLE, make_effect("link_hard_iron", {"where": "link5", "field": (0.02, 0.0, -0.02)}))
     labels = ("base_dipole@base", "link_hard_iron@link5", "motor_current_field@joint6")
     candidates = [each for each in all_candidates(data) if each.label in labels]
@@ -215,12 +218,13 @@ def test_the_set_that_leads_sample_by_sample_has_its_effects_swapped_too(
         found = refined(search)
         if not calls:  # as if means over neighbours had led the search elsewhere
             search.improved.clear()
-            for key in [key for key in search.found if {labels[0], labels[2]} <= set(key[0])]:
+            other = labels[1] if labels[2] in found[0].key else labels[2]
+            for key in [key for key in search.found if {labels[0], other} <= set(key[0])]:
                 del search.found[key]
         calls.append(found[0].key)
         return found
 
     monkeypatch.setattr(Search, "_refined", late)
     search.run()
-    assert len(calls) == 2
+    assert len(calls) in (2, 3)
     assert {labels[:2], labels[::2]} <= {key for key, _ in search.found}

@@ -38,6 +38,12 @@ def turned(axis: ArrayLike, angle: ArrayLike, vectors: Array) -> Array:
     return result[:, :, 0] if vectors.ndim == 2 else result
 
 
+def times(matrices: Array, right: ArrayLike) -> Array:
+    """Matrices (n, 3, 3) times one vector (3,) or one matrix (3, 3), as a single product."""
+    other = np.asarray(right)
+    return np.asarray((matrices.reshape(-1, 3) @ other).reshape(len(matrices), 3, *other.shape[1:]))
+
+
 def recursion(decay: Array, drive: Array) -> Array:
     """y[0] = drive[0], y[k] = decay[k-1] y[k-1] + drive[k].
 

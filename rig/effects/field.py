@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from rig.channels import COLUMNS_OF, MAGNETOMETER
+from rig.effects._numerics import times
 from rig.effects.base import LINKS, SWEPT_JOINTS, Effect, Stage, register
 from rig.effects.parameters import Value, parameter
 from rig.effects.transmission import smooth_sign
@@ -123,7 +124,7 @@ class LinkHardIron(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        return with_field(signals, signals.link_rotation(self.joint) @ np.asarray(self.field))
+        return with_field(signals, times(signals.link_rotation(self.joint), self.field))
 
 
 @register
@@ -177,5 +178,5 @@ class MotorCurrentField(Effect):
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         current = signals.currents.get(self.joint + 1)
         drive = smooth_sign(signals.joint_velocity[:, self.joint]) if current is None else current
-        in_base = signals.link_rotation(motor_link(self.joint)) @ np.asarray(self.field)
+        in_base = times(signals.link_rotation(motor_link(self.joint)), self.field)
         return with_field(signals, drive[:, None] * in_base)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from rig.effects._numerics import turned
+from rig.effects._numerics import times, turned
 from rig.effects.base import Effect, Stage, register
 from rig.effects.parameters import Value, parameter
 from rig.signals import Signals
@@ -74,7 +75,7 @@ class AxisMisalignment(Effect):
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         R_base_link, position = signals.link_pose(self.joint)
-        axis = R_base_link @ twist_axis(signals, self.joint)
+        axis = times(R_base_link, twist_axis(signals, self.joint))
         lever = signals.position - position
         return replace(
             signals,
@@ -113,6 +114,12 @@ class BaseRocking(Effect):
         )
 
 
+@lru_cache(maxsize=64)
+def _turn(rotation_rad: tuple[float, ...]) -> Array:
+    """(3, 3) of a rotation vector; a slip is applied again and again beside what else is fitted."""
+    return np.asarray(Rotation.from_rotvec(rotation_rad).as_matrix())
+
+
 @register
 @dataclass(frozen=True)
 class MountingSlip(Effect):
@@ -138,8 +145,7 @@ class MountingSlip(Effect):
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         if not any(self.rotation_rad):
             return signals
-        R_tool_slipped = Rotation.from_rotvec(self.rotation_rad).as_matrix()
         rotation = signals.R_base_tool.copy()
-        slipped = signals.t >= self.at_s
-        rotation[slipped] = rotation[slipped] @ R_tool_slipped
+        slipped = slice(int(np.searchsorted(signals.t, self.at_s)), None)
+        rotation[slipped] = times(rotation[slipped], _turn(self.rotation_rad))
         return replace(signals, R_base_tool=rotation)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from typing_extensions import override
 
-from rig.effects._numerics import curvature
+from rig.effects._numerics import curvature, times
 from rig.effects.base import Effect, Stage, register
 from rig.effects.parameters import choice, parameter, phase
 from rig.errors import RigError
@@ -45,7 +45,7 @@ class MotionAcceleration(Effect):
         rotation, site = (signals.R_base_tool, signals.position) if nodes is None else nodes.smooth(signals.t)
         path = site if quasi_static else np.zeros_like(site)
         if any(self.lever_m):
-            path = path + rotation @ np.asarray(self.lever_m)
+            path = path + times(rotation, self.lever_m)
         elif not quasi_static:
             return signals
         return replace(signals, acceleration=signals.acceleration + curvature(signals.t, path))
@@ -92,8 +92,8 @@ class Vibration(Effect):
         if self.frame == "base":
             vector = fixed[None]
         elif self.frame == "tool":
-            vector = signals.R_base_tool @ fixed
+            vector = times(signals.R_base_tool, fixed)
         else:
-            vector = signals.link_rotation(0) @ fixed
+            vector = times(signals.link_rotation(0), fixed)
         wave = np.sin(2.0 * np.pi * self.freq_Hz * signals.t + self.phase_rad)
         return replace(signals, acceleration=signals.acceleration + wave[:, None] * vector)

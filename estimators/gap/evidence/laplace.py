@@ -106,20 +106,21 @@ class Linear:
 
         Args:
             square, gram, moment: (...,), (..., p, p), (..., p) left' S left, T' S T and T' S left.
-            precision: (p,) of the prior.
+            precision: (p,) or (..., p) of the prior.
         """
         if not len(self.point):
             return np.asarray(-0.5 * np.asarray(square))
         diagonal = np.einsum("...ii->...i", gram) + precision
         scale = 1.0 / np.sqrt(np.maximum(diagonal, 0.5 * precision))
-        posterior = (gram + np.diag(precision)) * scale[..., :, None] * scale[..., None, :]
+        own = precision[..., :, None] * np.eye(len(self.point))
+        posterior = (gram + own) * scale[..., :, None] * scale[..., None, :]
         values, vectors = np.linalg.eigh(posterior)
         least = np.min(precision * scale**2, axis=-1)  # the prior alone is as much: less is rounding
         values = np.maximum(values, np.maximum(0.5 * least, 1e-13)[..., None])
         z = np.einsum("...ij,...i->...j", vectors, (moment + precision * self.pull) * scale)
         log_det = np.log(values).sum(axis=-1) - 2.0 * np.log(scale).sum(axis=-1)
-        fit = np.sum(z**2 / values, axis=-1) - float(precision @ self.pull**2)
-        return np.asarray(-0.5 * square + 0.5 * fit + 0.5 * float(np.log(precision).sum()) - 0.5 * log_det)
+        fit = np.sum(z**2 / values, axis=-1) - precision @ self.pull**2
+        return np.asarray(-0.5 * square + 0.5 * fit + 0.5 * np.log(precision).sum(axis=-1) - 0.5 * log_det)
 
     @cached_property
     def _ways(self) -> list[list[_Way]]:
@@ -148,24 +149,25 @@ class Linear:
         if not self.grids:
             return -0.5 * square, np.zeros(0)
 
-        def at(chosen: Sequence[_Way]) -> float:
-            known = float(self.log_evidence(square, self.gram, moment, self._precision_of(chosen)))
-            return known + sum(weight for *_, weight in chosen)
+        def at(every: Sequence[Sequence[_Way]]) -> Array:
+            precision = np.stack([self._precision_of(chosen) for chosen in every])
+            known = self.log_evidence(square, self.gram, moment, precision)
+            return np.asarray(known + [sum(weight for *_, weight in chosen) for chosen in every])
 
         if np.prod([len(ways) for ways in self._ways]) <= _FULL:
-            every = [(at(chosen), chosen) for chosen in itertools.product(*self._ways)]
-            best = max(every, key=lambda pair: pair[0])[1]
-            total = float(np.logaddexp.reduce([value for value, _ in every]))
-            return total - self.searched, np.array([scale for scale, *_ in best])
+            combinations = list(itertools.product(*self._ways))
+            values = at(combinations)
+            best = combinations[int(np.argmax(values))]
+            return float(np.logaddexp.reduce(values)) - self.searched, np.array([scale for scale, *_ in best])
         chosen = [ways[len(self.grids[index]) // 2] for index, ways in enumerate(self._ways)]
 
-        def along(index: int) -> list[float]:
-            return [at([*chosen[:index], way, *chosen[index + 1 :]]) for way in self._ways[index]]
+        def along(index: int) -> Array:
+            return at([[*chosen[:index], way, *chosen[index + 1 :]] for way in self._ways[index]])
 
         for _ in range(2):
             for index, ways in enumerate(self._ways):
                 chosen[index] = ways[int(np.argmax(along(index)))]
-        top = at(chosen)
+        top = float(at([chosen])[0])
         total = top + sum(float(np.logaddexp.reduce(along(index))) - top for index in range(len(chosen)))
         return total - self.searched, np.array([scale for scale, *_ in chosen])
 
