@@ -15,6 +15,7 @@ from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.defects import readings_of
 from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.converge import converged
+from estimators.gap.evidence.refine import Fitted
 from estimators.gap.evidence.states import unnamed
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.scan import Scanner
@@ -66,6 +67,18 @@ def test_a_strong_cause_and_the_calibration_are_fitted_together(arm: Arm) -> Non
     if cause.effect == "sensor_lag":
         estimate = cause.parameters["tau_s"]
         assert abs(estimate.value - tau_s) < 4.0 * estimate.std + 0.02 * tau_s  # the path is sampled, not continuous
+
+
+def test_poses_before_and_after_the_recording_leave_nothing_in_what_is_judged(arm: Arm) -> None:
+    """Cut from the middle of a sweep, whose readings lag: the first and last of them are of poses that nobody logged.
+
+    18,000 readings of white noise exceed six standard deviations once in 28,000 times.
+    """
+    run = recorded(1, ("latency", {"where": "acquisition", "delay_s": -0.4}), decimation=25).select(slice(1000, 4000))
+    lag = Fitted(Candidate(EFFECTS["latency"], "acquisition"), np.array([-0.35]), {})
+    found = converged([lag], set_up(run, estimated_floor(run, arm), arm))
+    assert np.abs(found.left).max() < 6.0
+    assert np.count_nonzero(found.left == 0.0) == 6 * 2 * 2  # half a second at 4 Hz, at either end
 
 
 def test_convergence_leaves_a_good_fit_alone(data: WhitenedData) -> None:

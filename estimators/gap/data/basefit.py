@@ -34,6 +34,9 @@ from rig.units import ELECTRICAL
 
 Array = NDArray[np.float64]
 
+#: Time at the ends of a recording in which its poses do not tell all that its readings show [s]: as long as boards,
+#: buses and filters of laboratories delay.
+_ENDS_S = 0.5
 #: A locked recording is thinned to this many samples for each of the sweep's: finer steps teach nothing about its
 #: colour.
 _FINER = 10
@@ -225,10 +228,19 @@ def _set_up(
 
 
 def placed(recording: Recording, signals: Signals, pipeline: Pipeline, floor: tuple[ChannelNoise, ...]) -> WhitenedData:
-    """A recording, its angles or poses, whitened beside a fitted pipeline with its sensors."""
+    """A recording, its angles or poses, whitened beside a fitted pipeline with its sensors.
+
+    The readings at either end are left out: how the arm moved before and after, which some of them still or already
+    show, nobody knows.
+    """
     readings = all_readings(recording)
     base = pipeline.expected(signals, np.random.default_rng(0))
-    return WhitenedData(known(base), pipeline, readings, floor, np.ones_like(readings), floor)
+    data = WhitenedData(known(base), pipeline, readings, floor, np.ones_like(readings), floor)
+    if recording.metadata.still_poses:
+        return data
+    t = recording.t
+    ends = np.minimum(t - t[0], t[-1] - t) < _ENDS_S
+    return data.without(np.broadcast_to(ends[:, None], readings.shape))
 
 
 def floor_of(recording: Recording, floor: Sequence[ChannelNoise]) -> dict[str, Array]:
