@@ -21,6 +21,7 @@ from estimators.gap.evidence.refine import Fitted
 from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.prior import FLOOR_RAISED
+from estimators.gap.hypotheses.sources import courses
 from rig.arm import Arm
 from rig.effects import EFFECTS, make_effect
 from rig.pose_nodes import quaternions
@@ -165,3 +166,17 @@ def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(data:
     assert best.log_mass > 0.5 * 0.9 * 40.0**2 - 100.0
     quiet = weighed(unexplained(noise), discrepancies, {"scale_cubic@mag1": change})
     assert all(each.log_mass < 0.0 for each in quiet)
+
+
+def test_how_fast_the_tool_turns_holds_what_any_lever_feels(arm: Arm) -> None:
+    """A lever's acceleration is linear in the angular acceleration and in products of rates: what is left of it comes
+    from differences over two samples, a sixth of the squared turn of one, and of the reversals between them."""
+    run = recorded(1, decimation=25)
+    whole = set_up(run, estimated_floor(run, arm), arm)
+    lever = whole.change([make_effect("motion_acceleration", {"where": "accelerometer", "lever_m": (0.1, -0.2, 0.3)})])
+    still = whole.change([make_effect("motion_acceleration", {"where": "accelerometer"})])
+    moved = (lever - still)[2:-2, :3]
+    (course,) = [each for each, _ in courses(whole) if each.name == "how fast the tool turns"]
+    columns = np.column_stack([np.ones(whole.count), course.values])[2:-2]
+    left = moved - columns @ np.linalg.lstsq(columns, moved, rcond=None)[0]
+    assert np.linalg.norm(left) < 0.01 * np.linalg.norm(moved - moved.mean(axis=0))

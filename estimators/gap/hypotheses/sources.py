@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from estimators.gap.data.whitened import WhitenedData
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
@@ -29,6 +30,9 @@ _DELAY: Final = 1e-4
 #: Cosines of time, and harmonics of a joint's angle.
 COSINES: Final = 96
 _ORDERS: Final = 3
+#: Poses further apart [rad] than this are single ones, and so are fewer than this of them: they tell no speed.
+_FAR_APART: Final = 0.5
+_SERIES: Final = 8
 
 
 @dataclass(frozen=True)
@@ -148,9 +152,16 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
             if np.std(direction) > 0.1:
                 both = direction * np.column_stack([np.ones(len(q)), waves[:, :2]])
                 yield Course(f"the direction of joint{joint + 1}", both, np.array([1.0, 0.5, 0.5])), every
+            speed = base.joint_velocity[:, joint]
+            moved = [_of_size_one(each) for each in (speed, np.gradient(speed, base.t))]
+            yield Course(f"speed and acceleration of joint{joint + 1}", np.column_stack(moved), np.ones(2)), every
     elements = base.R_base_tool.reshape(-1, 9)
     both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
     yield Course("orientation", both, np.ones(both.shape[1])), every
+    rate, growth = _turning(data)
+    if rate.any():
+        both = np.column_stack([_of_size_one(each) for each in (rate, growth, _products(rate))])
+        yield Course("how fast the tool turns", both, np.ones(both.shape[1])), every
     if len(data.parts) > 1:
         which = np.zeros((len(base), len(data.parts)))
         for number, own in enumerate(data.stretches[: len(data.parts)]):
@@ -167,6 +178,28 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
     if base.temperature is not None and np.ptp(base.temperature) > 0:
         warm = (base.temperature - base.temperature.mean()) / np.std(base.temperature)
         yield Course("temperature", np.column_stack([warm, warm**2]), np.array([1.0, 0.3])), every
+
+
+def _turning(data: WhitenedData) -> tuple[Array, Array]:
+    """(n, 3) [rad/s], [rad/s^2] the tool's angular velocity and acceleration in its own frame, by central differences;
+    zero where its poses are too far apart to tell."""
+    base, rate, growth = data.base, np.zeros((data.count, 3)), np.zeros((data.count, 3))
+    for own in data.stretches[: len(data.parts)]:
+        rotation, t = Rotation.from_matrix(base.R_base_tool[own]), base.t[own]
+        if len(t) < _SERIES:
+            continue
+        turns = (rotation[:-1].inv() * rotation[1:]).as_rotvec()
+        if np.quantile(np.linalg.norm(turns, axis=1), 0.95) > _FAR_APART:
+            continue
+        speed = turns / np.diff(t)[:, None]
+        rate[own] = 0.5 * (np.concatenate([speed[:1], speed]) + np.concatenate([speed, speed[-1:]]))
+        growth[own][1:-1] = 2.0 * np.diff(speed, axis=0) / (t[2:] - t[:-2])[:, None]
+    return rate, growth
+
+
+def _of_size_one(values: Array) -> Array:
+    """Divided by their root mean square."""
+    return values / max(float(np.sqrt(np.mean(values**2))), 1e-300)
 
 
 def level_courses(data: WhitenedData, column: int) -> list[Course]:
