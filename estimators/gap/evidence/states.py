@@ -7,7 +7,7 @@ Each is a further step of whitening, and a log weight: the determinant of that s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -90,6 +90,7 @@ class Pieces:
 
     data: WhitenedData
     columns: Array
+    _spectra: dict[tuple[int, int], Array] = field(default_factory=dict)
 
     @cached_property
     def _values(self) -> dict[tuple[int, int], Array]:
@@ -104,10 +105,6 @@ class Pieces:
     @cached_property
     def _grams(self) -> dict[tuple[int, int], Array]:
         return {place: values @ values.T for place, values in self._values.items()}
-
-    @cached_property
-    def _spectra(self) -> dict[tuple[int, int], Array]:
-        return {}
 
     def gram(self, steps: Sequence[Step]) -> Array:
         """(m, m) products of the columns after further steps."""

@@ -153,7 +153,7 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
                 both = direction * np.column_stack([np.ones(len(q)), waves[:, :2]])
                 yield Course(f"the direction of joint{joint + 1}", both, np.array([1.0, 0.5, 0.5])), every
             speed = base.joint_velocity[:, joint]
-            moved = [_of_size_one(each) for each in (speed, np.gradient(speed, base.t))]
+            moved = [_of_size_one(each) for each in (speed, _slope(data, speed))]
             yield Course(f"speed and acceleration of joint{joint + 1}", np.column_stack(moved), np.ones(2)), every
     elements = base.R_base_tool.reshape(-1, 9)
     both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
@@ -178,6 +178,14 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
     if base.temperature is not None and np.ptp(base.temperature) > 0:
         warm = (base.temperature - base.temperature.mean()) / np.std(base.temperature)
         yield Course("temperature", np.column_stack([warm, warm**2]), np.array([1.0, 0.3])), every
+
+
+def _slope(data: WhitenedData, values: Array) -> Array:
+    """(n,) derivative of values (n,) with time, of each recording by itself."""
+    found = np.zeros(data.count)
+    for own in data.stretches[: len(data.parts)]:
+        found[own] = np.gradient(values[own], data.base.t[own])
+    return found
 
 
 def _turning(data: WhitenedData) -> tuple[Array, Array]:
