@@ -114,7 +114,7 @@ def _spline(t: Array, values: Array) -> tuple[Array, Array, Array, Array]:
     Returns:
         (m, n - 1) coefficients of each interval: cube, square, slope, level, of the time since its start.
     """
-    if len(t) < 4:
+    if len(t) < 4 or not values.size:  # LAPACK's solver writes a column where it is given none
         cube, square, slope, level = CubicSpline(t, values, axis=0).c
         return cube.T, square.T, slope.T, level.T
     step, level = np.diff(t), np.ascontiguousarray(values.T)
