@@ -5,7 +5,7 @@ The simulator runs it on a maneuver, the diagnosis on a recording's own angles.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +49,11 @@ class Pipeline:
     def columns(self) -> list[int]:
         """The channels that are there, as columns of an array (n, 6)."""
         return [index for name in self.sensors for index in range(*COLUMNS_OF[name].indices(len(CHANNELS)))]
+
+    def restricted(self, sensors: Iterable[str]) -> Pipeline:
+        """With some of its sensors."""
+        own = {name: sensor for name, sensor in self.sensors.items() if name in set(sensors)}
+        return replace(self, accelerometer=own.get(ACCELEROMETER), magnetometer=own.get(MAGNETOMETER))
 
     def expected(
         self, signals: Signals, rng: np.random.Generator, first: Stage = Stage.TRANSMISSION, last: Stage = Stage.VOLTS

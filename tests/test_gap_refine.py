@@ -18,7 +18,7 @@ from estimators.gap.data.whitened import Columns, WhitenedData
 from estimators.gap.diagnosis import percent
 from estimators.gap.evidence import converge
 from estimators.gap.evidence.refine import Fitted, _Point, _Problem, _Slopes, explained_by, refit, started, tangents
-from estimators.gap.hypotheses.candidates import all_candidates
+from estimators.gap.hypotheses.candidates import STEP, all_candidates
 from estimators.gap.hypotheses.considered import set_prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained, Score
@@ -89,9 +89,12 @@ def test_derivatives_are_taken_beside_what_touches_the_same_channels(arm: Arm) -
     crossed = next(each for each in all_candidates(data) if each.effect.name == "channel_crosstalk")
     size = Fitted(crossed, np.full(1, 0.01), {})
     for fitted in (moved, [*moved, size]):
-        for each, found in zip(fitted, tangents(fitted, data), strict=True):
-            whole = each.tangent(data, [other.effect for other in fitted if other is not each])
-            np.testing.assert_allclose(found, whole, rtol=0.0, atol=1e-6 * np.abs(whole).max())
+        still = data.change([each.effect for each in fitted])
+        for index, found in enumerate(tangents(fitted, data)):
+            for column, more in zip(found.T, fitted[index].moved, strict=True):
+                ahead = data.change([more if each is fitted[index] else each.effect for each in fitted])
+                whole = data.whiten(ahead - still) / STEP
+                np.testing.assert_allclose(column, whole, rtol=0.0, atol=1e-6 * np.abs(whole).max())
 
 
 def test_what_the_calibration_absorbs_is_not_fitted(arm: Arm) -> None:
@@ -151,7 +154,7 @@ def test_what_nothing_shows_is_not_moved(arm: Arm) -> None:
     """A phase of what has no amplitude: its derivative is rounding, and a step along it was one of 1e135 rad."""
     columns, left = np.array([[2.0, 0.0], [0.0, 1e-130]]), np.array([1.0, 1e5])
     slopes = _Slopes(np.zeros(2), columns, columns.T @ columns, np.zeros((2, 1)), np.zeros(2))
-    step = slopes.step(_Point(np.zeros(2), [], left, 0.0), 0.0)
+    step = slopes.step(_Point(np.zeros(2), [], np.zeros(0), left, 0.0), 0.0)
     np.testing.assert_allclose(step, [0.5, 0.0], rtol=1e-9, atol=0.0)
     data = whitened_data(1, arm)
     fit = Fitted(next(each for each in all_candidates(data) if each.label == "scale_cubic@mag1"), np.zeros(1), {})

@@ -109,7 +109,8 @@ def test_changes_beside_other_effects_are_those_of_the_whole_pipeline(data: Whit
         ("joint_scale", {"where": "joint1", "scale": 1e-3}),
     ):
         moved = [make_effect(name, values)]
-        np.testing.assert_array_equal(data.changes(moved, others)[0], data.change([*moved, *others]))
+        every, channels = [*others, *moved], np.ones(6, dtype=bool)
+        np.testing.assert_array_equal(data.changes(every, 1, moved, channels)[0], data.change(every))
 
 
 def test_one_repeated_row_is_a_dropout(data: WhitenedData) -> None:

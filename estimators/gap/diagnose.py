@@ -16,7 +16,7 @@ from estimators.gap.data.basefit import posed, set_up
 from estimators.gap.data.blocks import block_size
 from estimators.gap.data.defects import Defect, explained_away, find_defects, masked
 from estimators.gap.data.laid_out import Laid, Locked, check, floor_and_step, laid_out, rest_of
-from estimators.gap.data.stack import acting, restricted
+from estimators.gap.data.stack import acting
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.evidence.fast_tones import fast_tones
@@ -143,7 +143,7 @@ def examined(
         unsure = [*leading.explanation.moved(-_UNSURE), *leading.explanation.moved(_UNSURE)]
         left = []
         for number, (data, own, block) in enumerate(zip(laid.data, defects, blocks, strict=True)):
-            pipeline = restricted(leading.explanation.data.pipeline, tuple(data.pipeline.sensors))
+            pipeline = leading.explanation.data.pipeline.restricted(data.pipeline.sensors)
             raised = _raised(leading.state, block, len(data.base), number, posterior.scanner.fine.data)
             own_unsure = [acting(each, number) for each in unsure]
             own_effects = acting(effects, number)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.gap.data.rebase import around
-from estimators.gap.data.stack import acting, restricted
+from estimators.gap.data.stack import acting
 from estimators.gap.diagnose import Examined, examined
 from estimators.gap.report.separation import rivals
 from rig.arm import Arm
@@ -127,7 +127,7 @@ def residuals_of_each(found: Examined) -> list[GapResiduals]:
                 white_after=whitened(with_noise(part, named, left), left) if explained else None,
                 causes=causes,
                 data=replace(part, base=replace(part.base, t=part.base.t - began, known_nodes=None)) if began else part,
-                calibrated=restricted(found.settled, recording.sensors),
+                calibrated=found.settled.restricted(recording.sensors),
             )
         )
     return result

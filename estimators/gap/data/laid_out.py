@@ -24,7 +24,7 @@ from estimators.gap.data.basefit import (
     signals_of,
 )
 from estimators.gap.data.defects import lattice
-from estimators.gap.data.stack import Anchor, Stack, restricted, running_on
+from estimators.gap.data.stack import Anchor, Stack, running_on
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.goodness.raw_readings import copies
@@ -84,7 +84,7 @@ class Laid:
         if self.calibration is not None:
             pipeline = fitted_pipeline(self.calibration, self.recordings[0])
             there = [name for name in pipeline.sensors if any(name in each.pipeline.sensors for each in data)]
-            pipeline = restricted(pipeline, there)
+            pipeline = pipeline.restricted(there)
             last = data[-1] if set(there) <= set(data[-1].pipeline.sensors) else data[0]
             anchor = Anchor.beside(last, pipeline, self.calibration)
             return Stack.of([*data, anchor], names, pipeline, self.began)
@@ -120,7 +120,7 @@ def laid_out(
     for recording, rest in zip(recordings, rests, strict=True):
         if rest is None:
             assert known is not None
-            floor = floor_beside(recording, used, restricted(fitted_pipeline(known, recording), recording.sensors))
+            floor = floor_beside(recording, used, fitted_pipeline(known, recording).restricted(recording.sensors))
             step, source = np.full(6, np.nan), _ESTIMATED
         else:
             floor, step, source = floor_and_step(recording, rest, used)
@@ -137,7 +137,7 @@ def laid_out(
     signals = [signals_of(recording, used) for recording in recordings]
     data, began = [], []
     for recording, own, clock, floor in zip(recordings, signals, running_on(signals), floors, strict=True):
-        pipeline = restricted(fitted_pipeline(joint, recording), recording.sensors)
+        pipeline = fitted_pipeline(joint, recording).restricted(recording.sensors)
         data.append(placed(recording, clock, pipeline, floor))
         began.append(float(clock.t[0] - own.t[0]))
     return Laid(

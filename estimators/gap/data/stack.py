@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
 from estimators.gap.data.whitened import Step, WhitenedData
-from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.directions import tangent_basis
 from rig.effects import Effect
 from rig.errors import RigError
@@ -136,13 +136,17 @@ class Stack(WhitenedData):
         parts = [member.change(acting(effects, number)) for number, member in enumerate(self.each)]
         return np.nan_to_num(np.concatenate(parts))
 
-    def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
+    def changes(
+        self, effects: Sequence[Effect], index: int, moved: Sequence[Effect], channels: NDArray[np.bool_]
+    ) -> list[Array]:
         """As of ``WhitenedData``."""
         found: list[list[Array]] = [[] for _ in moved]
         for number, member in enumerate(self.each):
-            rest = acting(others, number)
-            here = bool(acting(moved[:1], number))
-            own = member.changes(moved, rest) if here else [member.change(rest)] * len(moved)
+            rest = acting(effects, number)
+            place = next((place for place, effect in enumerate(rest) if effect is effects[index]), None)
+            own = [member.change(rest)] * len(moved)
+            if place is not None:
+                own = member.changes(rest, place, moved, channels)
             for each, change in zip(found, own, strict=True):
                 each.append(change)
         return [np.nan_to_num(np.concatenate(each)) for each in found]
@@ -154,7 +158,7 @@ class Stack(WhitenedData):
 
     def around(self, pipeline: Pipeline) -> Stack:
         """As of ``WhitenedData``."""
-        members = [member.around(restricted(pipeline, tuple(member.pipeline.sensors))) for member in self.each]
+        members = [member.around(pipeline.restricted(member.pipeline.sensors)) for member in self.each]
         return Stack.of(members, self.names, pipeline, self.began, self.steps)
 
     def having(self, effects: Sequence[Effect]) -> Stack:
@@ -298,7 +302,9 @@ class Anchor(WhitenedData):
         """Nothing."""
         return np.zeros_like(self.readings)
 
-    def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
+    def changes(
+        self, effects: Sequence[Effect], index: int, moved: Sequence[Effect], channels: NDArray[np.bool_]
+    ) -> list[Array]:
         """Nothing."""
         return [np.zeros_like(self.readings)] * len(moved)
 
@@ -345,12 +351,6 @@ class Anchor(WhitenedData):
 def acting(effects: Sequence[Effect], number: int) -> list[Effect]:
     """Those that act in a recording."""
     return [effect for effect in effects if part_of(effect) in (None, number)]
-
-
-def restricted(pipeline: Pipeline, sensors: Sequence[str]) -> Pipeline:
-    """The pipeline with some of its sensors."""
-    own: dict[str, Any] = {name: sensor for name, sensor in pipeline.sensors.items() if name in sensors}
-    return replace(pipeline, accelerometer=own.get(ACCELEROMETER), magnetometer=own.get(MAGNETOMETER))
 
 
 def running_on(signals: Sequence[Signals]) -> list[Signals]:

@@ -331,14 +331,27 @@ class WhitenedData:
         rng = np.random.default_rng(0)  # mean effects draw nothing
         return replace(self.pipeline, effects=tuple(effects)).carried(self.base, rng).volts
 
-    def changes(self, moved: Sequence[Effect], others: Sequence[Effect]) -> list[Array]:
-        """As ``change``, of each of several effects of one stage beside others; the stages before it run once."""
-        rng, stage = np.random.default_rng(0), moved[0].stage
+    def changes(
+        self, effects: Sequence[Effect], index: int, moved: Sequence[Effect], channels: NDArray[np.bool_]
+    ) -> list[Array]:
+        """As ``change``, with one of the effects as each of several others; the stages before it run once.
+
+        Args:
+            channels: (6,) of these alone; what a sensor without any reads is not evaluated, and NaN.
+        """
+        rng, stage = np.random.default_rng(0), effects[index].stage
+        here = [name for name, own in COLUMNS_OF.items() if name in self.pipeline.sensors and channels[own].any()]
+        pipeline, base = self.pipeline, self.base
+        if here and len(here) < len(pipeline.sensors):
+            pipeline, inputs = pipeline.restricted(here), np.full_like(base.inputs, np.nan)
+            for name in here:
+                inputs[:, COLUMNS_OF[name]] = base.inputs[:, COLUMNS_OF[name]]
+            base = replace(base, inputs=inputs)
         begun, found = None, []
         for effect in moved:
-            pipeline = replace(self.pipeline, effects=(*self.given, effect, *others))
-            begun = begun or pipeline.begun(self.base, rng, stage)
-            found.append(pipeline.carried(self.base, rng, begun, stage).volts - self.modelled)
+            pipeline = replace(pipeline, effects=(*self.given, *effects[:index], effect, *effects[index + 1 :]))
+            begun = begun or pipeline.begun(base, rng, stage)
+            found.append(pipeline.carried(base, rng, begun, stage).volts - self.modelled)
         return found
 
     def replayed(self, effects: Sequence[Effect]) -> Array:

@@ -76,15 +76,14 @@ class Fitted:
         moved = replace(self, values=self.values + STEP * self.scale).effect
         return np.asarray((data.change([moved]) != 0.0).any(axis=0))
 
-    def tangent(self, data: WhitenedData, others: Sequence[Effect] = ()) -> Array:
+    @property
+    def moved(self) -> list[Effect]:
+        """With each of the values a little larger."""
+        return [replace(self, values=self.values + row).effect for row in np.diag(STEP * self.scale)]
+
+    def tangent(self, data: WhitenedData) -> Array:
         """(c count, p) whitened derivatives at the fitted values, each scaled to a typical size."""
-        moved = [replace(self, values=self.values + row).effect for row in np.diag(STEP * self.scale)]
-        still, *changed = data.changes([self.effect, *moved], others)
-        parts = [(change - still) / STEP for change in changed]
-        columns = data.whiten_changes(parts)
-        full = np.zeros((len(parts), data.size)).T
-        full[columns.rows] = columns.values
-        return full
+        return tangents([self], data)[0]
 
 
 def started(tested: ScoreTest, data: WhitenedData, explained: Explained) -> Fitted:
@@ -211,10 +210,12 @@ def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24) -> Refit:
 
 @dataclass(frozen=True)
 class _Point:
-    """Parameters (p,) in typical sizes, the effects there, what they leave of the whitened residual, its misfit."""
+    """Parameters (p,) in typical sizes, the effects there, what they change of the readings (n, 6) and leave of the
+    whitened residual, its misfit."""
 
     point: Array
     fits: list[Fitted]
+    change: Array
     left: Array
     misfit: float
 
@@ -263,11 +264,12 @@ class _Problem:
             for each in self.fits
         ]
         if not all((np.abs(each.values) <= MAGNITUDES[1]).all() for each in fits):
-            return _Point(point, fits, np.zeros(0), np.inf)
-        left = self.data.whiten(self.data.residual - self.data.change([each.effect for each in fits]))
+            return _Point(point, fits, np.zeros(0), np.zeros(0), np.inf)
+        change = self.data.change([each.effect for each in fits])
+        left = self.data.whiten(self.data.residual - change)
         absorbed = self.data.absorbed.T @ left
         misfit = float(left @ left - absorbed @ absorbed + self.prior @ point**2)
-        return _Point(point, fits, left, misfit)
+        return _Point(point, fits, change, left, misfit)
 
     @cached_property
     def touched(self) -> list[NDArray[np.bool_]]:
@@ -276,33 +278,46 @@ class _Problem:
 
     def slopes(self, here: _Point) -> _Slopes:
         """The derivatives at a point."""
-        columns = side_by_side(*tangents(here.fits, self.data, self.touched))
+        columns = side_by_side(*tangents(here.fits, self.data, self.touched, here.change))
         shared = self.data.absorbed.T @ columns
         gram = columns.T @ columns - shared.T @ shared + np.diag(self.prior)
         return _Slopes(here.point, columns, gram, self.data.absorbed, self.prior)
 
 
 def touched_by(fits: Sequence[Fitted], data: WhitenedData) -> list[NDArray[np.bool_]]:
-    """The channels that matter to each effect: those that it touches."""
+    """The channels that matter to each effect: those that it touches, all where it touches none yet."""
     if len(fits) == 1 or any(each.candidate.names for each in fits):  # what a channel's reading does to another's
         return [np.ones(len(CHANNELS), dtype=bool) for _ in fits]
-    return [each.touched(data) for each in fits]
+    touched = [each.touched(data) for each in fits]
+    return [own if own.any() else ~own for own in touched]
 
 
 def tangents(
-    fits: Sequence[Fitted], data: WhitenedData, touched: Sequence[NDArray[np.bool_]] | None = None
+    fits: Sequence[Fitted],
+    data: WhitenedData,
+    touched: Sequence[NDArray[np.bool_]] | None = None,
+    change: Array | None = None,
 ) -> list[Array]:
     """The tangent of each fitted effect with the others in place: those that touch a channel that it touches.
 
     Args:
-        touched: as ``touched_by``, where it is known.
+        touched: as ``touched_by``, where it is known. change: (n, 6) of the readings by all, where it is known.
     """
     touched = touched_by(fits, data) if touched is None else touched
+    effects = [each.effect for each in fits]
+    change = data.change(effects) if change is None else change
     found = []
-    for each, here in zip(fits, touched, strict=True):
-        near = [bool((here & own).any()) for own in touched]
-        others = [other.effect for other, felt in zip(fits, near, strict=True) if felt and other is not each]
-        found.append(each.tangent(data, others))
+    for index, (each, here) in enumerate(zip(fits, touched, strict=True)):
+        near = [number for number, own in enumerate(touched) if number == index or (here & own).any()]
+        beside = [effects[number] for number in near]
+        parts = []
+        for moved in data.changes(beside, near.index(index), each.moved, here):
+            parts.append(np.zeros_like(change))
+            parts[-1][:, here] = (moved[:, here] - change[:, here]) / STEP
+        columns = data.whiten_changes(parts)
+        full = np.zeros((len(parts), data.size)).T
+        full[columns.rows] = columns.values
+        found.append(full)
     return found
 
 
@@ -310,8 +325,9 @@ def at(fits: Sequence[Fitted], data: WhitenedData) -> Refit:
     """Effects as they were fitted elsewhere, in whitened data."""
     if not fits:
         return Refit([], data, data.whitened, np.zeros((data.size, 0)))
-    left = data.whiten(data.residual - data.change([each.effect for each in fits]))
-    return Refit(list(fits), data, left, side_by_side(*tangents(fits, data)))
+    change = data.change([each.effect for each in fits])
+    left = data.whiten(data.residual - change)
+    return Refit(list(fits), data, left, side_by_side(*tangents(fits, data, change=change)))
 
 
 def explained_by(fits: Sequence[Fitted], data: WhitenedData) -> Explained:
