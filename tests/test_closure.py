@@ -9,7 +9,10 @@ import pytest
 from scipy.special import ndtri
 from scipy.stats import binom
 
+from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.terms import smooth_terms
+from estimators.gap.hypotheses.sources import Source
 from estimators.gap.report.closure import Way, drawn, held_out, share
 
 TIMES, ROWS, SNR = 400, 300, 20.0
@@ -44,6 +47,31 @@ def test_the_interval_of_the_closed_share_holds_the_truth(count: int) -> None:
         held += closed.low <= really <= closed.high
     # the bounds are order statistics of 400 draws, known to a percent or so: anything from 93 to 97 % will do
     assert binom.ppf(1e-5, TIMES, 0.93) <= held <= binom.ppf(1.0 - 1e-5, TIMES, 0.97)
+
+
+def test_draws_do_not_know_which_signs_the_eigenvectors_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another machine's rounding may turn any of them round: parameters and a discrepancy are drawn the same, to the
+    square root of rounding."""
+    rng = np.random.default_rng(3)
+    tangent, left, change = rng.standard_normal((ROWS, 4)), rng.standard_normal(ROWS), rng.standard_normal(ROWS)
+    source = Source("an angle", rng.standard_normal((2, 3, ROWS // 3)), "angle")
+    owner = np.zeros(4, dtype=np.intp)
+    linear = Linear(left, tangent, np.ones(4), np.ones(4, dtype=bool), np.ones(4), owner)
+
+    def draws() -> np.ndarray:
+        _, (term, *_) = smooth_terms(np.full((ROWS, 1), ROWS**-0.5), [source], [[]], [0.0])
+        moments = linear.posterior(np.ones(4))
+        way = Way(1.0, change, linear, moments, 0.0, [Weighed(term, np.arange(8.0))], (linear, change, 0.3 * change))
+        return np.stack(drawn([way], 0.7 * change, np.random.default_rng(0)))
+
+    solve, plain = np.linalg.eigh, draws()
+
+    def turned(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        values, vectors = solve(matrix)
+        return values, vectors * rng.choice([-1.0, 1.0], vectors.shape[-1])
+
+    monkeypatch.setattr(np.linalg, "eigh", turned)
+    np.testing.assert_allclose(draws(), plain, rtol=1e-8)
 
 
 def test_a_shape_that_the_fit_keeps_widens_it_as_a_fitted_one_would() -> None:

@@ -83,10 +83,16 @@ def drawn(ways: Sequence[Way], fitted: Array, rng: np.random.Generator) -> tuple
 
 
 def of_parameters(moments: tuple[Array, Array], rng: np.random.Generator, count: int = _DRAWS) -> Array:
-    """(count, p) draws of parameters less their fitted values."""
+    """(count, p) draws of parameters less their fitted values.
+
+    By the symmetric root of their correlations: that is the same whatever signs, and directions among equals, the
+    eigenvectors were given.
+    """
     mean, covariance = moments
-    values, vectors = np.linalg.eigh(covariance) if len(mean) else (np.zeros(0), np.zeros((0, 0)))
-    return np.asarray(mean + rng.standard_normal((count, len(mean))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return np.asarray(mean + rng.standard_normal((count, len(mean))) @ root * scale)
 
 
 def moved(linear: Linear, change: Array, deltas: Array) -> Array:
@@ -102,18 +108,20 @@ def _of_terms(
     linear, change, off = on_means
     masses = np.array([term.log_mass for term in terms])
     chosen = rng.choice(len(masses), len(deltas), p=np.exp(masses - np.logaddexp.reduce(masses)))
-    columns = np.column_stack([linear.left, linear.tangent, off, change])
+    side = rng.standard_normal(len(change))  # an eigenvector has no sign of its own: that in which it points here
+    columns = np.column_stack([linear.left, linear.tangent, off, change, side])
     for index in np.unique(chosen):
         rows = chosen == index
         term = terms[index].term
         along = term.along(columns)
+        along *= np.where(along[:, -1:] < 0.0, -1.0, 1.0)
         variance = float(term.variances[int(np.argmax(terms[index].gains))])
         spread = variance / (1.0 + variance * term.values)
-        shift = deltas[rows] @ along[:, 1:-2].T
+        shift = deltas[rows] @ along[:, 1:-3].T
         residual = along[:, :1].T - shift
         size = spread * residual + np.sqrt(spread) * rng.standard_normal(residual.shape)
         energy = (size**2) @ term.values + 2.0 * np.einsum("dr,dr->d", size, shift)
-        yield rows, energy, 2.0 * size @ along[:, -2], 2.0 * size @ along[:, -1]
+        yield rows, energy, 2.0 * size @ along[:, -3], 2.0 * size @ along[:, -2]
 
 
 def held_out(linear: Linear, change: Array, data: WhitenedData) -> float:
