@@ -54,7 +54,7 @@ def test_with_the_true_effect_in_the_model_only_noise_is_left(effect: Effect) ->
     run, locked = recorded(effect)
     floor = learn_floor(locked, float(np.median(np.diff(run.t))))
     data = set_up(run, floor, scenario().rig.arm, [effect])
-    freedom = data.size - data.absorbed.shape[1]
+    freedom = data.size - data.absorbed.rank
     # the floor is learned from some 1,400 samples a channel, 3 % of its variance: a chi-square widened by that
     scale = 1.0 + freedom / 1400.0
     assert float(data.whitened @ data.whitened) - freedom < scale**0.5 * (chdtri(freedom, FALSE_FAILURE) - freedom)

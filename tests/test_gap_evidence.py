@@ -81,7 +81,7 @@ def test_the_determinant_of_a_step_is_that_of_the_readings_it_is_of(data: Whiten
     steps = [Step(data.columns[1], factor, in_time=True)]
     weights = np.ones((len(data.columns), data.count))
     weights[1] = factor
-    moved = data.absorbed * weights.ravel()[:, None]
+    moved = data.absorbed.dense() * weights.ravel()[:, None]
     expected = float(np.log(factor).sum()) - 0.5 * float(np.linalg.slogdet(moved.T @ moved)[1])
     assert log_det(data, steps) == pytest.approx(expected, rel=1e-9)
     linear = unexplained(data.whitened)

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 import scenarios
 from estimators.gap.data.basefit import estimated_floor, set_up
-from estimators.gap.data.projection import project
+from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.rebase import around, rebased, stepped
 from estimators.gap.data.whitened import Columns, WhitenedData
 from estimators.gap.diagnosis import percent
@@ -153,7 +153,7 @@ def test_an_onset_that_changes_no_number_is_nothing(arm: Arm) -> None:
 def test_what_nothing_shows_is_not_moved(arm: Arm) -> None:
     """A phase of what has no amplitude: its derivative is rounding, and a step along it was one of 1e135 rad."""
     columns, left = np.array([[2.0, 0.0], [0.0, 1e-130]]), np.array([1.0, 1e5])
-    slopes = _Slopes(np.zeros(2), columns, columns.T @ columns, np.zeros((2, 1)), np.zeros(2))
+    slopes = _Slopes(np.zeros(2), columns, columns.T @ columns, Basis((), 2), np.zeros(2))
     step = slopes.step(_Point(np.zeros(2), [], np.zeros(0), left, 0.0), 0.0)
     np.testing.assert_allclose(step, [0.5, 0.0], rtol=1e-9, atol=0.0)
     data = whitened_data(1, arm)

@@ -11,8 +11,11 @@ from scipy.signal import lfilter
 from whitened_examples import arm, data, recorded  # noqa: F401
 
 import estimators
+from estimators.gap.data import tangent
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.defects import readings_of
+from estimators.gap.data.projection import orthonormal, project
+from estimators.gap.data.tangent import ChannelTangent
 from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.refine import Fitted
@@ -111,6 +114,34 @@ def test_changes_beside_other_effects_are_those_of_the_whole_pipeline(data: Whit
         moved = [make_effect(name, values)]
         every, channels = [*others, *moved], np.ones(6, dtype=bool)
         np.testing.assert_array_equal(data.changes(every, 1, moved, channels)[0], data.change(every))
+
+
+@pytest.mark.parametrize("shared", [0, 2, 3])
+def test_the_basis_of_the_tangent_spans_it_whatever_depends_on_what(shared: int) -> None:
+    """Two sensors of two channels, the second with parameters that are others' sum: as of the dense columns."""
+    rng = np.random.default_rng(shared)
+    parts = []
+    for channel in range(4):
+        first = 4 + 3 * (channel // 2)
+        values = rng.standard_normal((50, 1 + shared))
+        if shared and channel > 1:
+            values[:, -1] = values[:, :-1].sum(axis=1) if shared > 2 else 2.0 * values[:, 0]
+        parts.append(ChannelTangent([channel, *range(first, first + shared)], values))
+    found, whole = tangent.basis(parts), orthonormal(tangent.dense(parts))
+    columns = found.dense()
+    assert columns.shape == whole.shape == (200, found.rank)
+    np.testing.assert_allclose(columns.T @ columns, np.eye(found.rank), atol=1e-13)
+    np.testing.assert_allclose(columns @ columns.T, whole @ whole.T, atol=1e-11)
+    values = rng.standard_normal((90, 2))
+    np.testing.assert_allclose(found.along(values, 40), columns[40:130].T @ values, atol=1e-13)
+    every = rng.standard_normal((200, 2))
+    np.testing.assert_allclose(project(found, every), project(columns, every), atol=1e-13)
+    rows = np.arange(30, 170, 3)
+    np.testing.assert_array_equal(found.of(rows).dense(), columns[rows])
+    target = rng.standard_normal(200)
+    gram, moment = tangent.moments(parts, target)
+    np.testing.assert_allclose(gram, tangent.dense(parts).T @ tangent.dense(parts), atol=1e-12)
+    np.testing.assert_allclose(moment, tangent.dense(parts).T @ target, atol=1e-12)
 
 
 def test_one_repeated_row_is_a_dropout(data: WhitenedData) -> None:

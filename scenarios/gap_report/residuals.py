@@ -19,6 +19,7 @@ from estimators.gap.data.basefit import (
     set_up,
 )
 from estimators.gap.data.defects import find_defects, lattice, masked, relieved
+from estimators.gap.data.projection import Basis
 from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
@@ -169,7 +170,7 @@ def with_noise(data: WhitenedData, causes: Sequence[Effect], after: Array) -> Wh
     """The data with the named noise whitened as well."""
     for effect in causes:
         if effect.kind is Kind.NOISE:
-            explained = Explained(np.empty((data.size, 0)), data.whiten(after))  # the calibration is refitted already
+            explained = Explained(Basis((), data.size), data.whiten(after))  # the calibration is refitted already
             fitted = fit_effect(type(effect), effect.where, Left(data, explained))
             data = data if fitted is None else data.stepped(fitted.steps(data))
     return data

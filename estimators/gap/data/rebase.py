@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.gap.data.tangent import moments
 from estimators.gap.data.whitened import WhitenedData
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.directions import tangent_basis
@@ -28,11 +29,10 @@ _FELT: Final = 1e-6
 
 def rebased(data: WhitenedData, effects: Sequence[Effect]) -> WhitenedData:
     """The data around the calibration that fits best, to first order, with these effects in place."""
-    scale = np.linalg.norm(data.tangent, axis=0)
+    gram, moment = moments(data.tangents, data.whiten(data.residual - data.change(effects)))
+    scale = np.sqrt(np.diag(gram))
     scale[scale == 0.0] = np.inf
-    target = data.whiten(data.residual - data.change(effects))
-    gram = (data.tangent / scale).T @ (data.tangent / scale)
-    step = np.linalg.pinv(gram, rcond=_FELT, hermitian=True) @ ((data.tangent / scale).T @ target) / scale
+    step = np.linalg.pinv(gram / np.outer(scale, scale), rcond=_FELT, hermitian=True) @ (moment / scale) / scale
     return around(data, stepped(data.pipeline, step))
 
 
@@ -42,7 +42,7 @@ def around(data: WhitenedData, pipeline: Pipeline) -> WhitenedData:
 
 
 def stepped(pipeline: Pipeline, step: Array) -> Pipeline:
-    """The pipeline with its parameters moved by ``step`` (p,), in the order of ``WhitenedData.raw_tangent``."""
+    """The pipeline with its parameters moved by ``step`` (p,), in the order of ``WhitenedData.tangent``."""
     environment = pipeline.environment
     sensors: dict[str, TriaxialSensor] = {}
     first = 0

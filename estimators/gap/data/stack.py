@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
+from estimators.gap.data.tangent import ChannelTangent, size
 from estimators.gap.data.whitened import Step, WhitenedData
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.directions import tangent_basis
@@ -121,14 +122,17 @@ class Stack(WhitenedData):
         return found
 
     @cached_property
-    def tangent(self) -> Array:
+    def tangents(self) -> list[ChannelTangent]:
         """As of ``WhitenedData``; a calibration from before says of the parameters what its covariance says."""
-        found = super().tangent
+        found = super().tangents
         for member, own in zip(self.each, self.stretches, strict=True):
             if isinstance(member, Anchor):
+                every = list(range(size(found)))
                 for index, column in enumerate(self.columns):
-                    rows = slice(index * self.count + own.start, index * self.count + own.stop)
-                    found[rows] = member.of_channel(column)
+                    values = np.zeros((len(every), self.count)).T
+                    values[:, found[index].numbers] = found[index].values
+                    values[own] = member.of_channel(column)
+                    found[index] = ChannelTangent(every, values)
         return found
 
     def change(self, effects: Sequence[Effect]) -> Array:
@@ -246,7 +250,7 @@ class Anchor(WhitenedData):
 
     @cached_property
     def root(self) -> Array:
-        """(p, p) square root of the information, in the coordinates of ``WhitenedData.raw_tangent``.
+        """(p, p) square root of the information, in the coordinates of ``WhitenedData.tangent``.
 
         Raises:
             RigError: the calibration does not tell all of its parameters.
@@ -371,7 +375,7 @@ def _direction(pipeline: Pipeline, sensor: str) -> Array:
 
 
 def _size(pipeline: Pipeline) -> int:
-    """How many parameters ``WhitenedData.raw_tangent`` has."""
+    """How many parameters a calibration has."""
     return sum(4 * len(range(6)[COLUMNS_OF[name]]) + 2 for name in pipeline.sensors)
 
 

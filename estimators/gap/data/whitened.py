@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
+from estimators.gap.data import tangent
 from estimators.gap.data.blocks import block_means, block_poses, neighbours
-from estimators.gap.data.projection import orthonormal, project
+from estimators.gap.data.projection import Basis, project
+from estimators.gap.data.tangent import ChannelTangent
 from estimators.gap.floor.channel_noise import ChannelNoise, Whitener
-from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
-from rig.directions import tangent_basis
+from rig.channels import CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect, Stage
 from rig.effects.base import apply_stage
 from rig.pipeline import Pipeline
@@ -241,57 +242,31 @@ class WhitenedData:
         return white[first : first + self.count]
 
     @cached_property
-    def raw_tangent(self) -> dict[int, tuple[Array, list[int]]]:
-        """For each channel (n, 6) [recorded unit], and which of the calibration's parameters these six are.
+    def tangents(self) -> list[ChannelTangent]:
+        """What the calibration's parameters do to the whitened readings of each channel."""
+        own = tangent.of_readings(self.base, self.pipeline)
+        return [
+            ChannelTangent(own[column].numbers, self.whiten_channel(column, own[column].values))
+            for column in self.columns
+        ]
 
-        Its sensitivity, its offset, two tangent coordinates of its axis, and the two of the field that the channels of
-        a sensor share.
-        """
-        found: dict[int, tuple[Array, list[int]]] = {}
-        total = 0
-        for name, sensor in self.pipeline.sensors.items():
-            environment = self.pipeline.environment
-            field = environment.gravity if name == ACCELEROMETER else environment.magnetic
-            rotation = self.base.R_base_tool
-            in_tool = np.matmul(field, rotation)  # (n, 3)
-            turned = [np.matmul(along, rotation) for along in tangent_basis(field / np.linalg.norm(field))]
-            columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
-            shared = [total + 4 * len(columns), total + 4 * len(columns) + 1]
-            for column, axis, sensitivity in zip(columns, sensor.axes, sensor.sensitivity, strict=True):
-                own = np.empty((6, len(self.base))).T
-                own[:, 0] = in_tool @ axis
-                own[:, 1] = 1.0
-                own[:, 2:4] = sensitivity * in_tool @ tangent_basis(axis).T
-                for index, along in enumerate(turned):
-                    own[:, 4 + index] = sensitivity * np.linalg.norm(field) * (along @ axis)
-                found[column] = own, [total, total + 1, total + 2, total + 3, *shared]
-                total += 4
-            total += 2
-        return found
-
-    @cached_property
+    @property
     def tangent(self) -> Array:
         """(c count, p): what the calibration's parameters do to the whitened readings."""
-        parameters = 1 + max(max(numbers) for _, numbers in self.raw_tangent.values())
-        result = np.zeros((parameters, self.size))
-        for index, column in enumerate(self.columns):
-            own, numbers = self.raw_tangent[column]
-            result[numbers, index * self.count : (index + 1) * self.count] = self.whiten_channel(column, own).T
-        return result.T
+        return tangent.dense(self.tangents)
 
     def left_over(self, change: Array) -> Array:
         """(n, 6) [recorded unit] what the calibration cannot absorb of a change (n, 6)."""
         absorbed, *_ = np.linalg.lstsq(self.tangent, self.whiten(change), rcond=1e-9)
         left = change.copy()
-        for column in self.columns:
-            own, numbers = self.raw_tangent[column]
-            left[:, column] -= own @ absorbed[numbers]
+        for column, own in tangent.of_readings(self.base, self.pipeline).items():
+            left[:, column] -= own.values @ absorbed[own.numbers]
         return left
 
     @cached_property
-    def absorbed(self) -> Array:
+    def absorbed(self) -> Basis:
         """(c count, rank) orthonormal basis of the tangent."""
-        return orthonormal(self.tangent)
+        return tangent.basis(self.tangents)
 
     @cached_property
     def whitened(self) -> Array:

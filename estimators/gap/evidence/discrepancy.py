@@ -65,7 +65,7 @@ class Means:
     @cached_property
     def absorbed(self) -> Array:
         """(c m, rank) orthonormal basis of the calibration's tangent."""
-        return self.fine.absorbed if self.rough is self.fine else orthonormal(self(self.fine.tangent))
+        return self.fine.absorbed.dense() if self.rough is self.fine else orthonormal(self(self.fine.tangent))
 
     def linear(self, fine: Linear) -> Linear:
         """A linearised set of effects, the calibration projected out here too."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.defects import Defect
+from estimators.gap.data.projection import Basis
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.refine import Fitted, started
 from estimators.gap.hypotheses.candidates import Candidate, all_candidates
@@ -47,7 +48,7 @@ def fast_tones(data: WhitenedData, block: int, without: Sequence[str]) -> tuple[
     raw = {each.label: envelopes(each, data) for each in tones}
     lowest_Hz = _FAST / (block * data.interval_s)
     while len(found) < _MOST and tones:
-        explained = Explained(np.empty((data.size, 0)), data.whiten(data.residual))
+        explained = Explained(Basis((), data.size), data.whiten(data.residual))
         tests = [_tested(each, data, explained, raw[each.label], lowest_Hz) for each in tones]
         best = max(tests, key=lambda tested: tested.evidence)
         if best.evidence < STRONG or best.log_p + np.log(len(tones)) > SIGNIFICANT:

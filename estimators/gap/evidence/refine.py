@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import project, side_by_side
+from estimators.gap.data.projection import Basis, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.candidates import STEP, Candidate, Shape
 from estimators.gap.hypotheses.scan import KEPT, ScoreTest
@@ -161,7 +161,7 @@ class Refit:
     @property
     def misfit(self) -> float:
         """Chi-square, the calibration projected out."""
-        taken = self.data.absorbed.T @ self.left
+        taken = self.data.absorbed.along(self.left)
         return float(self.left @ self.left - taken @ taken)
 
     @cached_property
@@ -227,13 +227,12 @@ class _Slopes:
     at: Array
     columns: Array
     gram: Array
-    absorbed: Array
+    absorbed: Basis
     prior: Array
 
     def moment(self, here: _Point) -> Array:
         """(p,) minus half the misfit's gradient."""
-        free = here.left - self.absorbed @ (self.absorbed.T @ here.left)
-        return np.asarray(self.columns.T @ free - self.prior * here.point)
+        return np.asarray(self.columns.T @ project(self.absorbed, here.left) - self.prior * here.point)
 
     def step(self, here: _Point, damping: float) -> Array:
         """(p,), in the directions that the calibration does not absorb."""
@@ -267,7 +266,7 @@ class _Problem:
             return _Point(point, fits, np.zeros(0), np.zeros(0), np.inf)
         change = self.data.change([each.effect for each in fits])
         left = self.data.whiten(self.data.residual - change)
-        absorbed = self.data.absorbed.T @ left
+        absorbed = self.data.absorbed.along(left)
         misfit = float(left @ left - absorbed @ absorbed + self.prior @ point**2)
         return _Point(point, fits, change, left, misfit)
 
@@ -279,7 +278,7 @@ class _Problem:
     def slopes(self, here: _Point) -> _Slopes:
         """The derivatives at a point."""
         columns = side_by_side(*tangents(here.fits, self.data, self.touched, here.change))
-        shared = self.data.absorbed.T @ columns
+        shared = self.data.absorbed.along(columns)
         gram = columns.T @ columns - shared.T @ shared + np.diag(self.prior)
         return _Slopes(here.point, columns, gram, self.data.absorbed, self.prior)
 

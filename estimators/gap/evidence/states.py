@@ -93,25 +93,26 @@ class Pieces:
     _spectra: dict[tuple[int, int], Array] = field(default_factory=dict)
 
     @cached_property
-    def _values(self) -> dict[tuple[int, int], Array]:
-        """(m, n) of each channel and each recording, or calibration from before."""
+    def _values(self) -> dict[tuple[int, int], tuple[NDArray[np.intp], Array]]:
+        """Of each channel and each recording, or calibration from before: which columns are there, and these (k, n)."""
         by_channel = self.columns.T.reshape(self.columns.shape[1], len(self.data.columns), self.data.count)
-        return {
-            (column, part): np.ascontiguousarray(by_channel[:, index, own])
-            for index, column in enumerate(self.data.columns)
-            for part, own in enumerate(self.data.stretches)
-        }
+        found = {}
+        for index, column in enumerate(self.data.columns):
+            for part, own in enumerate(self.data.stretches):
+                there = np.flatnonzero(by_channel[:, index, own].any(axis=1))
+                found[column, part] = there, by_channel[there, index, own]
+        return found
 
     @cached_property
     def _grams(self) -> dict[tuple[int, int], Array]:
-        return {place: values @ values.T for place, values in self._values.items()}
+        return {place: values @ values.T for place, (_, values) in self._values.items()}
 
     def gram(self, steps: Sequence[Step]) -> Array:
         """(m, m) products of the columns after further steps."""
         found = dict(self._grams)
         for place in dict.fromkeys((step.column, step.part) for step in steps):
             *before, last = (step for step in steps if (step.column, step.part) == place)
-            values = self._values[place]
+            _, values = self._values[place]
             for step in before:
                 values = step(values)
             if not last.in_time:  # the transform keeps products: it need not be undone
@@ -123,13 +124,17 @@ class Pieces:
                     values = self._spectra[place]
             values = values * last.factor
             found[place] = values @ values.T
-        return np.asarray(sum(found.values()))
+        whole = np.zeros((self.columns.shape[1],) * 2)
+        for place, gram in found.items():
+            there, _ = self._values[place]
+            whole[np.ix_(there, there)] += gram
+        return whole
 
 
 def log_det(data: WhitenedData, steps: Sequence[Step]) -> float:
     """log determinant of further steps of whitening, less half that of what they make of the calibration's information:
     the calibration is integrated out, and coarser noise leaves it more room (Harville, Biometrika 61, 1974)."""
-    return _log_det(steps, Pieces(data, data.absorbed).gram(steps)) if steps else 0.0
+    return _log_det(steps, Pieces(data, data.absorbed.dense()).gram(steps)) if steps else 0.0
 
 
 def _log_det(steps: Sequence[Step], information: Array) -> float:
@@ -139,7 +144,7 @@ def _log_det(steps: Sequence[Step], information: Array) -> float:
 
 def pieces_of(data: WhitenedData, linear: Linear) -> Pieces:
     """The calibration's tangent, then what linearised effects leave and their own."""
-    return Pieces(data, side_by_side(data.absorbed, linear.left, linear.tangent))
+    return Pieces(data, side_by_side(data.absorbed.dense(), linear.left, linear.tangent))
 
 
 def under_steps(pieces: Pieces, linear: Linear, steps: Sequence[Step]) -> tuple[Linear, float]:

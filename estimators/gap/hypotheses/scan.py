@@ -229,7 +229,7 @@ def _onset(candidate: Candidate, data: WhitenedData, explained: Explained) -> Sc
     count = data.count
     by_time = columns.values.T.reshape(columns.values.shape[1], -1, count)
     own = np.einsum("icn,jcn->nij", by_time, by_time)
-    basis = explained.basis[columns.rows].T.reshape(-1, by_time.shape[1], count)
+    basis = explained.basis(columns.rows).T.reshape(-1, by_time.shape[1], count)
     shared = np.einsum("pcn,icn->npi", basis, by_time)
     moment = np.einsum("cn,icn->ni", explained.residual[columns.rows].reshape(-1, count), by_time)
     own, shared, moment = (np.cumsum(values[::-1], axis=0)[::-1] for values in (own, shared, moment))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import orthonormal, project, side_by_side
+from estimators.gap.data.projection import Basis, orthonormal, project, side_by_side
 from estimators.gap.data.whitened import Columns
 from estimators.gap.hypotheses.tails import chi2_logsf
 
@@ -86,23 +86,23 @@ class Explained:
     """What is explained already: an orthonormal basis, and the residual with it projected out.
 
     Attributes:
-        absorbed: (c n, p) orthonormal: the calibration's tangent.
+        absorbed: of the calibration's tangent.
         residual: (c n,) whitened.
         added: (c n, k) orthonormal and orthogonal to the first: the causes' tangent.
     """
 
-    absorbed: Array
+    absorbed: Basis
     residual: Array
     added: Array | None = None
 
-    @property
-    def basis(self) -> Array:
-        """(c n, p + k)."""
-        return self.absorbed if self.added is None else side_by_side(self.absorbed, self.added)
+    def basis(self, rows: slice) -> Array:
+        """(rows, p + k) of both."""
+        absorbed = self.absorbed.dense(rows)
+        return absorbed if self.added is None else side_by_side(absorbed, self.added[rows])
 
     def of(self, rows: NDArray[np.intp]) -> Explained:
         """In some of the rows: for columns that are zero outside them, and residuals."""
-        return Explained(self.absorbed[rows], self.residual[rows], None if self.added is None else self.added[rows])
+        return Explained(self.absorbed.of(rows), self.residual[rows], None if self.added is None else self.added[rows])
 
     def score(self, columns: Columns, gram: Array | None = None) -> Score:
         """Score columns.
@@ -126,7 +126,7 @@ class Explained:
 
     def projected(self, columns: Columns) -> Array:
         """(m, m) Gram matrix of columns with the calibration projected out."""
-        shared = self.absorbed[columns.rows].T @ columns.values
+        shared = self.absorbed.along(columns.values, columns.first)
         return np.asarray(columns.values.T @ columns.values - shared.T @ shared)
 
     def without(self, columns: Array) -> Array:

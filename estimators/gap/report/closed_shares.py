@@ -58,7 +58,7 @@ def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Gene
     for each, probability in zip(posterior.hypotheses, posterior.probabilities, strict=True):
         if probability > WAYS:
             linear = under_floor(each.explanation)
-            left = float(linear.left @ linear.left) - floor.size + floor.absorbed.shape[1]
+            left = float(linear.left @ linear.left) - floor.size + floor.absorbed.rank
             apart = shapes_apart(each.explanation, floor)
             way = closure.Way(float(probability), floor.whitened - linear.left, linear, each.moments, apart=apart)
             if each.state.other:

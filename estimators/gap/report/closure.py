@@ -190,7 +190,7 @@ def elsewhere(data: WhitenedData, change: Array) -> float | None:
     """The share of the gap of another maneuver that the causes' change (n, 6) closes there; None without a gap."""
     fitted = project(data.absorbed, data.whiten(change))
     gain = float(2.0 * data.whitened @ fitted - fitted @ fitted)
-    floor = data.size - data.absorbed.shape[1]
+    floor = data.size - data.absorbed.rank
     noise = float(np.sqrt(2.0 * floor)) * float(ndtri(0.975))
     gap = float(data.whitened @ data.whitened) - floor
     gap = max(gap, gain) if gap > noise else gain

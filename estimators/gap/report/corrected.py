@@ -53,7 +53,7 @@ class Component:
     Attributes:
         weight: its probability.
         pipeline: about which its parameters are. mean: (p,) by which it is moved from there.
-        covariance: (p, p), in the coordinates of ``WhitenedData.raw_tangent``.
+        covariance: (p, p), in the coordinates of ``WhitenedData.tangent``.
     """
 
     weight: float
@@ -90,7 +90,7 @@ def mixed(components: Sequence[Component], centre: Pipeline) -> tuple[Array, Arr
 
 
 def _apart(pipeline: Pipeline, centre: Pipeline) -> Array:
-    """(p,) how far a pipeline's parameters are from another's, in the coordinates of ``WhitenedData.raw_tangent``."""
+    """(p,) how far a pipeline's parameters are from another's, in the coordinates of ``WhitenedData.tangent``."""
     parts = []
     for name, sensor in pipeline.sensors.items():
         there = centre.sensors[name]

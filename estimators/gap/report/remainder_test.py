@@ -13,12 +13,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import project
+from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.discrepancy import Discrepancies
 from estimators.gap.evidence.states import SLOWER
@@ -74,16 +75,16 @@ def p_value(
     fine = np.column_stack([data.whitened, project(data.absorbed, noise)])
     rough = np.column_stack([means(fine[:, :1]), means(fine[:, 1:])])
     rough = project(means.absorbed, rough)
-    own = _basis(means.absorbed, means(tangent))
+    own = _basis(means(tangent), means.absorbed)
     square = np.sum((own.T @ rough) ** 2, axis=0)
     logs = [_gain(square, own.shape[1])] if own.shape[1] else []
     left_rough = project(own, rough)
-    own_fine = _basis(data.absorbed, tangent)
+    own_fine = _basis(tangent, data.absorbed)
     left_fine = project(own_fine, fine)
     catalogue = []
     for log_prior, columns, on_means in _columns(scanner, candidates, prior):
-        absorbed, held, left = (means.absorbed, own, left_rough) if on_means else (data.absorbed, own_fine, left_fine)
-        basis = _basis(np.hstack([absorbed, held]), columns)
+        held, left = (own, left_rough) if on_means else (own_fine, left_fine)
+        basis = _basis(columns, means.absorbed if on_means else data.absorbed, held)
         if basis.shape[1]:
             more = np.sum((basis.T @ left) ** 2, axis=0)
             catalogue.append(log_prior + _gain(square + more, basis.shape[1] + own.shape[1]))
@@ -154,13 +155,13 @@ def _columns(scanner: Scanner, candidates: Sequence[Candidate], prior: Prior) ->
             yield log_prior, columns, on_means
 
 
-def _basis(absorbed: Array, columns: Array) -> Array:
-    """(m, r) orthonormal, of what a projection leaves of columns (m, k): directions of which it leaves enough."""
+def _basis(columns: Array, *absorbed: Array | Basis) -> Array:
+    """(m, r) orthonormal, of what projections leave of columns (m, k): directions of which they leave enough."""
     if not columns.shape[1]:
         return columns
     size = np.linalg.norm(columns, axis=0)
     unit = columns / np.where(size > 0.0, size, np.inf)
-    left = project(absorbed, unit)
+    left = reduce(lambda left, each: project(each, left), absorbed, unit)
     values, vectors = np.linalg.eigh(left.T @ left)
     kept = values > _GONE
     return np.asarray(left @ vectors[:, kept] / np.sqrt(values[kept]))

@@ -264,7 +264,7 @@ def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
     linear = means.linear(linearised(at([], posterior.scanner.fine.data)))
     rough = posterior.scanner.rough.data
     found: dict[str, float] = {}
-    size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.shape[1], 1.0)
+    size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.rank, 1.0)
     for each in weighed(linear, posterior.discrepancies):
         if each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
             continue
