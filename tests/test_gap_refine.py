@@ -24,6 +24,7 @@ from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained, Score
 from estimators.gap.search import posterior
 from estimators.gap.search.beam import Explanation, Search
+from estimators.gap.search.noises import Noises, Promise
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
 
@@ -198,9 +199,11 @@ def test_sets_far_from_everything_are_followed_while_noise_is_likelier_beside_th
         ran.append(search)
         return run(search, *args, **options)  # type: ignore[arg-type, return-value]
 
-    monkeypatch.setattr(posterior, "_relearned", lambda *_: [(next(told), None)])
+    noises = Noises(prior, (), at_rest=True)
+    given = posterior.NoiseState(), scanner
+    monkeypatch.setattr(Noises, "nameless", lambda *_: [Promise(next(told), given[0], given, nothing)])
     monkeypatch.setattr(Search, "run", counted)
-    posterior._far_from_it(work, nothing)
+    posterior._far_from_it(work, noises, nothing)
     assert len(ran) == searches
 
 

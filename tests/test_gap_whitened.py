@@ -23,6 +23,7 @@ from estimators.gap.evidence.states import unnamed
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
+from estimators.gap.hypotheses.stochastic import Left
 from estimators.gap.hypotheses.tones import _allowed
 from rig.arm import Arm
 from rig.effects import EFFECTS, Kind, make_effect
@@ -193,7 +194,7 @@ def test_noise_without_a_name_may_come_and_go(data: WhitenedData) -> None:
     rng = np.random.default_rng(0)
     size = np.where((np.arange(data.count) * 6 // data.count) % 3 == 1, 60.0, 3.0)
     left = lfilter([0.6], [1.0, -0.8], rng.standard_normal((len(data.columns), data.count))) * size
-    state = unnamed(data, Explained(data.absorbed, left.ravel()))
+    state = unnamed([Left(data, Explained(data.absorbed, left.ravel()))])
     assert state is not None
     assert state.other
     for number, column in enumerate(data.columns):

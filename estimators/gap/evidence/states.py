@@ -79,6 +79,11 @@ class NoiseState:
         """Effects and places."""
         return tuple(sorted(fitted.label for fitted in self.fitted))
 
+    def beyond(self, more: NoiseState) -> NoiseState:
+        """Another state's steps after its own, under that one's name."""
+        steps, weight = (*self.steps, *more.steps), self.log_weight + more.log_weight
+        return replace(more, fitted=(*self.fitted, *more.fitted), steps=steps, log_weight=weight)
+
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
@@ -241,12 +246,15 @@ def _fitted_at(lefts: Sequence[Left], without: Sequence[str]) -> list[FittedNois
     return [replace(first, more=tuple(rest)) for first, *rest in found.values()]
 
 
-def unnamed(data: WhitenedData, explained: Explained, steady: bool = False) -> NoiseState | None:
-    """Noise of each channel by itself, of any spectrum; that of a sensor may come and go, but where it is steady."""
+def unnamed(lefts: Sequence[Left], steady: bool = False) -> NoiseState | None:
+    """Noise of each channel by itself, of any spectrum; that of a sensor may come and go, but where it is steady.
+
+    Args:
+        lefts: of each recording.
+    """
     steps: list[Step] = []
     weight = float(np.log(OTHER * OTHER_NOISE))
-    for number, part in enumerate(data.parts):
-        left = explained.residual[data.rows(number)]
+    for number, (part, left) in enumerate((each.data, each.explained.residual) for each in lefts):
         for where in COLUMNS_OF.values():
             own = {column: part.channel(left, column) for column in part.columns if column in range(6)[where]}
             if not own:

@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 _ALIKE: Final = 0.03
 #: Step in the logarithm of the time, for a derivative.
 _STEP: Final = 0.05
-#: Bounds of the logarithms of white part, coloured part and time, about what was learned.
-_WHITE, _COLOURED, _TIME = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5)
+#: Bounds of the logarithms of white part, coloured part and time, about what was learned; for the size of a part that
+#: was not seen, in standard deviations.
+_WHITE, _COLOURED, _TIME, _FARTHEST = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5), 4.0
 #: Prior standard deviations of the logarithms of a coloured part's size and time about what was learned.
 _SIZES, _TIMES = 1.5, 0.7
 #: A floor may go on below what the poses at rest show: parts so many times slower than each other, each as large as
@@ -309,7 +310,7 @@ class Spectrum:
     @property
     def _bounds(self) -> list[tuple[float, float]]:
         found = [_WHITE, *[_COLOURED, _TIME] * (self.learned.free // 2)]
-        found[self._unseen] = [(0.0, _COLOURED[1] - np.log(_NEXT_TO_NOTHING))] * self.learned.unseen
+        found[self._unseen] = [(0.0, _FARTHEST * _UNTOLD - np.log(_NEXT_TO_NOTHING))] * self.learned.unseen
         return found
 
     def _loss(self, point: Array, unit: Array) -> tuple[float, Array]:

@@ -22,7 +22,8 @@ from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import closure
 from estimators.gap.report.p_values import WAYS
 from estimators.gap.search.beam import Explanation
-from estimators.gap.search.posterior import Hypothesis, Posterior, on_data
+from estimators.gap.search.noises import on_data
+from estimators.gap.search.posterior import Hypothesis, Posterior
 
 Array = NDArray[np.float64]
 

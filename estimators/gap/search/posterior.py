@@ -10,24 +10,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import CommonNoise, beside, common_noises
 from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, total, weighed
-from estimators.gap.evidence.laplace import Linear, linearised
-from estimators.gap.evidence.refine import at
+from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.states import (
     UNSEEN,
     NoiseState,
-    Pieces,
-    left_of,
-    moved_floor,
-    named,
-    pieces_of,
     raised,
-    under_steps,
-    unnamed,
-    unseen_floor,
 )
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.considered import set_prior, unseen_places, visible
@@ -36,6 +26,7 @@ from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search import robust
 from estimators.gap.search.beam import Explanation, Member, Search
+from estimators.gap.search.noises import Noises, Promise, on_data
 
 Array = NDArray[np.float64]
 
@@ -220,10 +211,6 @@ class _Weighing:
                     queue += search.beside(leading.explanation, leading.terms[0])
 
 
-#: Log mass that a state promises, the state, the scanner below it, what it was learned beside.
-_Promised = tuple[float, NoiseState, Scanner, Explanation]
-
-
 def explain(
     data: WhitenedData,
     without: Sequence[str] = (),
@@ -243,44 +230,49 @@ def explain(
     candidates, absorbed = visible(data, scanner, without)
     prior = set_prior(candidates, unseen_places(data, without), data, weights or {})
     work = _Weighing(scanner, candidates, prior, without, at_rest, progress, common_noises(data, without))
+    noises = Noises(prior, without, at_rest)
     floor = NoiseState()
     found = work.weigh(floor, scanner, (), deep=True)
     tried: set[tuple[str, tuple[str, ...]]] = set()
     frontier = [(floor, scanner, found)]
-    outside = _far_from_it(work, found[0])
+    again = [((floor, scanner), each) for each in _far_from_it(work, noises, found[0])]
     for _ in range(_ROUNDS):
-        states = [state for each in outside for state in _relearned(work, *on_data(work.scanner.fine.data, each), each)]
-        outside = []
+        states = [promise for given, each in again for promise in noises.again(given, each)]
+        again = []
         for given, given_scanner, explanations in frontier:
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
             best_of_size = {len(one.members): one for one in reversed(smallest_first)}
             looked_at = [*_near(explanations), *best_of_size.values(), *work.beside_other(given)]
             for each in {each.key: each for each in looked_at}.values():
-                states += _states(work, given, given_scanner, each)
+                states += noises.beyond((given, given_scanner), each)
+        for name in {one.state.name for one in states if one.state.name}:
+            likeliest = max((one for one in states if one.state.name == name), key=lambda one: one.log_mass)
+            if likeliest.log_mass > work.best - _FAR:
+                states += noises.beside_fewer(likeliest)
         frontier = []
         reached = work.best  # before what the states promise is entered
-        best: dict[tuple[str, tuple[str, ...]], _Promised] = {}
-        for promise, state, below, each in states:
-            kind = state.name, state.labels
-            anew = kind not in tried or (not state.fitted and promise > reached + _BETTER)
-            if anew and (kind not in best or best[kind][0] < promise):
-                best[kind] = promise, state, below, each
-        for promise, state, _, each in states:
-            alone = promise + (0.0 if state.other else float(np.log1p(-OTHER)))
-            work.enter(Hypothesis(each, state, (), alone))
-        ranked = sorted(best.items(), key=lambda item: -item[1][0])
-        for kind, (promise, state, below, each) in ranked:
-            same = each.key == work.leading.explanation.key and not work.leading.terms
-            if len(frontier) >= 2 or promise < work.best - (_CLOSE if same else _FAR):
+        best: dict[tuple[str, tuple[str, ...]], Promise] = {}
+        for one in states:
+            kind = one.state.name, one.state.labels
+            anew = kind not in tried or (not one.state.fitted and one.log_mass > reached + _BETTER)
+            if anew and (kind not in best or best[kind].log_mass < one.log_mass):
+                best[kind] = one
+        for one in states:
+            alone = one.log_mass + (0.0 if one.state.other else float(np.log1p(-OTHER)))
+            work.enter(Hypothesis(one.explanation, one.state, (), alone))
+        for kind, one in sorted(best.items(), key=lambda item: -item[1].log_mass):
+            same = one.explanation.key == work.leading.explanation.key and not work.leading.terms
+            if len(frontier) >= 2 or one.log_mass < work.best - (_CLOSE if same else _FAR):
                 continue
-            if not state.fitted and promise < reached + _BETTER:
+            if not one.state.fitted and one.log_mass < reached + _BETTER:
                 continue
             tried.add(kind)
-            fresh = below.stepped(state.steps[len(_steps_of(below, scanner)) :])
-            seeds = _seeds(each)
-            frontier.append((state, fresh, work.weigh(state, fresh, seeds, deep=False)))
-            if state.other or state.name == UNSEEN:  # learned beside worse causes, or one too many
-                outside += frontier[-1][2]
+            given, below = one.given
+            fresh = below.stepped(one.state.steps[len(given.steps) :])
+            found = work.weigh(one.state, fresh, _seeds(one.explanation), deep=False)
+            frontier.append((one.state, fresh, found))
+            if one.state.other or one.state.name == UNSEEN:  # learned beside worse causes, or one too many
+                again += [(one.given, each) for each in found]
         if not frontier:
             break
     assert work.discrepancies is not None
@@ -293,60 +285,7 @@ def _near(found: Sequence[Explanation]) -> list[Explanation]:
     return [each for each in found if each.log_mass > found[0].log_mass - _NEAR][:_BESIDE]
 
 
-def _steps_of(scanner: Scanner, first: Scanner) -> tuple[object, ...]:
-    return scanner.fine.data.steps[len(first.fine.data.steps) :]
-
-
-def _states(work: _Weighing, given: NoiseState, scanner: Scanner, each: Explanation) -> list[_Promised]:
-    """States of the noise beyond a given one, beside an explanation: what each promises before anything is refitted."""
-    data = scanner.fine.data if not each.members else around(scanner.fine.data, each.data.pipeline)
-    explained = Explained(data.absorbed, each.linear.left)
-    lefts, pieces = left_of(data, explained), pieces_of(data, each.linear)
-    found = named(lefts, work.without, given)
-    if not given.name:
-        moved = (moved_floor(lefts, work.at_rest, slower) for slower in (False, True))
-        for state in (*moved, *_nameless(work, data, explained)):
-            if state is not None:
-                weight = given.log_weight + state.log_weight
-                found.append(replace(state, fitted=given.fitted, steps=(*given.steps, *state.steps), log_weight=weight))
-    return [_promised(work, pieces, each.linear, scanner, each, state, len(given.steps)) for state in found]
-
-
-def _promised(
-    work: _Weighing,
-    pieces: Pieces,
-    linear: Linear,
-    scanner: Scanner,
-    each: Explanation,
-    state: NoiseState,
-    taken: int = 0,
-) -> _Promised:
-    """What a state is worth beside an explanation that was linearised under the first ``taken`` steps."""
-    prior = work.prior.log_set([*state.drawn, *(member.drawn for member in each.members)])
-    under, determinant = under_steps(pieces, linear, state.steps[taken:])
-    weight = state.log_weight + determinant
-    return under.averaged[0] + prior + weight, replace(state, log_weight=weight), scanner, each
-
-
-def _nameless(work: _Weighing, data: WhitenedData, explained: Explained) -> list[NoiseState | None]:
-    """Noise without a name; where nothing shows the floor, it may be that."""
-    steady = None if work.at_rest else unnamed(data, explained, steady=True)
-    return [unnamed(data, explained), None if steady is None else unseen_floor(steady)]
-
-
-def on_data(data: WhitenedData, each: Explanation) -> tuple[WhitenedData, Linear]:
-    """An explanation, linearised under other noise than it was found with; and the data around it."""
-    data = around(data, each.data.pipeline)
-    return data, linearised(at(each.fits, data), each.linear.searched)
-
-
-def _relearned(work: _Weighing, data: WhitenedData, linear: Linear, each: Explanation) -> list[_Promised]:
-    """Noise without a name beside an explanation under the floor."""
-    states, pieces = _nameless(work, data, Explained(data.absorbed, linear.left)), pieces_of(data, linear)
-    return [_promised(work, pieces, linear, work.scanner, each, state) for state in states if state is not None]
-
-
-def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
+def _far_from_it(work: _Weighing, noises: Noises, each: Explanation) -> list[Explanation]:
     """Where noise without a name is far likelier than all that was found, sets of effects that leave ever less.
 
     They are searched under white noise as large as what is left: a floor that everything misses a hundred times ranks
@@ -357,7 +296,8 @@ def _far_from_it(work: _Weighing, each: Explanation) -> list[Explanation]:
     reached = work.best + _FAR
     for _ in range(_OUTWARDS):
         data, linear = on_data(work.scanner.fine.data, each)
-        promised = max((promise for promise, *_ in _relearned(work, data, linear, each)), default=-np.inf)
+        promises = noises.nameless((NoiseState(), work.scanner), each, data, linear)
+        promised = max((one.log_mass for one in promises), default=-np.inf)
         if promised < reached:
             break
         reached = promised

@@ -1,0 +1,135 @@
+"""States of the noise beside an explanation: what each promises before anything is refitted under it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from estimators.gap.data.rebase import around
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.converge import converged
+from estimators.gap.evidence.laplace import Linear, linearised
+from estimators.gap.evidence.refine import Refit, at
+from estimators.gap.evidence.states import (
+    NoiseState,
+    left_of,
+    moved_floor,
+    named,
+    pieces_of,
+    under_steps,
+    unnamed,
+    unseen_floor,
+)
+from estimators.gap.hypotheses.prior import Prior
+from estimators.gap.hypotheses.scan import Scanner
+from estimators.gap.hypotheses.score import Explained
+from estimators.gap.hypotheses.stochastic import Left
+from estimators.gap.search.beam import Explanation, Member
+
+#: A state of the noise, and the scanner under it.
+Given = tuple[NoiseState, Scanner]
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a state of the noise promises.
+
+    Attributes:
+        log_mass: of the explanation that it was learned beside, without a discrepancy. state: the noise.
+        given: the state that it goes beyond. explanation: that it was learned beside.
+    """
+
+    log_mass: float
+    state: NoiseState
+    given: Given
+    explanation: Explanation
+
+
+@dataclass(frozen=True)
+class Noises:
+    """What the noise may be.
+
+    Attributes:
+        prior: of sets. without: effects left out of the catalogue. at_rest: whether the floor was learned at rest.
+    """
+
+    prior: Prior
+    without: Sequence[str]
+    at_rest: bool
+
+    def beyond(self, given: Given, each: Explanation) -> list[Promise]:
+        """States beyond a given one, beside an explanation under that."""
+        data = given[1].fine.data
+        data = around(data, each.data.pipeline) if each.members else data
+        lefts = left_of(data, Explained(data.absorbed, each.linear.left))
+        states = named(lefts, self.without, given[0])
+        if not given[0].name:
+            states += self._unnamed(given[0], lefts)
+        return self._promised(given, each, data, each.linear, states)
+
+    def again(self, given: Given, each: Explanation) -> list[Promise]:
+        """Floors, and noise without a name, beyond a given state: beside an explanation found under another one."""
+        data, linear = on_data(given[1].fine.data, each)
+        lefts = left_of(data, Explained(data.absorbed, linear.left))
+        return self._promised(given, each, data, linear, self._unnamed(given[0], lefts))
+
+    def beside_fewer(self, one: Promise) -> list[Promise]:
+        """The same state, learned anew beside ever fewer causes as long as that is likelier: beside a cause that does
+        what the noise does, it was learned as if the noise were not there."""
+        found: list[Promise] = []
+        while one.explanation.members:
+            members = one.explanation.members
+            tried = [self._same(one, members[:index] + members[index + 1 :]) for index in range(len(members))]
+            less = max((each for each in tried if each), key=lambda each: each.log_mass, default=one)
+            if less.log_mass <= one.log_mass:
+                break
+            refitted = converged(less.explanation.fits, one.given[1].fine.data)
+            pairs = zip(less.explanation.members, refitted.fits, strict=True)
+            fresh = self._same(one, tuple(replace(member, fit=fit) for member, fit in pairs), refitted)
+            if fresh is None or fresh.log_mass <= one.log_mass:
+                break
+            one = fresh
+            found.append(one)
+        return found
+
+    def _same(self, one: Promise, members: tuple[Member, ...], refitted: Refit | None = None) -> Promise | None:
+        """A state of that name beside other causes, as they are or as they were refitted."""
+        prior = self.prior.log_set([*one.given[0].drawn, *(member.drawn for member in members)])
+        data = one.explanation.data if refitted is None else refitted.data
+        each = Explanation(members, data, prior, fine=True, refitted=refitted)
+        again = self.again(one.given, each)
+        return next((promise for promise in again if promise.state.name == one.state.name), None)
+
+    def nameless(self, given: Given, each: Explanation, data: WhitenedData, linear: Linear) -> list[Promise]:
+        """Noise without a name beside an explanation; ``data`` and ``linear`` as ``on_data`` gives them."""
+        lefts = left_of(data, Explained(data.absorbed, linear.left))
+        return self._promised(given, each, data, linear, self._nameless(lefts))
+
+    def _unnamed(self, given: NoiseState, lefts: Sequence[Left]) -> list[NoiseState]:
+        floors = [moved_floor(lefts, self.at_rest, slower) for slower in (False, True)]
+        return [given.beyond(state) for state in (*floors, *self._nameless(lefts)) if state is not None]
+
+    def _nameless(self, lefts: Sequence[Left]) -> list[NoiseState]:
+        """Noise without a name; where nothing shows the floor, it may be that."""
+        steady = None if self.at_rest else unnamed(lefts, steady=True)
+        states = [unnamed(lefts), None if steady is None else unseen_floor(steady)]
+        return [state for state in states if state is not None]
+
+    def _promised(
+        self, given: Given, each: Explanation, data: WhitenedData, linear: Linear, states: Sequence[NoiseState]
+    ) -> list[Promise]:
+        """What states are worth beside an explanation that was linearised under the given one."""
+        pieces, taken = pieces_of(data, linear), len(given[0].steps)
+        found = []
+        for state in states:
+            prior = self.prior.log_set([*state.drawn, *(member.drawn for member in each.members)])
+            under, determinant = under_steps(pieces, linear, state.steps[taken:])
+            weight = state.log_weight + determinant
+            found.append(Promise(under.averaged[0] + prior + weight, replace(state, log_weight=weight), given, each))
+        return found
+
+
+def on_data(data: WhitenedData, each: Explanation) -> tuple[WhitenedData, Linear]:
+    """An explanation, linearised under other noise than it was found with; and the data around it."""
+    data = around(data, each.data.pipeline)
+    return data, linearised(at(each.fits, data), each.linear.searched)
