@@ -16,7 +16,7 @@ from diagnosed_recordings import scenario as small
 
 import estimators
 import scenarios
-from estimators.gap.data.projection import project
+from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.whitened import Columns
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
@@ -206,7 +206,7 @@ def test_the_score_is_the_projected_chi_square() -> None:
     basis = np.linalg.qr(rng.standard_normal((500, 4)))[0]
     columns = rng.standard_normal((500, 3))
     residual = project(basis, rng.standard_normal(500))
-    score = Explained(basis, residual).score(Columns(columns, 0))
+    score = Explained(Basis(((slice(0, 500), basis),), 500), residual).score(Columns(columns, 0))
     left = project(basis, columns)
     fitted = left @ np.linalg.lstsq(left, residual, rcond=None)[0]
     assert score.rank == 3
