@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import replace
 
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from whitened_examples import arm, data  # noqa: F401
+
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.prior import LENGTHS
-from estimators.gap.report.homogeneity import SCATTER, of_cells
+from estimators.gap.hypotheses.score import Explained
+from estimators.gap.hypotheses.stochastic import Left, fit_effect
+from estimators.gap.report.homogeneity import SCATTER, log_bayes_factor_of_noise, of_cells
+from rig.effects import EFFECTS
 
 Array = NDArray[np.float64]
 
@@ -46,3 +54,19 @@ def test_what_grows_along_a_variable_is_no_cause_however_significant() -> None:
 
 def test_a_single_cell_tells_nothing() -> None:
     assert abs(of_cells(np.ones(1), np.full(1, 1e4))) < np.log(10.0)
+
+
+@pytest.mark.parametrize("in_time", [False, True])
+@pytest.mark.parametrize("steady", [True, False])
+def test_noise_that_comes_and_goes_is_no_noise_effect(in_time: bool, steady: bool, data: WhitenedData) -> None:  # noqa: F811
+    """Three times the floor throughout, or five times it in a third of the time: the same mean square.
+
+    The strength in each of 16 cells and more is known to a third: within that of one, or of zero and three.
+    """
+    there = np.ones(data.count) if steady else 3.0 * ((np.arange(data.count) * 9 // data.count) % 3 == 1)
+    left = np.random.default_rng(0).standard_normal((len(data.columns), data.count)) * np.sqrt(1.0 + 8.0 * there)
+    lefts = [Left(data, Explained(data.absorbed, left.ravel()))]
+    fitted = fit_effect(EFFECTS["noise_excess"], "accel1", lefts[0])
+    assert fitted is not None
+    log_factor = log_bayes_factor_of_noise(replace(fitted, in_time=in_time), lefts)
+    assert log_factor > np.log(50.0) if steady else log_factor < np.log(5.0)

@@ -132,7 +132,7 @@ def explained_away(
     left = replace(masked(data, others), readings=data.readings - volts + data.modelled)
     judged = left if raised is None else replace(left, weights=left.weights / raised)
     if other:
-        judged = replace(judged, weights=judged.weights / _around(readings_of(judged, np.zeros(6)).white))
+        judged = replace(judged, weights=judged.weights / _around(readings_of(judged, np.zeros(6))))
     sigma = sigmas(data.whiteners)
     for each in unsure:
         judged = judged.without(np.abs(with_causes(each) - volts) > sigma)
@@ -155,11 +155,15 @@ def relieved(data: WhitenedData) -> WhitenedData:
     return replace(data, readings=readings)
 
 
-def _around(white: Array) -> Array:
+def _around(readings: Readings) -> Array:
     """(n, 6) standard deviation, at least one, by how far whitened readings differ from their neighbours nearby."""
-    steps = np.abs(np.diff(white, axis=0, prepend=white[:1])) / np.sqrt(2.0)
-    spread = median_filter(steps, size=(2 * _NEARBY + 1, 1), mode="nearest") / float(ndtri(0.75))
-    return np.asarray(np.maximum(spread, 1.0))
+    spread = np.ones_like(readings.white)
+    for white, left_out, own in zip(readings.white.T, readings.left_out.T, spread.T, strict=True):
+        if not left_out.all():
+            there = white[~left_out]
+            steps = np.abs(np.diff(there, prepend=there[1:2])) / np.sqrt(2.0)
+            own[~left_out] = median_filter(steps, size=2 * _NEARBY + 1, mode="reflect") / float(ndtri(0.75))
+    return np.maximum(spread, 1.0)
 
 
 def masked(data: WhitenedData, defects: Sequence[Defect]) -> WhitenedData:

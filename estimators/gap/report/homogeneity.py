@@ -8,22 +8,28 @@ a memory: a Gaussian process, to which a cause adds its common strength and an i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct, idct
+from scipy.ndimage import uniform_filter1d
 
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.prior import LENGTHS
+from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, Left
 from estimators.gap.search.beam import Explanation
 
 Array = NDArray[np.float64]
 
-#: Cells along a variable, as many as the shortest memory tells apart; samples in each at least.
+#: Cells along a variable, as many as the shortest memory tells apart; samples in each at least, of noise squares.
 _CELLS: Final = 64
 _SAMPLES: Final = 4
+_SQUARES: Final = 16
+#: What moves the mean is alike in so many neighbouring readings.
+_NEIGHBOURS: Final = 16
 #: Scatter of the strength over the strength itself.
 SCATTER: Final = np.geomspace(0.01, 10.0, 31)
 #: A coordinate that varies less, in its own unit, is no variable.
@@ -49,7 +55,47 @@ def log_bayes_factor(explanation: Explanation, index: int) -> float:
     cells = min(_CELLS, data.count // _SAMPLES)
     if cells < 2 or not information.sum() > 0.0:
         return 0.0
-    images = [of_cells(*_in_cells(information, score, variable, cells)) for variable in _variables(data)]
+    return _against_any([of_cells(*_in_cells(information, score, each, cells)) for each in _variables(data)])
+
+
+def log_bayes_factor_of_noise(fitted: FittedNoise, lefts: Sequence[Left]) -> float:
+    """The same of a noise effect, whose strength is its variance.
+
+    Args:
+        lefts: what is left of each recording under the floor, whitened by the floor alone.
+    """
+    if fitted.part != EVERY:
+        return sum(_of_noise(each.added, each.in_time, lefts[each.part]) for each in fitted.every)
+    ends = np.cumsum([left.data.count for left in lefts])[:-1]
+    each_added = np.split(fitted.added[: sum(left.data.count for left in lefts)], ends)
+    return sum(_of_noise(added, fitted.in_time, left) for added, left in zip(each_added, lefts, strict=True))
+
+
+def _of_noise(variance: Array, in_time: bool, left: Left) -> float:
+    data = left.data
+    columns = [column for column in data.columns if np.any(variance[:, column] > 0.0)]
+    if not columns:
+        return 0.0
+    own = np.stack([data.channel(left.explained.residual, column) for column in columns])
+    added = variance[:, columns].T
+    share = added / (1.0 + added)
+    information = 0.5 * np.sum(share**2, axis=0)
+    cells = min(_CELLS, int(information.sum() / (0.5 * share.max() ** 2) / _SQUARES))
+    if cells < 2:
+        return 0.0
+    if in_time:
+        slow = uniform_filter1d(own, _NEIGHBOURS, axis=1)
+        square = (own - slow) ** 2 / (1.0 - 1.0 / _NEIGHBOURS)
+        score = 0.5 * np.sum(share * (square / (1.0 + added) - 1.0), axis=0)
+    else:  # of its spectrum, in time
+        fitting = idct(dct(own, norm="ortho") * np.sqrt(share / (1.0 + added)), norm="ortho")
+        score = 0.5 * np.sum(fitting**2 - share.mean(axis=1)[:, None], axis=0)
+        information = np.full(data.count, information.mean())
+    return _against_any([of_cells(*_in_cells(information, score, each, cells)) for each in _variables(data)])
+
+
+def _against_any(images: Sequence[float]) -> float:
+    """Log Bayes factor against images of which any one may be, from those against each."""
     return float(np.log(len(images)) - np.logaddexp.reduce([-each for each in images]))
 
 

@@ -6,9 +6,12 @@ import math
 from typing import Final
 
 from estimators.gap.data.defects import Defect
+from estimators.gap.evidence.states import left_of
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import Prior
+from estimators.gap.hypotheses.score import Explained
 from estimators.gap.report import homogeneity
+from estimators.gap.search.noises import on_data
 from estimators.gap.search.posterior import Posterior
 
 #: Hypotheses that are looked at, by their probability.
@@ -40,19 +43,28 @@ def defect_probability(defect: Defect, prior: Prior) -> float:
 
 def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
     """For the hypotheses that hold something outside the catalogue, by their number, the probability of each member of
-    their explanation: as the catalogue's effects do part of what it does, their own evidence is no longer one."""
+    their explanation, then of each noise effect in the order of their labels: as the catalogue's effects do part of
+    what it does, their own evidence is no longer one."""
     found: dict[int, tuple[float, ...]] = {}
     known: dict[int, tuple[float, ...]] = {}
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
         if not each.other or probability < WAYS:
             continue
-        key = id(each.explanation)
-        if key not in known:
-            known[key] = tuple(
-                _probability(
-                    homogeneity.log_bayes_factor(each.explanation, index) + posterior.prior.log_single(member.drawn)
-                )
-                for index, member in enumerate(each.explanation.members)
+        explanation, prior = each.explanation, posterior.prior
+        if id(explanation) not in known:
+            known[id(explanation)] = tuple(
+                _probability(homogeneity.log_bayes_factor(explanation, index) + prior.log_single(member.drawn))
+                for index, member in enumerate(explanation.members)
             )
-        found[number] = known[key]
+        found[number] = known[id(explanation)]
+        if noises := sorted(each.state.fitted, key=lambda fitted: fitted.label):
+            data, linear = on_data(posterior.scanner.fine.data, explanation)
+            lefts = left_of(data, Explained(data.absorbed, linear.left))
+            found[number] += tuple(
+                _probability(
+                    homogeneity.log_bayes_factor_of_noise(fitted, lefts)
+                    + prior.log_single((fitted.effect.name, (fitted.label,)))
+                )
+                for fitted in noises
+            )
     return found

@@ -80,14 +80,16 @@ def conclude(
     hypotheses, masses, omitted = _listed(posterior, places, same, certain, bool(nameless), doubted)
     leading = posterior.leading
     rng = np.random.default_rng(0)
-    shares = [share for _, share in _believed(leading, doubted.get(0))]
-    reported = [index for index in range(len(leading.explanation.members)) if shares[index] >= _REPORTED]
+    believed = _believed(leading, doubted.get(0))
+    reported = [index for index in range(len(leading.explanation.members)) if believed[index][1] >= _REPORTED]
+    held = {label for label, share in believed[len(leading.explanation.members) :] if share >= _REPORTED}
+    noises = tuple(fitted for fitted in leading.state.fitted if fitted.label in held)
     fits = [fit for index, fit in enumerate(_at_every_sample(leading, data)) if index in reported]
     after, before = closed_shares.of_causes(posterior, reported, rng)
     effects = [fit.effect for fit in fits]
-    noise_after, noise_before = closed_shares.of_noise(leading.state.fitted, named, data, rng)
+    noise_after, noise_before = closed_shares.of_noise(noises, named, data, rng)
     quiet = masses["nothing"] >= 0.5
-    has_cause = bool(fits or leading.state.fitted or named)
+    has_cause = bool(fits or noises or named)
     closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE
     causes = () if quiet else _causes(posterior, leading, places, same, named, certain, doubted, after, before, rng)
     causes = in_recorded_units(causes, recordings[0].units)
@@ -95,7 +97,6 @@ def conclude(
     settled = around(data, leading.explanation.data.pipeline) if effects else data
     other = masses["other"] >= 0.5
     remainder = _remainder(posterior, nameless, other, rng)
-    noises = leading.state.fitted
     channels = by_channel.channels(data, settled, effects, noises, defects, floors, quiet, other, after)
     counts = [len(recording) for recording in recordings]
     names = [recording.name for recording in recordings]
@@ -160,10 +161,8 @@ def _listed(
 
 def _believed(each: Weighing, doubted: Sequence[float] | None) -> list[tuple[str, float]]:
     """Labels of a hypothesis, mean effects first, and the probability of each where the hypothesis holds."""
-    members = each.explanation.members
-    shares = doubted or (1.0,) * len(members)
-    mean = [(member.label, share) for member, share in zip(members, shares, strict=True)]
-    return mean + [(label, 1.0) for label in each.state.labels]
+    labels = [*(member.label for member in each.explanation.members), *each.state.labels]
+    return list(zip(labels, doubted or (1.0,) * len(labels), strict=True))
 
 
 def _subsets(causes: Sequence[tuple[tuple[str, str], float]]) -> list[tuple[tuple[tuple[str, str], ...], float]]:
