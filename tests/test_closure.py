@@ -61,7 +61,7 @@ def test_draws_do_not_know_which_signs_the_eigenvectors_have(monkeypatch: pytest
     def draws() -> np.ndarray:
         _, (term, *_) = smooth_terms(np.full((ROWS, 1), ROWS**-0.5), [source], [[]], [0.0])
         moments = linear.posterior(np.ones(4))
-        way = Way(1.0, change, linear, moments, 0.0, [Weighed(term, np.arange(8.0))], (linear, change, 0.3 * change))
+        way = Way(1.0, change, linear, moments, 0.0, [Weighed(term, np.arange(8.0))])
         return np.stack(drawn([way], 0.7 * change, np.random.default_rng(0)))
 
     solve, plain = np.linalg.eigh, draws()

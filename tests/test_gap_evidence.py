@@ -14,16 +14,17 @@ from estimators.gap.data.projection import project
 from estimators.gap.data.stack import only_in
 from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.common import beside, common_noises, is_common
-from estimators.gap.evidence.discrepancy import Discrepancies, weighed
+from estimators.gap.evidence.discrepancy import Discrepancies, weighed, weighed_terms
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.laplace import Linear, _width
 from estimators.gap.evidence.refine import Fitted
 from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.prior import FLOOR_RAISED
-from estimators.gap.hypotheses.sources import courses
+from estimators.gap.hypotheses.sources import courses, sources
 from rig.arm import Arm
 from rig.effects import EFFECTS, make_effect
+from rig.effects._numerics import play
 from rig.pose_nodes import quaternions
 
 
@@ -166,6 +167,40 @@ def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(data:
     assert best.log_mass > 0.5 * 0.9 * 40.0**2 - 100.0
     quiet = weighed(unexplained(noise), discrepancies, {"scale_cubic@mag1": change})
     assert all(each.log_mass < 0.0 for each in quiet)
+
+
+def test_a_sine_without_a_name_is_told_from_every_sample(data: WhitenedData) -> None:
+    """Of the magnetic field, between two frequencies of the transform, a signal-to-noise of 12: half of its square less
+    the prices of source, frequency and amplitudes; the frequency within six of its bounds. Noise alone is worth less
+    than nothing."""
+    noise = np.random.default_rng(4).standard_normal(data.size)
+    (field,) = [each for each in sources(data) if each.name == "the magnetic field"]
+    true = 0.1 + 0.25 / float(np.ptp(data.t))
+    wave = project(data.absorbed, (field.series[0] * np.sin(2.0 * np.pi * true * data.t)).ravel())
+    sines = Discrepancies.of(data, data).sines
+    quiet = project(data.absorbed, noise)
+    loud = quiet + 12.0 * wave / np.linalg.norm(wave)
+    best = weighed_terms(unexplained(loud), sines.terms(loud))[0]
+    assert best.term.source == "the magnetic field"
+    assert best.term.course.startswith("a sine of ")
+    found = float(best.term.course.split()[3])
+    assert abs(found - true) < 6.0 * np.sqrt(12.0) / (2.0 * np.pi * float(np.ptp(data.t)) * 12.0)
+    assert best.log_mass > 0.5 * 12.0**2 - 50.0
+    assert all(each.log_mass < 0.0 for each in weighed_terms(unexplained(quiet), sines.terms(quiet)))
+
+
+def test_hysteresis_of_any_form_is_an_offset_that_follows_its_history(data: WhitenedData) -> None:
+    """Four plays side by side (Prandtl and Ishlinskii) on one axis: three quarters of their square, which are 20
+    standard deviations, are the history's; their form is not one play's."""
+    own = data.base.inputs[:, 4]
+    change = np.zeros((data.count, 6))
+    change[:, 4] = np.mean([play(own, share * np.ptp(own)) for share in (0.002, 0.007, 0.02, 0.05)], axis=0) - own
+    change = project(data.absorbed, data.whiten(change))
+    noise = project(data.absorbed, np.random.default_rng(5).standard_normal(data.size))
+    left = noise + 20.0 * change / np.linalg.norm(change)
+    best = weighed(unexplained(left), Discrepancies.of(data, data))[0]
+    assert (best.term.source, best.term.course) == ("the offset of mag2", "the history of its level")
+    assert best.log_mass > 0.5 * 0.75 * 20.0**2 - 40.0
 
 
 def test_how_fast_the_tool_turns_holds_what_any_lever_feels(arm: Arm) -> None:

@@ -13,7 +13,7 @@ from typing_extensions import override
 from rig.channels import CHANNELS
 from rig.effects.base import Effect, Stage, register
 from rig.effects.drift import with_volts
-from rig.effects.parameters import choice, parameter
+from rig.effects.parameters import choice, frequency, parameter
 from rig.errors import RigError
 from rig.signals import Signals
 
@@ -110,7 +110,7 @@ class MainsHum(Effect):
     tone = True
     bands = ((49.0, 51.0), (58.8, 61.2))
 
-    freq_Hz: float = parameter("Hz", 50.0, lower=0.0, upper=1000.0, strength=False)
+    freq_Hz: float = frequency(50.0)
     amplitude: tuple[float, ...] = parameter("V", 2e-3, size=6)
     phase_rad: tuple[float, ...] = parameter(
         "rad", np.pi, size=6, strength=False, default=0.0, spanned=((0.0,) * 6, (np.pi / 2.0,) * 6)

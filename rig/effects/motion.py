@@ -9,7 +9,7 @@ from typing_extensions import override
 
 from rig.effects._numerics import curvature, times
 from rig.effects.base import Effect, Stage, register
-from rig.effects.parameters import choice, parameter, phase
+from rig.effects.parameters import choice, frequency, parameter, phase
 from rig.errors import RigError
 from rig.signals import Signals
 
@@ -69,7 +69,7 @@ class Vibration(Effect):
     tone = True
 
     amplitude_m_s2: float = parameter("m/s^2", 0.1)
-    freq_Hz: float = parameter("Hz", 25.0, lower=0.0, upper=1000.0, strength=False)
+    freq_Hz: float = frequency(25.0)
     phase_rad: float = phase()
     direction: tuple[float, ...] = parameter(
         "relative",

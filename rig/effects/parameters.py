@@ -32,6 +32,8 @@ class Parameter:
         scatter: True where it is the strength of noise that a mean effect has beside the mean (``Effect.response``):
             it does not move the mean.
         by_axis: True where its components are those of single axes, of which one alone may be at fault.
+        step: change of it, in ``unit``, over which a derivative is taken: small against any curvature, large against
+            rounding.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Parameter:
     grid: tuple[Value, ...] = ()
     scatter: bool = False
     by_axis: bool = False
+    step: float = 0.0
 
     def holds(self, value: object) -> bool:
         """Whether a value is a float, or a tuple of as many as it should be, within bounds."""
@@ -84,14 +87,19 @@ def parameter(
     grid: Sequence[Value] = (),
     scatter: bool = False,
     by_axis: bool = False,
+    step: float | None = None,
 ) -> Any:
-    """A dataclass field that is a parameter of the effect; a strength starts neutral, a shape at its typical size."""
+    """A dataclass field that is a parameter of the effect; a strength starts neutral, a shape at its typical size.
+
+    Args:
+        step: a thousandth of the typical size where it is None.
+    """
     start: Any = default if default is not None else (neutral if strength else typical)
     if size > 1 and not isinstance(start, tuple):
         start = (start,) * size
     meta: dict[str, Any] = {"unit": unit, "typical": typical, "lower": lower, "upper": upper, "size": size}
     meta |= {"strength": strength, "neutral": neutral, "spanned": tuple(spanned), "grid": tuple(grid)}
-    meta |= {"scatter": scatter, "by_axis": by_axis}
+    meta |= {"scatter": scatter, "by_axis": by_axis, "step": 1e-3 * typical if step is None else step}
     return dataclasses.field(default=start, metadata=meta)
 
 
@@ -102,6 +110,15 @@ def choice(choices: Sequence[str], default: str | None = None) -> Any:
 
 
 QUADRATURE: Final = (0.0, np.pi / 2.0)
+
+
+def frequency(typical: float) -> Any:
+    """A dataclass field that is the frequency of a sine in time [Hz].
+
+    Its step turns the sine by less than a hundredth of a cycle in a day: a recording tells frequencies as finely as it
+    is long.
+    """
+    return parameter("Hz", typical, lower=0.0, upper=1000.0, strength=False, step=1e-7)
 
 
 def phase() -> Any:

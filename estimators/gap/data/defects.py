@@ -65,7 +65,12 @@ def find_defects(data: WhitenedData, locked_step: Array) -> list[Defect]:
     left = data
     for defect in defects:
         left = left.without(defect.affected)
-    return [*defects, *_examined(_LAST, left, locked_step)]
+    return [*defects, *_spikes(left, locked_step)]
+
+
+def _spikes(data: WhitenedData, step: Array) -> list[Defect]:
+    """Readings that stand out from those around them: a model that is off for longer makes none."""
+    return _examined(_LAST, replace(data, readings=data.readings - _slow(data)), step)
 
 
 def _examined(name: str, data: WhitenedData, step: Array) -> list[Defect]:
@@ -136,7 +141,7 @@ def explained_away(
     sigma = sigmas(data.whiteners)
     for each in unsure:
         judged = judged.without(np.abs(with_causes(each) - volts) > sigma)
-    return [*others, *_examined(_LAST, judged, np.zeros(left.readings.shape[1]))]
+    return [*others, *_spikes(judged, np.zeros(left.readings.shape[1]))]
 
 
 def relieved(data: WhitenedData) -> WhitenedData:
@@ -153,6 +158,14 @@ def relieved(data: WhitenedData) -> WhitenedData:
             less = drawn_in(local, *tails_of(local, known)) - local
             readings[:, column] += less * data.whiteners[column].sigma * (data.weights[:, column] > 0.0)
     return replace(data, readings=readings)
+
+
+def _slow(data: WhitenedData) -> Array:
+    """(n, 6) running median of what is left of the readings [recorded unit]."""
+    found = np.zeros_like(data.readings)
+    for column in data.columns:
+        found[:, column] = median_filter(data.residual[:, column], size=2 * _NEARBY + 1, mode="reflect")
+    return found
 
 
 def _around(readings: Readings) -> Array:

@@ -17,13 +17,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import orthonormal, project, side_by_side
+from estimators.gap.data.projection import side_by_side
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.means import Means
+from estimators.gap.evidence.sines import Sines
 from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import OTHER_FORM
-from estimators.gap.hypotheses.sources import Course, Source, courses, level_courses, sources
+from estimators.gap.hypotheses.sources import Course, Source, courses, history_course, level_courses, sources
 
 Array = NDArray[np.float64]
 
@@ -34,55 +36,16 @@ _HOPELESS: Final = -9.0
 
 
 @dataclass(frozen=True)
-class Means:
-    """Whitened samples as sums over neighbours, scaled so that white noise keeps its variance of one.
-
-    Attributes:
-        fine: sample by sample. rough: the data of means over so many neighbours, for what courses follow.
-    """
-
-    fine: WhitenedData
-    rough: WhitenedData
-
-    @property
-    def count(self) -> int:
-        """Sums a channel."""
-        return self.rough.count
-
-    def __call__(self, columns: Array) -> Array:
-        """Whitened columns (c n, k) as (c m, k)."""
-        if self.rough is self.fine:
-            return columns
-        by_channel = columns.T.reshape(-1, len(self.fine.columns), self.fine.count)
-        found = np.empty((*by_channel.shape[:2], self.count))
-        for fine, own in zip(self.fine.stretches, self.rough.stretches, strict=True):
-            count = own.stop - own.start
-            size = (fine.stop - fine.start) // count
-            cut = by_channel[:, :, fine.start : fine.start + count * size]
-            found[:, :, own] = cut.reshape(*found.shape[:2], count, size).sum(axis=3) / np.sqrt(size)
-        return found.reshape(len(found), -1).T
-
-    @cached_property
-    def absorbed(self) -> Array:
-        """(c m, rank) orthonormal basis of the calibration's tangent."""
-        return self.fine.absorbed.dense() if self.rough is self.fine else orthonormal(self(self.fine.tangent))
-
-    def linear(self, fine: Linear) -> Linear:
-        """A linearised set of effects, the calibration projected out here too."""
-        both = self(side_by_side(fine.left, fine.tangent))
-        both = project(self.absorbed, both)  # the effects' own calibration is a slightly different one
-        return replace(fine, left=both[:, 0], tangent=both[:, 1:])
-
-
-@dataclass(frozen=True)
 class Discrepancies:
-    """All terms on sums over neighbouring samples.
+    """All terms.
 
     Attributes:
-        terms: of every source. courses: those that any source may follow.
+        terms: of every source. sines: what sources are along a sine.
+        means: the sums over neighbouring samples that slow terms are of. courses: those that any source may follow.
     """
 
     terms: list[Term]
+    sines: Sines
     means: Means
     courses: tuple[Course, ...]
 
@@ -91,20 +54,33 @@ class Discrepancies:
         """Of every source along every course."""
         data = Means(fine, rough)
         along = list(courses(rough))
-        every = [_on_means(data, each) for each in sources(fine)]
+        of_samples = sources(fine)
+        every = [_on_means(data, each) for each in of_samples]
         blocks = [count for count in BLOCKS if count < 0.7 * data.count] + [data.count]
         own: list[list[Course]] = []
         for source in every:
             own.append([course for course, kinds in along if source.kind in kinds])
             if source.column >= 0 and source.kind == "offset":
                 own[-1] += level_courses(rough, source.column)
-        shares = [-float(np.log(len(every))) - float(np.log(len(each) + 2)) for each in own]
-        errors, found = smooth_terms(data.absorbed, every, own, shares)
+        past = [
+            history_course(fine, source.column) if source.kind == "offset" and source.column >= 0 else None
+            for source in of_samples
+        ]
+        shares = [
+            -float(np.log(len(every))) - float(np.log(len(each) + 3 + (history is not None)))
+            for each, history in zip(own, past, strict=True)
+        ]
+        errors, found = smooth_terms(fine.absorbed.dense(), every, own, shares, data)
         for source, share, freedoms in zip(every, shares, freedoms_of(every), strict=True):
             for count in blocks:
                 found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
+        for source, share, history in zip(of_samples, shares, past, strict=True):
+            if history is not None:
+                absorbed = fine.absorbed.dense()
+                found += smooth_terms(absorbed, [source], [[history]], [share], lengths=())[1]
         general = tuple(course for course, kinds in along if "gain" in kinds)
-        return cls([term for term in found if len(term.values)], data, general)
+        kept = [term for term in found if len(term.values)]
+        return cls(kept, Sines(fine, of_samples, shares), data, general)
 
     def forms(self, changes: Mapping[str, Array]) -> list[Term]:
         """Effects that are there in another form than the catalogue's: of a strength that follows something.
@@ -118,7 +94,8 @@ class Discrepancies:
             effect, where = split(label)
             series = change.reshape(1, len(self.means.fine.columns), -1)
             every.append(_on_means(self.means, Source(f"the strength of {effect} at {where}", series, "gain")))
-        return smooth_terms(self.means.absorbed, every, [self.courses] * len(every), [share] * len(every))[1]
+        absorbed = self.means.fine.absorbed.dense()
+        return smooth_terms(absorbed, every, [self.courses] * len(every), [share] * len(every), self.means)[1]
 
 
 def _on_means(data: Means, source: Source) -> Source:
@@ -150,12 +127,12 @@ class Weighed:
 
 
 def weighed(linear: Linear, discrepancies: Discrepancies, changes: Mapping[str, Array] | None = None) -> list[Weighed]:
-    """Every term beside a set of effects, the likeliest first; ``linear`` as ``Means.linear`` gives it.
+    """Every term beside a set of effects, the likeliest first.
 
     Args:
         changes: of the set's effects, as ``Discrepancies.forms`` takes them.
     """
-    found = weighed_terms(linear, discrepancies.terms)
+    found = weighed_terms(linear, [*discrepancies.terms, *discrepancies.sines.terms(linear.left)])
     if not changes:
         return found
     forms = weighed_terms(linear, discrepancies.forms(changes))

@@ -101,6 +101,13 @@ class Linear:
         covariance = np.linalg.pinv(gram + np.diag(precision), hermitian=True)
         return np.asarray(covariance @ (moment + precision * self.pull)), np.asarray(covariance)
 
+    @cached_property
+    def ahead(self) -> float:
+        """The log likelihood and prior that moving the parameters to where they are likeliest gains, to first order."""
+        precision = self.precision(self.averaged[1])
+        step = self.posterior(precision)[0]
+        return float(0.5 * step @ (self.tangent.T @ self.left + precision * self.pull))
+
     def log_evidence(self, square: Array | float, gram: Array, moment: Array, precision: Array) -> Array:
         """(...,) without the determinant of S, the inverse covariance.
 

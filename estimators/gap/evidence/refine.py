@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import Basis, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.hypotheses.candidates import STEP, Candidate, Shape
+from estimators.gap.hypotheses.candidates import Candidate, Shape
 from estimators.gap.hypotheses.scan import KEPT, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained
 from rig.channels import CHANNELS
@@ -61,6 +61,11 @@ class Fitted:
         """(p,) typical sizes."""
         return np.concatenate([np.full(item.size, item.typical) for item in self.free])
 
+    @property
+    def step(self) -> Array:
+        """(p,) changes over which derivatives are taken."""
+        return np.concatenate([np.full(item.size, item.step) for item in self.free])
+
     @cached_property
     def effect(self) -> Effect:
         """The effect itself; values beyond their bounds are moved to them."""
@@ -73,13 +78,13 @@ class Fitted:
 
     def touched(self, data: WhitenedData) -> NDArray[np.bool_]:
         """(6,) the channels whose readings it changes, near the fitted values."""
-        moved = replace(self, values=self.values + STEP * self.scale).effect
+        moved = replace(self, values=self.values + self.step).effect
         return np.asarray((data.change([moved]) != 0.0).any(axis=0))
 
     @property
     def moved(self) -> list[Effect]:
         """With each of the values a little larger."""
-        return [replace(self, values=self.values + row).effect for row in np.diag(STEP * self.scale)]
+        return [replace(self, values=self.values + row).effect for row in np.diag(self.step)]
 
     def tangent(self, data: WhitenedData) -> Array:
         """(c count, p) whitened derivatives at the fitted values, each scaled to a typical size."""
@@ -310,9 +315,10 @@ def tangents(
         near = [number for number, own in enumerate(touched) if number == index or (here & own).any()]
         beside = [effects[number] for number in near]
         parts = []
-        for moved in data.changes(beside, near.index(index), each.moved, here):
+        moves = data.changes(beside, near.index(index), each.moved, here)
+        for moved, size in zip(moves, each.step / each.scale, strict=True):
             parts.append(np.zeros_like(change))
-            parts[-1][:, here] = (moved[:, here] - change[:, here]) / STEP
+            parts[-1][:, here] = (moved[:, here] - change[:, here]) / size
         columns = data.whiten_changes(parts)
         full = np.zeros((len(parts), data.size)).T
         full[columns.rows] = columns.values

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.gap.evidence.means import Means
 from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS
 from estimators.gap.hypotheses.sources import COSINES, Course, Source, cosines, matern
 
@@ -29,20 +30,24 @@ class Errors:
     Attributes:
         series: (n, f, c) of every freedom of every source: its change of each channel.
         values: (n, k) functions of time.
+        means: the sums over neighbouring samples that these are of; None: of every sample.
     """
 
     series: Array
     values: Array
+    means: Means | None = None
 
     @classmethod
-    def of(cls, every: Sequence[Source], values: Array | None = None) -> Errors:
+    def of(cls, every: Sequence[Source], values: Array | None = None, means: Means | None = None) -> Errors:
         """Of sources one after another."""
         series = np.concatenate([each.series for each in every]).transpose(2, 0, 1).copy()
-        return cls(series, np.empty((len(series), 0)) if values is None else values)
+        return cls(series, np.empty((len(series), 0)) if values is None else values, means)
 
     def moments(self, columns: Array, freedoms: slice = slice(None)) -> Array:
-        """(n, f, m) products of some freedoms with whitened columns (c n, m), sample by sample."""
+        """(n, f, m) products of some freedoms with whitened columns (c n, m), of every sample or summed already."""
         count, _, channels = self.series.shape
+        if self.means is not None and len(columns) != count * channels:
+            columns = self.means(columns)
         by_channel = np.ascontiguousarray(columns.T.reshape(-1, channels, count).transpose(2, 1, 0))
         return np.asarray(np.matmul(self.series[:, freedoms], by_channel))
 
@@ -99,7 +104,7 @@ class Term:
         return self.variances[:, None] / (1.0 + ratio), np.log1p(ratio).sum(axis=1)
 
     def along(self, columns: Array) -> Array:
-        """(r, k) of whitened columns (m, k): products with the eigenvectors."""
+        """(r, k) of whitened columns (m, k), as ``Errors.moments`` takes them: products with the eigenvectors."""
         moments = self.errors.moments(columns, self.freedoms)
         if self.edges is not None:
             return self.turned(np.add.reduceat(moments, self.edges, axis=0))
@@ -120,27 +125,35 @@ def freedoms_of(every: Sequence[Source]) -> list[slice]:
 
 
 def smooth_terms(
-    absorbed: Array, every: Sequence[Source], along: Sequence[Sequence[Course]], shares: Sequence[float]
+    absorbed: Array,
+    every: Sequence[Source],
+    along: Sequence[Sequence[Course]],
+    shares: Sequence[float],
+    means: Means | None = None,
+    lengths: Sequence[float] = LENGTHS,
 ) -> tuple[Errors, list[Term]]:
     """Sources along time, with every memory, and each along each of its courses.
 
     Args:
-        absorbed: (c n, p) orthonormal basis of the calibration's tangent.
+        absorbed: (c n, p) orthonormal basis of the calibration's tangent, of every sample.
         along: courses of each source. shares: of each the log prior of one course.
+        means: the sums over neighbouring samples that sources and courses are of; None: of every sample.
+        lengths: memories, as shares of the recording.
     """
     distinct = {id(course): course for own in along for course in own}
-    values = [cosines(every[0].series.shape[2]), *(course.values for course in distinct.values())]
+    values = [cosines(every[0].series.shape[2])] if lengths else [np.empty((every[0].series.shape[2], 0))]
+    values += [course.values for course in distinct.values()]
     ends = np.cumsum([each.shape[1] for each in values]).tolist()
     functions = dict(zip(distinct, map(slice, ends[:-1], ends[1:]), strict=True))
-    errors = Errors.of(every, np.hstack(values))
+    errors = Errors.of(every, np.hstack(values), means)
     shared = errors.along(errors.moments(absorbed))  # (k, f, p) what the calibration takes
     found: list[Term] = []
     for source, freedoms, own, share in zip(every, freedoms_of(every), along, shares, strict=True):
-        gram = _gram(errors, freedoms, slice(0, COSINES))
+        gram = _gram(errors, freedoms, slice(0, COSINES)) if lengths else np.empty(0)
         ways = []
-        for length in LENGTHS:  # the first of the same cosines
+        for length in lengths:  # the first of the same cosines
             most = min(COSINES, max(8, int(np.ceil(8.0 / length))))
-            prior = share - float(np.log(len(LENGTHS)))
+            prior = share - float(np.log(len(lengths)))
             ways.append(("time", slice(0, most), gram[:, :most, :, :most], matern(length, most), prior))
         for each in own:
             of = functions[id(each)]

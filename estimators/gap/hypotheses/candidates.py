@@ -23,8 +23,6 @@ Shape = Mapping[str, Value]
 
 #: A recording, of several, with fewer samples shows no course in time: a few still poses, say.
 _COURSE = 100
-#: Strength, relative to typical, at which a derivative is taken: small against any curvature, large against rounding.
-STEP = 1e-3
 
 
 def split(label: str) -> tuple[str, str]:
@@ -72,7 +70,7 @@ class Candidate:
     @property
     def steps(self) -> Array:
         """(size,) strengths at which derivatives are taken."""
-        return np.concatenate([np.full(item.size, STEP * item.typical) for item in self.strengths])
+        return np.concatenate([np.full(item.size, item.step) for item in self.strengths])
 
     def make(self, strengths: Sequence[float] | Array, shape: Shape) -> Effect:
         """The effect with these strengths, one number each, and this shape."""

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from estimators.gap.data.whitened import WhitenedData
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import EFFECTS, make_effect
+from rig.effects._numerics import play
 from rig.effects.transmission import smooth_sign
 
 Array = NDArray[np.float64]
@@ -30,6 +31,8 @@ _DELAY: Final = 1e-4
 #: Cosines of time, and harmonics of a joint's angle.
 COSINES: Final = 96
 _ORDERS: Final = 3
+#: Half-widths of plays, as shares of the range of what they follow.
+_WIDTHS: Final = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
 #: Poses further apart [rad] than this are single ones, and so are fewer than this of them: they tell no speed.
 _FAR_APART: Final = 0.5
 _SERIES: Final = 8
@@ -208,6 +211,16 @@ def _turning(data: WhitenedData) -> tuple[Array, Array]:
 def _of_size_one(values: Array) -> Array:
     """Divided by their root mean square."""
     return values / max(float(np.sqrt(np.mean(values**2))), 1e-300)
+
+
+def history_course(data: WhitenedData, column: int) -> Course | None:
+    """What an axis' offset can follow of the history of its input, as hysteresis of any form does to first order: plays
+    of several widths (Prandtl and Ishlinskii's model; Visintin, Differential Models of Hysteresis, 1994)."""
+    own = data.base.inputs[:, column]
+    size = float(np.ptp(own))
+    plays = [own - play(own, share * size) for share in _WIDTHS]
+    moved = [_of_size_one(each) for each in plays if np.std(each) > 1e-9 * size]
+    return Course("the history of its level", np.column_stack(moved), np.ones(len(moved))) if moved else None
 
 
 def level_courses(data: WhitenedData, column: int) -> list[Course]:

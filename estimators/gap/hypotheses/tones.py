@@ -57,15 +57,15 @@ def best_tone(
     residual = explained.residual.reshape(len(data.columns), count)
     seen = np.einsum("cn,ncj->jn", residual, shown)
     inverse = np.linalg.pinv(np.einsum("nci,ncj->ij", shown, shown))
-    power = _power(np.fft.rfft(seen, n=2 * count, axis=1), inverse)
+    power = of_waves(np.fft.rfft(seen, n=2 * count, axis=1), inverse)
     frequency: Array = np.arange(count + 1) / (2.0 * count * data.interval_s)
     allowed = _allowed(candidate, data, frequency) & (frequency >= lowest_Hz)
     if not allowed.any():
         return Score(0.0, 0, np.zeros(0), 0.0), 0.0, 1
     tried = int(allowed.sum()) // 2
     peaks = sorted(np.flatnonzero(allowed), key=lambda index: -power[index])[:_PEAKS]
-    polished = [_polished(seen, inverse, data.t, float(frequency[peak])) for peak in peaks]
-    highest, at_Hz = max(polished)
+    best = [polished(seen, inverse, data.t, float(frequency[peak])) for peak in peaks]
+    highest, at_Hz = max(best)
     rank = 2 * shown.shape[2]
     if evidence(highest, rank) - 2.0 * np.log(tried) < worthwhile:
         return Score(highest, rank, np.zeros(0), 1.0), at_Hz, tried
@@ -74,12 +74,12 @@ def best_tone(
     return explained.score(data.whiten_changes(waves)), at_Hz, tried
 
 
-def _power(spectra: NDArray[np.complex128], inverse: Array) -> Array:
+def of_waves(spectra: NDArray[np.complex128], inverse: Array) -> Array:
     """What waves explain of a residual: from its transforms (j, f) under each envelope, and the inverse Gram matrix."""
     return np.asarray(2.0 * np.real(np.einsum("jf,jk,kf->f", spectra.conj(), inverse, spectra)))
 
 
-def _polished(seen: Array, inverse: Array, t: Array, frequency: float) -> tuple[float, float]:
+def polished(seen: Array, inverse: Array, t: Array, frequency: float) -> tuple[float, float]:
     """The most that a frequency near one of the transform's explains, and that frequency [Hz].
 
     Turned back by the transform's frequency the wave is slow: sums over a few blocks keep it.
@@ -88,7 +88,7 @@ def _polished(seen: Array, inverse: Array, t: Array, frequency: float) -> tuple[
     slow = (seen * np.exp(-2j * np.pi * frequency * t))[:, :whole].reshape(len(seen), _SUMS, -1).sum(axis=2)
     middles = t[:whole].reshape(_SUMS, -1).mean(axis=1)
     around = np.linspace(-0.5, 0.5, 41) / (t[-1] - t[0])
-    power = _power(slow @ np.exp(-2j * np.pi * np.outer(middles, around)), inverse)
+    power = of_waves(slow @ np.exp(-2j * np.pi * np.outer(middles, around)), inverse)
     best = int(np.argmax(power))
     return float(power[best]), frequency + float(around[best])
 

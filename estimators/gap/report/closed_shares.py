@@ -15,8 +15,7 @@ from estimators.gap.data.projection import project
 from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Closed
-from estimators.gap.evidence.laplace import Linear, linearised
-from estimators.gap.evidence.refine import at
+from estimators.gap.evidence.laplace import Linear
 from estimators.gap.floor.channel_noise import sigmas
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import closure
@@ -37,7 +36,7 @@ def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Gene
     Args:
         reported: the numbers of those members of the leading explanation that are.
     """
-    floor, means = posterior.scanner.fine.data, posterior.discrepancies.means
+    floor = posterior.scanner.fine.data
     known: dict[tuple[object, ...], Linear] = {}
 
     def under_floor(explanation: Explanation) -> Linear:
@@ -53,8 +52,7 @@ def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Gene
         data = around(floor, leading.data.pipeline)
         change = project(data.absorbed, data.whiten(data.change([leading.fits[index].effect for index in reported])))
         own = replace(own, left=floor.whitened - change, tangent=own.tangent[:, np.isin(own.owner, reported)])
-    fitted, roughly = floor.whitened - own.left, means.linear(own).left
-    nothing = means.linear(linearised(at([], floor))).left
+    fitted = floor.whitened - own.left
     ways = []
     for each, probability in zip(posterior.hypotheses, posterior.probabilities, strict=True):
         if probability > WAYS:
@@ -65,8 +63,7 @@ def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Gene
             if each.state.other:
                 way = replace(way, nameless=max(left, 0.0))
             elif each.terms and not each.state.steps:
-                there = means.linear(linear)
-                way = replace(way, terms=each.terms, on_means=(there, nothing - there.left, roughly - there.left))
+                way = replace(way, terms=each.terms)
             ways.append(way)
     after, before = closure.drawn(ways, fitted, rng)
     if reported:

@@ -41,7 +41,6 @@ class Way:
         linear: it, linearised. moments: of its parameters, as of ``estimators.gap.search.posterior.Hypothesis``.
         nameless: squares that noise without a name adds.
         terms: of its discrepancy; empty without one.
-        on_means: the means of these: the hypothesis there, its change, and that less the reported one.
         apart: for each shape that the fit keeps, what its change would be at equally likely values, less what it is:
             (k, m) each.
     """
@@ -52,7 +51,6 @@ class Way:
     moments: tuple[Array, Array]
     nameless: float = 0.0
     terms: Sequence[Weighed] = ()
-    on_means: tuple[Linear, Array, Array] | None = None
     apart: Sequence[Array] = ()
 
 
@@ -73,8 +71,8 @@ def drawn(ways: Sequence[Way], fitted: Array, rng: np.random.Generator) -> tuple
         whole = replace(way.linear, tangent=np.column_stack([way.linear.tangent, *(each.T for each in way.apart)]))
         left = moved(whole, way.change - fitted, np.hstack(every)) + way.nameless
         there = moved(whole, way.change, np.hstack(every)) + way.nameless
-        if way.terms and way.on_means is not None:
-            for rows, energy, off, change in _of_terms(way.terms, way.on_means, deltas, rng):
+        if way.terms:
+            for rows, energy, off, change in _of_terms(way, way.change - fitted, deltas, rng):
                 left[rows] += energy + off
                 there[rows] += energy + change
         after.append(np.maximum(left, 0.0))
@@ -102,10 +100,11 @@ def moved(linear: Linear, change: Array, deltas: Array) -> Array:
 
 
 def _of_terms(
-    terms: Sequence[Weighed], on_means: tuple[Linear, Array, Array], deltas: Array, rng: np.random.Generator
+    way: Way, off: Array, deltas: Array, rng: np.random.Generator
 ) -> Iterator[tuple[NDArray[np.bool_], Array, Array, Array]]:
-    """Draws of a discrepancy: of which rows, their squares, and their products with two changes, twice."""
-    linear, change, off = on_means
+    """Draws of a discrepancy: of which rows, their squares, and their products with two changes, twice: what is off in
+    the reported causes, and the change of a hypothesis' own."""
+    terms, linear, change = way.terms, way.linear, way.change
     masses = np.array([term.log_mass for term in terms])
     chosen = rng.choice(len(masses), len(deltas), p=np.exp(masses - np.logaddexp.reduce(masses)))
     side = rng.standard_normal(len(change))  # an eigenvector has no sign of its own: that in which it points here

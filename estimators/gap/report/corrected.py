@@ -23,7 +23,7 @@ from estimators.gap.data.rebase import around, stepped
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import is_common
 from estimators.gap.evidence.converge import converged
-from estimators.gap.evidence.discrepancy import Means, Weighed
+from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.refine import Fitted, tangents
 from estimators.gap.search.posterior import Hypothesis, Posterior
 from estimators.known_angle.assemble import assemble
@@ -168,8 +168,6 @@ def _posteriors(
     if not hypothesis.terms:
         yield 1.0, *solved(columns.T @ columns, columns.T @ left, precision, pull, size)
         return
-    means = Means(data, posterior.scanner.rough.data)
-    left, columns = means(left[:, None])[:, 0], means(columns)
     terms = hypothesis.terms[:_TERMS]
     masses = np.array([each.log_mass for each in terms])
     for each, weight in zip(terms, np.exp(masses - np.logaddexp.reduce(masses)), strict=True):

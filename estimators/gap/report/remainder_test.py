@@ -19,12 +19,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import Basis, project
+from estimators.gap.data.projection import Basis, orthonormal, project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.discrepancy import Discrepancies
 from estimators.gap.evidence.states import SLOWER
 from estimators.gap.evidence.terms import Term
-from estimators.gap.hypotheses.candidates import STEP, Candidate
+from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import ABSORBED
@@ -73,9 +73,10 @@ def p_value(
     tangent, known = _own_tangent(data, std)
     noise = _drawn(data, rng) + (tangent * known) @ rng.standard_normal((len(known), _DRAWS))
     fine = np.column_stack([data.whitened, project(data.absorbed, noise)])
-    rough = np.column_stack([means(fine[:, :1]), means(fine[:, 1:])])
-    rough = project(means.absorbed, rough)
-    own = _basis(means(tangent), means.absorbed)
+    summed = means(fine)
+    absorbed = orthonormal(means(data.absorbed.dense()))
+    rough = project(absorbed, summed)
+    own = _basis(means(tangent), absorbed)
     square = np.sum((own.T @ rough) ** 2, axis=0)
     logs = [_gain(square, own.shape[1])] if own.shape[1] else []
     left_rough = project(own, rough)
@@ -84,13 +85,16 @@ def p_value(
     catalogue = []
     for log_prior, columns, on_means in _columns(scanner, candidates, prior):
         held, left = (own, left_rough) if on_means else (own_fine, left_fine)
-        basis = _basis(columns, means.absorbed if on_means else data.absorbed, held)
+        basis = _basis(columns, absorbed if on_means else data.absorbed, held)
         if basis.shape[1]:
             more = np.sum((basis.T @ left) ** 2, axis=0)
             catalogue.append(log_prior + _gain(square + more, basis.shape[1] + own.shape[1]))
     if catalogue:
         logs.append(np.logaddexp.reduce(catalogue, axis=0))
-    logs.append(np.logaddexp.reduce([term.log_prior + _term_gain(term, rough) for term in discrepancies.terms], axis=0))
+    terms = [
+        term.log_prior + _term_gain(term, fine if term.errors.means is None else summed) for term in discrepancies.terms
+    ]
+    logs.append(np.logaddexp.reduce(terms, axis=0))
     statistic = np.logaddexp.reduce(logs, axis=0)
     return float(np.mean(statistic >= statistic[0] - 1e-9))
 
@@ -115,7 +119,7 @@ def _own_tangent(data: WhitenedData, std: Sequence[Mapping[str, Value]]) -> tupl
             given = (*data.given[:index], moved, *data.given[index + 1 :])
             found.append(data.whiten(replace(data, given=given).modelled - data.modelled))
             own = std[index].get(item.name, 0.0) if index < len(std) else 0.0
-            known.append(np.broadcast_to(own, item.size)[place] / (STEP * item.typical))
+            known.append(np.broadcast_to(own, item.size)[place] / item.step)
     return np.column_stack(found) if found else np.zeros((data.size, 0)), np.array(known)
 
 
@@ -128,7 +132,7 @@ def _moved(effect: Effect) -> Iterator[tuple[Effect, Parameter, int]]:
         for place in range(item.size):
             for sign in (1.0, -1.0):  # a bound may be on one side
                 other = values.copy()
-                other[place] += sign * STEP * item.typical
+                other[place] += sign * item.step
                 if item.lower <= other[place] <= item.upper:
                     value = float(other[0]) if item.size == 1 else tuple(map(float, other))
                     yield replace(effect, **{item.name: value}), item, place  # type: ignore[arg-type]

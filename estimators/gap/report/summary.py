@@ -259,8 +259,7 @@ def _of_noise(fitted: FittedNoise) -> dict[str, Estimate]:
 
 def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
     """What the whole gap follows: for each course the share of it that the likeliest source takes along that."""
-    means = posterior.discrepancies.means
-    linear = means.linear(linearised(at([], posterior.scanner.fine.data)))
+    linear = linearised(at([], posterior.scanner.fine.data))
     rough = posterior.scanner.rough.data
     found: dict[str, float] = {}
     size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.rank, 1.0)
@@ -291,7 +290,7 @@ def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rn
         with_terms = next((each for each in posterior.hypotheses if each.terms), None)
         gap = max(float(rough.whitened @ rough.whitened) - rough.size, 1.0)
         seen: set[str] = set()
-        if with_terms is not None and with_terms.on_means is not None:
+        if with_terms is not None:
             for each in with_terms.terms:
                 if (
                     each.term.source not in seen
@@ -299,7 +298,7 @@ def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rn
                     and each.log_mass > with_terms.terms[0].log_mass - 3.0
                 ):
                     seen.add(each.term.source)
-                    share = float(np.clip(_taken(each, with_terms.on_means.left) / gap, 0.0, 1.0))
+                    share = float(np.clip(_taken(each, with_terms.explanation.linear.left) / gap, 0.0, 1.0))
                     follows.append({"source": each.term.source, "course": each.term.course, "share": share})
         if posterior.hypotheses[0].state.other:
             for step in posterior.hypotheses[0].state.steps:

@@ -17,8 +17,9 @@ from estimators.gap.data.projection import project
 from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
-from estimators.gap.evidence.discrepancy import Means, Weighed
+from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.laplace import Linear, linearised
+from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.refine import Fitted, Refit, at, explained_by, started
 from estimators.gap.hypotheses.candidates import Candidate, Shape
 from estimators.gap.hypotheses.prior import Drawn, Prior
@@ -44,6 +45,8 @@ _FOLLOWED: Final = 2
 #: So many sets of each size, and of all, are fitted sample by sample; what means over neighbours change of an
 #: evidence, as a share.
 _FINE_EACH, _FINE, _ROUGHLY = 3, 6, 0.02
+#: Log odds within which rivals of the leading set are fitted themselves; what first order tells well enough.
+_CLOSE, _STRAIGHT = 6.0, 0.1
 
 Key = tuple[str, ...]
 
@@ -271,16 +274,18 @@ class Search:
     def beside(self, parent: Explanation, weighed: Weighed) -> list[Explanation]:
         """The set with one more effect each, by their scores beside a discrepancy."""
         shrink = weighed.term.shrunk[0][int(np.argmax(weighed.gains))]
-        explained, rough = self._left(parent, self.rough), self._scanner(parent).rough
+        scanner = self._scanner(parent)
+        data, look = (self.data, scanner.fine) if weighed.term.errors.means is None else (self.rough, scanner.rough)
+        explained = self._left(parent, data)
         held = {member.label for member in parent.members}
         tests = [
-            max(rough.best(candidate, explained)[:2], key=lambda tested: tested.score.statistic)
+            max(look.best(candidate, explained)[:2], key=lambda tested: tested.score.statistic)
             for candidate in self.candidates
             if candidate.smooth and candidate.label not in held
         ]
-        columns = [rough.columns(tested.candidate, tested.shape) for tested in tests]
+        columns = [look.columns(tested.candidate, tested.shape) for tested in tests]
         ends = np.cumsum([1, *(own.values.shape[1] for own in columns)]).tolist()
-        full = np.zeros((ends[-1], self.rough.size)).T
+        full = np.zeros((ends[-1], data.size)).T
         for own, first, end in zip(columns, ends[:-1], ends[1:], strict=True):
             full[own.rows, first:end] = own.values
         full = explained.without(full)
@@ -298,7 +303,7 @@ class Search:
         found = []
         for promise, candidate, shape in scored[:3]:
             if promise > -_FAR:
-                tested = next(tested for tested in rough.best(candidate, explained) if str(tested.shape) == str(shape))
+                tested = next(tested for tested in look.best(candidate, explained) if str(tested.shape) == str(shape))
                 if tested.score.strengths.size:
                     found.append(self._fitted((*parent.members, self._member([tested], parent)), self.data))
         return found
@@ -359,10 +364,25 @@ class Search:
         )
         found = {each.key: each for each in (self.fine(each.members, each) for each in wanted)}
         found |= {(): self.fine(()), leading.key: leading}
-        while (best := max(found.values(), key=lambda each: each.log_mass)).refitted is None:
-            del self.found[best.key, True]
-            found[best.key] = self._fitted(best.members, self.data)
+        while rough_ones := self._to_refit(list(found.values())):
+            for each in rough_ones:
+                del self.found[each.key, True]
+                found[each.key] = self._fitted(each.members, self.data)
         return sorted(found.values(), key=lambda each: -each.log_mass)
+
+    @staticmethod
+    def _to_refit(found: Sequence[Explanation]) -> list[Explanation]:
+        """The leading set, and those that may be nearly as likely: first order may be wrong by all that it gains."""
+        best = max(found, key=lambda each: each.log_mass)
+        if best.refitted is None:
+            return [best]
+        within = best.log_mass - _CLOSE
+        return [
+            each
+            for each in found
+            if each.refitted is None and each.linear.felt
+            if each.linear.ahead > _STRAIGHT and each.log_mass + each.linear.ahead > within
+        ]
 
     def fine(self, members: Sequence[Member], rough: Explanation | None = None) -> Explanation:
         """A set sample by sample, where it was fitted on means: the evidence takes what is left to first order."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import CommonNoise, beside, common_noises
 from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, total, weighed
-from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.states import (
     UNSEEN,
     NoiseState,
@@ -55,14 +54,12 @@ class Hypothesis:
         explanation: the mean effects. state: the noise.
         terms: the discrepancy's terms, the likeliest first; empty without one.
         log_mass: unnormalised.
-        on_means: the explanation on the means that the discrepancy is told by; None without one.
     """
 
     explanation: Explanation
     state: NoiseState
     terms: tuple[Weighed, ...]
     log_mass: float
-    on_means: Linear | None = None
 
     @property
     def other(self) -> bool:
@@ -78,10 +75,8 @@ class Hypothesis:
     def moments(self) -> tuple[Array, Array]:
         """Of all parameters, in typical sizes: mean less the fitted values (p,), and covariance (p, p)."""
         linear, channels = self.explanation.linear, len(self.explanation.data.columns)
-        if self.terms and self.on_means is not None:
-            return robust.moments(self.on_means, channels, self.terms[0])
         if self.other:
-            return robust.moments(linear, channels)
+            return robust.moments(linear, channels, self.terms[0] if self.terms else None)
         return linear.posterior(linear.precision(linear.averaged[1]))
 
 
@@ -184,10 +179,9 @@ class _Weighing:
             if each.key in done:
                 continue
             done.add(each.key)
-            means = discrepancies.means.linear(each.linear)
             own = enumerate(each.members)
             changes = {member.label: each.data.whiten(each.own_change(index, each.data)) for index, member in own}
-            terms = weighed(means, discrepancies, changes)
+            terms = weighed(each.linear, discrepancies, changes)
             for log_mass, fitted in beside(each.linear, self.common):
                 named = replace(state, fitted=(*state.fitted, fitted))
                 prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
@@ -199,7 +193,7 @@ class _Weighing:
                     + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
                     + total([term.log_mass for term in terms])
                 )
-                self.enter(Hypothesis(each, state, tuple(terms[:_KEPT]), mass, means))
+                self.enter(Hypothesis(each, state, tuple(terms[:_KEPT]), mass))
             if not queue and not extended:
                 extended = True
                 leading = max(

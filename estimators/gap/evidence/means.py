@@ -1,0 +1,42 @@
+"""Whitened samples as sums over neighbours, which slow errors outlive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.whitened import WhitenedData
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Means:
+    """Sums over neighbours, scaled so that white noise keeps its variance of one.
+
+    Attributes:
+        fine: sample by sample. rough: the data of means over so many neighbours, for what courses follow.
+    """
+
+    fine: WhitenedData
+    rough: WhitenedData
+
+    @property
+    def count(self) -> int:
+        """Sums a channel."""
+        return self.rough.count
+
+    def __call__(self, columns: Array) -> Array:
+        """Whitened columns (c n, k) as (c m, k)."""
+        if self.rough is self.fine:
+            return columns
+        by_channel = columns.T.reshape(-1, len(self.fine.columns), self.fine.count)
+        found = np.empty((*by_channel.shape[:2], self.count))
+        for fine, own in zip(self.fine.stretches, self.rough.stretches, strict=True):
+            count = own.stop - own.start
+            size = (fine.stop - fine.start) // count
+            cut = by_channel[:, :, fine.start : fine.start + count * size]
+            found[:, :, own] = cut.reshape(*found.shape[:2], count, size).sum(axis=3) / np.sqrt(size)
+        return found.reshape(len(found), -1).T
