@@ -108,6 +108,16 @@ def test_motion_acceleration_is_that_of_the_site(lever: tuple[float, ...], measu
     np.testing.assert_allclose(found.volts[:, :3], felt * SENSITIVITY[:3] + OFFSET[:3], atol=1e-12)
 
 
+@pytest.mark.parametrize("cycles", [0.02, 0.125, 0.25])
+def test_samples_far_apart_keep_the_acceleration(cycles: float) -> None:
+    """Of a sine of so many cycles a sample, w = 2 pi times that: a second difference loses w^2/12 of it, a fifth at a
+    quarter of the rate; w^4/360 may be off, and what higher orders add."""
+    turn = 2.0 * np.pi * cycles
+    path = np.sin(turn * np.arange(400.0) + 0.3)[:, None]
+    found = curvature(0.25 * np.arange(400.0), path)[20:-20] / -((turn / 0.25) ** 2)
+    np.testing.assert_allclose(found, path[20:-20], rtol=0.0, atol=turn**4 / 350.0 + 1e-9)
+
+
 def test_motion_acceleration_agrees_with_the_exact_one_and_does_not_add_it_twice() -> None:
     t = np.arange(400) * 0.01 + 5.0
     q, h = reference.joint_angles(t), 1e-3

@@ -150,8 +150,9 @@ def low_passed(t: Array, values: Array, tau: float) -> Array:
 def curvature(t: Array, path: Array) -> Array:
     """Second derivative (n, m) of samples (n, m) at times t (n,): of the parabola fitted to the samples around each.
 
-    The samples within ``CURVATURE_SPAN`` count, at least one on either side: then it is the second difference. The
-    first and last windows also serve the samples at the ends.
+    The samples within ``CURVATURE_SPAN`` count; the first and last windows also serve the samples at the ends. Where
+    there is but one on either side, the second difference is too small by h^2/12 times the fourth derivative, a mean
+    over two steps, and the cubic spline's second derivative too large by as much: it is the mean of both.
     """
     count = len(t)
     if count < 3:
@@ -161,6 +162,8 @@ def curvature(t: Array, path: Array) -> Array:
     uniform = np.ptp(steps) <= 1e-6 * steps[0]
     windows = _uniform_windows if uniform else _fitted_windows
     inner = windows(t, path, half)
+    if half == 1:
+        inner = 0.5 * inner + _spline(t, path)[1].T[1:]
     return np.concatenate([np.repeat(inner[:1], half, axis=0), inner, np.repeat(inner[-1:], half, axis=0)])
 
 
