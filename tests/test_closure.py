@@ -9,6 +9,7 @@ import pytest
 from scipy.special import ndtri
 from scipy.stats import binom
 
+from estimators.gap.data.projection import Basis
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.terms import smooth_terms
@@ -59,7 +60,9 @@ def test_draws_do_not_know_which_signs_the_eigenvectors_have(monkeypatch: pytest
     linear = Linear(left, tangent, np.ones(4), np.ones(4, dtype=bool), np.ones(4), owner)
 
     def draws() -> np.ndarray:
-        _, (term, *_) = smooth_terms(np.full((ROWS, 1), ROWS**-0.5), [source], [[]], [0.0])
+        _, (term, *_) = smooth_terms(
+            Basis(((slice(0, ROWS), np.full((ROWS, 1), ROWS**-0.5)),), ROWS), [source], [[]], [0.0]
+        )
         moments = linear.posterior(np.ones(4))
         way = Way(1.0, change, linear, moments, 0.0, [Weighed(term, np.arange(8.0))])
         return np.stack(drawn([way], 0.7 * change, np.random.default_rng(0)))

@@ -115,7 +115,8 @@ def test_two_causes_are_both_named(locked: Recording) -> None:
     effects = [("backlash", CAUSES["backlash"]), ("scale_cubic", CAUSES["scale_cubic"])]
     found = estimators.diagnose(recorded(3, *effects), locked=locked)
     assert set(found.hypotheses[0].causes) == {("backlash", "joint5"), ("scale_cubic", "mag2")}
-    assert found.verdict == "named"
+    assert {(cause.effect, cause.where) for cause in found.established} == set(found.hypotheses[0].causes)
+    assert found.verdict in ("named", "ambiguous")  # a third that noise suggests may have a tenth
 
 
 @pytest.mark.parametrize("name", ["scale_cubic", "channel_crosstalk", "backlash"])

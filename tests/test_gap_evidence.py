@@ -16,12 +16,14 @@ from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.common import beside, common_noises, is_common
 from estimators.gap.evidence.discrepancy import Discrepancies, weighed, weighed_terms
 from estimators.gap.evidence.fast_tones import fast_tones
+from estimators.gap.evidence.jumps import best, roughly
 from estimators.gap.evidence.laplace import Linear, _width
 from estimators.gap.evidence.refine import Fitted
 from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
 from estimators.gap.hypotheses.candidates import all_candidates
+from estimators.gap.hypotheses.courses import courses
 from estimators.gap.hypotheses.prior import FLOOR_RAISED
-from estimators.gap.hypotheses.sources import courses, sources
+from estimators.gap.hypotheses.sources import sources
 from rig.arm import Arm
 from rig.effects import EFFECTS, make_effect
 from rig.effects._numerics import play
@@ -159,13 +161,13 @@ def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(data:
     off = project(data.absorbed, change * share)
     noise = project(data.absorbed, np.random.default_rng(4).standard_normal(data.size))
     discrepancies = Discrepancies.of(data, data)
-    best = weighed(unexplained(noise + 40.0 * off / np.linalg.norm(off)), discrepancies, {"scale_cubic@mag1": change})[
-        0
-    ]
+    best = weighed(
+        unexplained(noise + 40.0 * off / np.linalg.norm(off)), discrepancies, {("scale_cubic@mag1", ""): lambda: change}
+    )[0]
     assert best.term.source == "the strength of scale_cubic at mag1"
     assert best.term.course == "time"
     assert best.log_mass > 0.5 * 0.9 * 40.0**2 - 100.0
-    quiet = weighed(unexplained(noise), discrepancies, {"scale_cubic@mag1": change})
+    quiet = weighed(unexplained(noise), discrepancies, {("scale_cubic@mag1", ""): lambda: change})
     assert all(each.log_mass < 0.0 for each in quiet)
 
 
@@ -187,6 +189,78 @@ def test_a_sine_without_a_name_is_told_from_every_sample(data: WhitenedData) -> 
     assert abs(found - true) < 6.0 * np.sqrt(12.0) / (2.0 * np.pi * float(np.ptp(data.t)) * 12.0)
     assert best.log_mass > 0.5 * 12.0**2 - 50.0
     assert all(each.log_mass < 0.0 for each in weighed_terms(unexplained(quiet), sines.terms(quiet)))
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "source", "course"),
+    [
+        (
+            "link_hard_iron",
+            {"where": "link1", "field": (0.01, 0.02, 0.0)},
+            "the magnetic field along link1",
+            "time, throughout",
+        ),
+        ("latency", {"where": "magnetometer", "delay_s": 0.01}, "the clock of the magnetometer", "time, throughout"),
+        ("latency", {"where": "acquisition", "delay_s": 0.01}, "the clock", "time, throughout"),
+        ("joint_offset", {"where": "joint5", "offset_rad": 0.001}, "the angle of joint5", "time, throughout"),
+        ("backlash", {"where": "joint1", "width_rad": 0.002}, "the angle of joint1", "the direction of joint1"),
+        (
+            "supply_ratiometric",
+            {"where": "supply", "waveform": (0.001, -0.002, 0.001) * 8},
+            "the gain of all channels",
+            "time",
+        ),
+        (
+            "vibration",
+            {"where": "accelerometer", "freq_Hz": 0.31, "direction": (1.0, 0.0, 0.0)},
+            "the acceleration",
+            "a sine of 0.31 Hz",
+        ),
+    ],
+)
+def test_what_has_no_name_is_told_where_it_acts_and_along_what(
+    data: WhitenedData, name: str, values: dict[str, object], source: str, course: str
+) -> None:
+    """Thirty standard deviations of an effect: nine tenths of half their square, less the price of source, course,
+    amplitude and of the functions of time that are not needed, 60 nats at most."""
+    (item, *_) = [each for each in EFFECTS[name].parameters() if each.strength]
+    effect = make_effect(name, {item.name: item.typical, **values} if item.size == 1 else values)
+    change = project(data.absorbed, data.whiten(data.change([effect])))
+    noise = project(data.absorbed, np.random.default_rng(6).standard_normal(data.size))
+    best = weighed(unexplained(noise + 30.0 * change / np.linalg.norm(change)), Discrepancies.of(data, data))[0]
+    assert best.term.source == source
+    assert best.term.course.startswith(course)
+    assert best.log_mass > 0.5 * 0.9 * 30.0**2 - 60.0
+
+
+def test_levels_that_change_are_split_where_they_do() -> None:
+    """By optimal partitioning, of levels ten standard deviations of their means apart; noise alone is not split, more
+    often than once in e^2 times its samples' number of places."""
+    rng = np.random.default_rng(8)
+    true = [150, 400, 470, 900, 1300]
+    level = 1.5 * (np.searchsorted(true, np.arange(1600), side="right") % 2)
+    noise = rng.standard_normal(1600)
+    found = best((noise + level)[:, None], np.ones(1600))
+    assert len(found) == len(true)
+    assert np.abs(np.array(found) - true).max() <= 6  # a step of 1.5 deviations moves by so much once in a million
+    assert len(roughly((noise + level)[:, None], np.ones(1600))) >= 2  # to and fro hides from a single split
+    assert best(noise[:, None], np.ones(1600)) == roughly(noise[:, None], np.ones(1600)) == []
+
+
+def test_an_offset_that_jumps_to_and_fro_is_no_walk_and_a_walk_does_not_jump(data: WhitenedData) -> None:
+    rng = np.random.default_rng(9)
+    noise = project(data.absorbed, rng.standard_normal(data.size))
+    discrepancies = Discrepancies.of(data, data)
+
+    def likeliest(course: np.ndarray) -> str:
+        change = np.zeros((data.count, 6))
+        change[:, 1] = course
+        change = project(data.absorbed, data.whiten(change))
+        return weighed(unexplained(noise + 60.0 * change / np.linalg.norm(change)), discrepancies)[0].term.course
+
+    at = np.sort(rng.uniform(0.05, 0.95, 12)) * data.count
+    assert likeliest(np.searchsorted(at, np.arange(data.count)) % 2).endswith(" jumps")
+    assert likeliest(np.cumsum(rng.standard_normal(data.count))) == "time"
 
 
 def test_hysteresis_of_any_form_is_an_offset_that_follows_its_history(data: WhitenedData) -> None:

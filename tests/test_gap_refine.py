@@ -26,7 +26,8 @@ from estimators.gap.hypotheses.considered import set_prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained, Score
 from estimators.gap.search import posterior
-from estimators.gap.search.beam import Explanation, Search
+from estimators.gap.search.beam import Search
+from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.noises import Noises, Promise
 from rig.arm import Arm
 from rig.effects import Effect, make_effect

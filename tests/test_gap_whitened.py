@@ -104,6 +104,19 @@ def test_a_tone_faster_than_the_means_is_found_in_the_samples(arm: Arm) -> None:
     assert abs(cause.parameters["freq_Hz"].value - frequency) < 0.5 * resolution
 
 
+def test_of_a_direction_every_component_is_said(arm: Arm) -> None:
+    """Its length says nothing, and nothing is missing for that."""
+    true = np.array([0.6, 0.0, 0.8])
+    effect = {"where": "accelerometer", "freq_Hz": 0.3137, "amplitude_m_s2": 0.1, "direction": tuple(true)}
+    (cause,) = estimators.diagnose(recorded(3, ("vibration", effect)), arm=arm).established
+    told = cause.parameters["direction"]
+    value, std = np.array(told.value), np.array(told.std)
+    assert np.linalg.norm(value) == pytest.approx(1.0, rel=1e-9)
+    assert (std > 0.0).all()
+    assert (std < 0.1).all()
+    assert (np.abs(value * np.sign(value @ true) - true) < 5.0 * std).all()
+
+
 def test_changes_beside_other_effects_are_those_of_the_whole_pipeline(data: WhitenedData) -> None:
     """The stages before the moved effect run once: equal to the last bit, also where it needs what they leave out."""
     others = [make_effect("joint_offset", {"where": "joint5", "offset_rad": 0.01})]

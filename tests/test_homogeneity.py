@@ -13,7 +13,12 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.prior import LENGTHS
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import Left, fit_effect
-from estimators.gap.report.homogeneity import SCATTER, log_bayes_factor_of_noise, of_cells
+from estimators.gap.report.homogeneity import (
+    SCATTER,
+    log_bayes_factor_of_noise,
+    log_bayes_factor_of_readings,
+    of_cells,
+)
 from rig.effects import EFFECTS
 
 Array = NDArray[np.float64]
@@ -50,6 +55,22 @@ def test_what_grows_along_a_variable_is_no_cause_however_significant() -> None:
     noise = rng.standard_normal(CELLS) / np.sqrt(information)
     assert of_cells(1.0 + noise, information) > np.log(1e4)
     assert of_cells(np.linspace(0.0, 2.0, CELLS) + noise, information) < np.log(10.0)
+
+
+def test_readings_that_are_off_where_a_joint_turns_round_are_an_image(data: WhitenedData) -> None:  # noqa: F811
+    """Forty of them, anywhere or all within a twentieth of a joint's angles; two tell next to nothing."""
+    rng = np.random.default_rng(2)
+    there = np.zeros(data.count, dtype=bool)
+    anywhere = there.copy()
+    anywhere[rng.choice(data.count, 40, replace=False)] = True
+    assert log_bayes_factor_of_readings(anywhere, data) > np.log(20.0)
+    angle = data.base.q_encoder[:, 4]  # type: ignore[index]
+    ends = there.copy()
+    ends[rng.choice(np.flatnonzero(angle > np.quantile(angle, 0.95)), 40, replace=False)] = True
+    assert log_bayes_factor_of_readings(ends, data) < -np.log(1e6)
+    few = there.copy()
+    few[[100, 900]] = True
+    assert abs(log_bayes_factor_of_readings(few, data)) < np.log(3.0)
 
 
 def test_a_single_cell_tells_nothing() -> None:

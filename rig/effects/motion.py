@@ -76,6 +76,7 @@ class Vibration(Effect):
         1.0,
         size=3,
         strength=False,
+        unit_vector=True,
         default=(0.0, 0.0, 1.0),
         spanned=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     )

@@ -32,6 +32,7 @@ class Parameter:
         scatter: True where it is the strength of noise that a mean effect has beside the mean (``Effect.response``):
             it does not move the mean.
         by_axis: True where its components are those of single axes, of which one alone may be at fault.
+        unit_vector: True where only its direction counts, not its length.
         step: change of it, in ``unit``, over which a derivative is taken: small against any curvature, large against
             rounding.
     """
@@ -48,6 +49,7 @@ class Parameter:
     grid: tuple[Value, ...] = ()
     scatter: bool = False
     by_axis: bool = False
+    unit_vector: bool = False
     step: float = 0.0
 
     def holds(self, value: object) -> bool:
@@ -87,6 +89,7 @@ def parameter(
     grid: Sequence[Value] = (),
     scatter: bool = False,
     by_axis: bool = False,
+    unit_vector: bool = False,
     step: float | None = None,
 ) -> Any:
     """A dataclass field that is a parameter of the effect; a strength starts neutral, a shape at its typical size.
@@ -99,7 +102,8 @@ def parameter(
         start = (start,) * size
     meta: dict[str, Any] = {"unit": unit, "typical": typical, "lower": lower, "upper": upper, "size": size}
     meta |= {"strength": strength, "neutral": neutral, "spanned": tuple(spanned), "grid": tuple(grid)}
-    meta |= {"scatter": scatter, "by_axis": by_axis, "step": 1e-3 * typical if step is None else step}
+    meta |= {"scatter": scatter, "by_axis": by_axis, "unit_vector": unit_vector}
+    meta |= {"step": 1e-3 * typical if step is None else step}
     return dataclasses.field(default=start, metadata=meta)
 
 

@@ -8,8 +8,8 @@ amplitudes, and all hypotheses.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import log
 from typing import Final
@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import side_by_side
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.sines import Sines
 from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms
 from estimators.gap.hypotheses.candidates import split
+from estimators.gap.hypotheses.courses import Course, courses, history_course, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
-from estimators.gap.hypotheses.sources import Course, Source, courses, history_course, level_courses, sources
+from estimators.gap.hypotheses.sources import Source, sources
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,8 @@ Array = NDArray[np.float64]
 BLOCKS: Final = (128, 512)
 #: A term that could not gain this much, its prior counted, is not weighed.
 _HOPELESS: Final = -9.0
+#: Log odds against the likeliest term beyond which sines and jumps are not weighed.
+_NOTHING: Final = 8.0
 
 
 @dataclass(frozen=True)
@@ -40,18 +44,24 @@ class Discrepancies:
     """All terms.
 
     Attributes:
-        terms: of every source. sines: what sources are along a sine.
+        terms: of every source. sines, jumps: what sources are along those that fit a residual best.
         means: the sums over neighbouring samples that slow terms are of. courses: those that any source may follow.
     """
 
     terms: list[Term]
     sines: Sines
+    jumps: Jumps
     means: Means
     courses: tuple[Course, ...]
+    _forms: dict[tuple[str, str], list[Term]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, fine: WhitenedData, rough: WhitenedData) -> Discrepancies:
-        """Of every source along every course."""
+    def of(cls, fine: WhitenedData, rough: WhitenedData, without: Sequence[str] = ()) -> Discrepancies:
+        """Of every source along every course.
+
+        Args:
+            without: effects that the catalogue does not have.
+        """
         data = Means(fine, rough)
         along = list(courses(rough))
         of_samples = sources(fine)
@@ -67,35 +77,49 @@ class Discrepancies:
             for source in of_samples
         ]
         shares = [
-            -float(np.log(len(every))) - float(np.log(len(each) + 3 + (history is not None)))
+            -float(np.log(len(every))) - float(np.log(len(each) + 4 + (history is not None)))
             for each, history in zip(own, past, strict=True)
         ]
-        errors, found = smooth_terms(fine.absorbed.dense(), every, own, shares, data)
+        errors, found = smooth_terms(fine.absorbed, every, own, shares, data)
         for source, share, freedoms in zip(every, shares, freedoms_of(every), strict=True):
             for count in blocks:
                 found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
         for source, share, history in zip(of_samples, shares, past, strict=True):
             if history is not None:
-                absorbed = fine.absorbed.dense()
-                found += smooth_terms(absorbed, [source], [[history]], [share], lengths=())[1]
+                found += smooth_terms(fine.absorbed, [source], [[history]], [share], lengths=())[1]
+        # of offsets, and of the tool, the catalogue has single steps
+        stepping = frozenset(
+            source.name
+            for source in of_samples
+            if (source.kind == "offset" and "bias_step" not in without)
+            or (source.name == "a turn of the tool" and "mounting_slip" not in without)
+        )
         general = tuple(course for course, kinds in along if "gain" in kinds)
         kept = [term for term in found if len(term.values)]
-        return cls(kept, Sines(fine, of_samples, shares), data, general)
+        return cls(
+            kept,
+            Sines(fine, of_samples, shares),
+            Jumps(fine, of_samples, shares, stepping),
+            data,
+            general,
+        )
 
-    def forms(self, changes: Mapping[str, Array]) -> list[Term]:
-        """Effects that are there in another form than the catalogue's: of a strength that follows something.
+    def forms(self, member: tuple[str, str], change: Callable[[], Array]) -> list[Term]:
+        """An effect that is there in another form than the catalogue's: of a strength that follows something.
+
+        Its change is that of the first set that holds it: what a covariance is made of need not be exact.
 
         Args:
-            changes: by label, (c n,) whitened change of each effect.
+            member: its label, and the shape that its fit keeps, in words. change: makes its (c n,) whitened change.
         """
-        share = -float(np.log(max(len(changes), 1))) - float(np.log(len(self.courses) + 1))
-        every: list[Source] = []
-        for label, change in changes.items():
-            effect, where = split(label)
-            series = change.reshape(1, len(self.means.fine.columns), -1)
-            every.append(_on_means(self.means, Source(f"the strength of {effect} at {where}", series, "gain")))
-        absorbed = self.means.fine.absorbed.dense()
-        return smooth_terms(absorbed, every, [self.courses] * len(every), [share] * len(every), self.means)[1]
+        if member not in self._forms:
+            effect, where = split(member[0])
+            series = change().reshape(1, len(self.means.fine.columns), -1)
+            source = _on_means(self.means, Source(f"the strength of {effect} at {where}", series, "gain"))
+            share = -float(np.log(len(self.courses) + 1))
+            every = smooth_terms(self.means.fine.absorbed, [source], [self.courses], [share], self.means)
+            self._forms[member] = every[1]
+        return self._forms[member]
 
 
 def _on_means(data: Means, source: Source) -> Source:
@@ -126,17 +150,22 @@ class Weighed:
         return self.term.log_prior + self.log_share + averaged
 
 
-def weighed(linear: Linear, discrepancies: Discrepancies, changes: Mapping[str, Array] | None = None) -> list[Weighed]:
+def weighed(
+    linear: Linear, discrepancies: Discrepancies, changes: Mapping[tuple[str, str], Callable[[], Array]] | None = None
+) -> list[Weighed]:
     """Every term beside a set of effects, the likeliest first.
 
     Args:
-        changes: of the set's effects, as ``Discrepancies.forms`` takes them.
+        changes: by label and kept shape, of the set's effects, as ``Discrepancies.forms`` takes them.
     """
-    found = weighed_terms(linear, [*discrepancies.terms, *discrepancies.sines.terms(linear.left)])
+    found = weighed_terms(linear, discrepancies.terms)
+    least = (found[0].log_mass if found else 0.0) - _NOTHING
+    fitting = [*discrepancies.sines.terms(linear.left, least), *discrepancies.jumps.terms(linear.left, least)]
+    found += weighed_terms(linear, fitting)
     if not changes:
-        return found
-    forms = weighed_terms(linear, discrepancies.forms(changes))
-    every = [(each, 1.0 - OTHER_FORM) for each in found] + [(each, OTHER_FORM) for each in forms]
+        return sorted(found, key=lambda each: -each.log_mass)
+    forms = weighed_terms(linear, [term for each in changes.items() for term in discrepancies.forms(*each)])
+    every = [(each, 1.0 - OTHER_FORM) for each in found] + [(each, OTHER_FORM / len(changes)) for each in forms]
     shared = [Weighed(one.term, one.gains, log(part)) for one, part in every]
     return sorted(shared, key=lambda each: -each.log_mass)
 

@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.terms import Errors, Term, freedoms_of, smooth_terms
-from estimators.gap.hypotheses.sources import COSINES, Course, Source
+from estimators.gap.hypotheses.courses import COSINES, Course
+from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.tones import of_waves, polished
 
 Array = NDArray[np.float64]
 
 #: So many sources are weighed along a sine of their best frequency.
 _MOST: Final = 3
+#: Amid two frequencies of the transform a sine explains so much more than at either.
+_BETWEEN: Final = 1.25
 
 
 @dataclass(frozen=True)
@@ -45,11 +48,12 @@ class Sines:
         series = [self._errors.series[:, own] for own in freedoms_of(self.every)]
         return [np.linalg.pinv(np.einsum("nic,njc->ij", own, own)) for own in series]
 
-    def terms(self, left: Array) -> list[Term]:
+    def terms(self, left: Array, least: float = -np.inf) -> list[Term]:
         """The sources that explain most of a residual, each along the sine that does.
 
         Args:
             left: (c n,) whitened, with the calibration projected out.
+            least: log mass below which a term is not made.
         """
         count, interval_s = self.data.count, self.data.interval_s
         tried = (count - COSINES) // 2
@@ -59,16 +63,20 @@ class Sines:
         found = []
         for index, own in enumerate(freedoms_of(self.every)):
             spectra = np.fft.rfft(seen[own], n=2 * count, axis=1)[:, COSINES:-1]
-            explained = of_waves(spectra, self._inverses[index])
-            peak = int(np.argmax(explained))
+            squares = of_waves(spectra, self._inverses[index])
+            peak = int(np.argmax(squares))
             # each of its freedoms has a sine and a cosine
-            found.append((float(explained[peak]) - 2.0 * len(spectra), index, (peak + COSINES) / (2.0 * count)))
+            found.append((float(squares[peak]) - 2.0 * len(spectra), index, (peak + COSINES) / (2.0 * count)))
         terms = []
-        for _, index, cycles in sorted(found, reverse=True)[:_MOST]:
+        for explained, index, cycles in sorted(found, reverse=True)[:_MOST]:
             own = freedoms_of(self.every)[index]
-            frequency_Hz = polished(seen[own], self._inverses[index], self.data.t, cycles / interval_s)[1]
+            if 0.5 * _BETWEEN * (explained + 2.0 * (own.stop - own.start)) + self.shares[index] - np.log(tried) < least:
+                continue
+            square, frequency_Hz = polished(seen[own], self._inverses[index], self.data.t, cycles / interval_s)
             turns = 2.0 * np.pi * frequency_Hz * self.data.t
             course = Course(f"a sine of {frequency_Hz:.4g} Hz", np.stack([np.cos(turns), np.sin(turns)], 1), np.ones(2))
-            share = self.shares[index] - float(np.log(tried))
-            terms += smooth_terms(self.data.absorbed.dense(), [self.every[index]], [[course]], [share], lengths=())[1]
+            # a sine so strong is told to sqrt(12) / (2 pi snr) of a cell (Rife and Boorstyn, 1974): of each the share
+            told = np.sqrt(2.0 * np.pi) * np.sqrt(12.0) / (2.0 * np.pi * np.sqrt(max(square, 1.0)))
+            share = self.shares[index] - float(np.log(tried / min(told, 1.0)))
+            terms += smooth_terms(self.data.absorbed, [self.every[index]], [[course]], [share], lengths=())[1]
         return terms

@@ -13,14 +13,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.gap.data.projection import Basis, project
 from estimators.gap.evidence.means import Means
+from estimators.gap.hypotheses.courses import COSINES, Course, cosines, matern
 from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS
-from estimators.gap.hypotheses.sources import COSINES, Course, Source, cosines, matern
+from estimators.gap.hypotheses.sources import Source
 
 Array = NDArray[np.float64]
 
 #: Eigenvalues below this share of the largest tell nothing.
 _NEGLIGIBLE: Final = 1e-9
+#: And what the calibration leaves less of than this share of its square is rounding.
+_ABSORBED: Final = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,23 +35,40 @@ class Errors:
         series: (n, f, c) of every freedom of every source: its change of each channel.
         values: (n, k) functions of time.
         means: the sums over neighbouring samples that these are of; None: of every sample.
+        absorbed: what the calibration takes of every sample.
     """
 
     series: Array
     values: Array
     means: Means | None = None
+    absorbed: Basis | None = None
 
     @classmethod
-    def of(cls, every: Sequence[Source], values: Array | None = None, means: Means | None = None) -> Errors:
+    def of(
+        cls,
+        every: Sequence[Source],
+        values: Array | None = None,
+        means: Means | None = None,
+        absorbed: Basis | None = None,
+    ) -> Errors:
         """Of sources one after another."""
         series = np.concatenate([each.series for each in every]).transpose(2, 0, 1).copy()
-        return cls(series, np.empty((len(series), 0)) if values is None else values, means)
+        return cls(series, np.empty((len(series), 0)) if values is None else values, means, absorbed)
+
+    def summed(self, columns: Array) -> Array:
+        """Whitened columns of every sample as these errors are; those that are so already as they are."""
+        count, _, channels = self.series.shape
+        return columns if self.means is None or len(columns) == count * channels else self.means(columns)
+
+    def left(self, columns: Array) -> Array:
+        """The same, without what the calibration takes: that of other causes is a slightly different one."""
+        if self.absorbed is not None and len(columns) == self.absorbed.length:
+            columns = project(self.absorbed, columns)
+        return self.summed(columns)
 
     def moments(self, columns: Array, freedoms: slice = slice(None)) -> Array:
-        """(n, f, m) products of some freedoms with whitened columns (c n, m), of every sample or summed already."""
+        """(n, f, m) products of some freedoms with whitened columns (c n, m), sample by sample or sum by sum."""
         count, _, channels = self.series.shape
-        if self.means is not None and len(columns) != count * channels:
-            columns = self.means(columns)
         by_channel = np.ascontiguousarray(columns.T.reshape(-1, channels, count).transpose(2, 1, 0))
         return np.asarray(np.matmul(self.series[:, freedoms], by_channel))
 
@@ -104,12 +125,34 @@ class Term:
         return self.variances[:, None] / (1.0 + ratio), np.log1p(ratio).sum(axis=1)
 
     def along(self, columns: Array) -> Array:
-        """(r, k) of whitened columns (m, k), as ``Errors.moments`` takes them: products with the eigenvectors."""
-        moments = self.errors.moments(columns, self.freedoms)
+        """(r, k) of whitened columns (m, k), without what the calibration takes: products with the eigenvectors."""
+        return self.along_with_calibration(self.errors.left(columns))
+
+    def along_with_calibration(self, columns: Array) -> Array:
+        """The same of columns as they are."""
+        moments = self.errors.moments(self.errors.summed(columns), self.freedoms)
         if self.edges is not None:
             return self.turned(np.add.reduceat(moments, self.edges, axis=0))
         assert self.functions is not None
         return self.turned(self.errors.along(moments, self.functions))
+
+    def mean(self, residual: Array, likeliest: int) -> Array:
+        """(c n,) what it is most likely to be in a residual (c n,), of every sample or of sums as the errors are.
+
+        Args:
+            likeliest: the number of its amplitude.
+        """
+        series = self.errors.series[:, self.freedoms]
+        size = self.shrunk[0][likeliest] * self.along(residual[:, None])[:, 0]
+        if self.functions is not None:
+            each = self.errors.values[:, self.functions] @ (self.vectors @ size).reshape(series.shape[1], -1).T
+        else:
+            assert self.edges is not None
+            flat = np.zeros(len(self.kept) if self.kept is not None else 0)
+            flat[self.kept] = size
+            pieces = np.einsum("bfg,bg->bf", self.vectors, flat.reshape(len(self.edges), -1))
+            each = np.repeat(pieces, np.diff([*self.edges, len(series)]), axis=0)
+        return np.asarray(np.einsum("nfc,nf->cn", series, each).ravel())
 
     def turned(self, sums: Array) -> Array:
         """(r, m) of sums (k, f, m) of the source's freedoms along the functions, or (b, f, m) in the pieces."""
@@ -125,7 +168,7 @@ def freedoms_of(every: Sequence[Source]) -> list[slice]:
 
 
 def smooth_terms(
-    absorbed: Array,
+    absorbed: Basis,
     every: Sequence[Source],
     along: Sequence[Sequence[Course]],
     shares: Sequence[float],
@@ -135,7 +178,7 @@ def smooth_terms(
     """Sources along time, with every memory, and each along each of its courses.
 
     Args:
-        absorbed: (c n, p) orthonormal basis of the calibration's tangent, of every sample.
+        absorbed: the calibration's tangent, of every sample.
         along: courses of each source. shares: of each the log prior of one course.
         means: the sums over neighbouring samples that sources and courses are of; None: of every sample.
         lengths: memories, as shares of the recording.
@@ -145,8 +188,8 @@ def smooth_terms(
     values += [course.values for course in distinct.values()]
     ends = np.cumsum([each.shape[1] for each in values]).tolist()
     functions = dict(zip(distinct, map(slice, ends[:-1], ends[1:]), strict=True))
-    errors = Errors.of(every, np.hstack(values), means)
-    shared = errors.along(errors.moments(absorbed))  # (k, f, p) what the calibration takes
+    errors = Errors.of(every, np.hstack(values), means, absorbed)
+    shared = errors.along(errors.moments(errors.summed(absorbed.dense())))  # (k, f, p) what the calibration takes
     found: list[Term] = []
     for source, freedoms, own, share in zip(every, freedoms_of(every), along, shares, strict=True):
         gram = _gram(errors, freedoms, slice(0, COSINES)) if lengths else np.empty(0)
@@ -199,7 +242,8 @@ def _term(
     scale = np.where(scale > 1e-12, 1.0 / np.maximum(scale, 1e-12), 0.0)
     weights = np.outer(scale, weight).ravel()
     own, vectors = np.linalg.eigh(weights[:, None] * left * weights)
-    kept = (own > _NEGLIGIBLE * max(float(own[-1]), 1e-300)) & (own[-1] > 0.0)
+    whole = float(np.max(weights**2 * np.diag(gram.reshape(size, size)), initial=0.0))
+    kept = own > max(_NEGLIGIBLE * float(own[-1]), _ABSORBED * whole, 1e-300)
     scaled = weights[:, None] * vectors[:, kept]
     return Term(source.name, name, log_prior, own[kept], errors, freedoms, functions, scaled)
 
@@ -227,7 +271,7 @@ def every_along(terms: Sequence[Term], columns: Array) -> Iterator[Array]:
     for term in terms:
         errors, own = term.errors, id(term.errors)
         if own not in known:
-            moments = errors.moments(columns)
+            moments = errors.moments(errors.left(columns))
             known[own] = moments, errors.along(moments)
         if term.edges is None:
             yield term.turned(known[own][1][term.functions, term.freedoms])

@@ -1,41 +1,29 @@
-"""Error sources: what of the arm or the sensor can be off, and the courses along which it can be so.
+"""Error sources: what of the arm or the sensor can be off.
 
 A mechanism that is not in the catalogue still acts through the arm and the sensor: what it does to the channels is an
-error of an angle, a clock, a turn, a field, an offset or a gain, times an unknown course.
+error of an angle, a clock, a turn, a field, an offset or a gain, times an unknown course
+(``estimators.gap.hypotheses.courses``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.hypotheses.courses import LOCKED
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import EFFECTS, make_effect
-from rig.effects._numerics import play
-from rig.effects.transmission import smooth_sign
 
 Array = NDArray[np.float64]
 
-#: A joint whose angle varies less [rad] is locked.
-_LOCKED: Final = 0.05
 #: Angle [rad] and delay [s] at which derivatives are taken.
 _STEP: Final = 1e-5
 _DELAY: Final = 1e-4
-#: Cosines of time, and harmonics of a joint's angle.
-COSINES: Final = 96
-_ORDERS: Final = 3
-#: Half-widths of plays, as shares of the range of what they follow.
-_WIDTHS: Final = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
-#: Poses further apart [rad] than this are single ones, and so are fewer than this of them: they tell no speed.
-_FAR_APART: Final = 0.5
-_SERIES: Final = 8
 
 
 @dataclass(frozen=True)
@@ -55,206 +43,77 @@ class Source:
     column: int = -1
 
 
-@dataclass(frozen=True)
-class Course:
-    """A family of functions that a source can follow.
-
-    Attributes:
-        name: what it follows.
-        values: (n, k) functions. weight: (k,) their prior standard deviations, up to a common factor.
-    """
-
-    name: str
-    values: Array
-    weight: Array
-
-
 def sources(data: WhitenedData) -> list[Source]:
     """Every error source of a recording."""
-    found: list[Source] = []
-    if data.base.q_encoder is not None:
-        for name in EFFECTS["joint_offset"].places_on(data.base):
-            change = data.change([make_effect("joint_offset", {"where": name, "offset_rad": _STEP})]) / _STEP
-            found.append(_source(data, f"the angle of {name}", "angle", [change]))
-    late = make_effect("latency", {"where": "acquisition", "delay_s": _DELAY})
-    found.append(_source(data, "the clock", "clock", [data.change([late]) / _DELAY]))
     fields = {
         name: data.pipeline.environment.gravity if name == ACCELEROMETER else data.pipeline.environment.magnetic
         for name in data.pipeline.sensors
     }
-    rotation = data.base.R_base_tool
-    if len(fields) > 1:
-        found.append(
-            _source(
-                data,
-                "a turn of the tool",
-                "turn",
-                [
-                    _total(
-                        _felt(data, name, np.cross(np.matmul(field, rotation), axis)) for name, field in fields.items()
-                    )
-                    for axis in np.eye(3)
-                ],
-            )
-        )
-    found.append(
-        _source(
-            data,
-            "a turn of the base",
-            "turn",
-            [
-                _total(_felt(data, name, np.matmul(np.cross(field, axis), rotation)) for name, field in fields.items())
-                for axis in np.eye(3)
-            ],
-        )
-    )
-    for name, field in fields.items():
-        what = "acceleration" if name == ACCELEROMETER else "magnetic field"
-        found.append(
-            _source(
-                data,
-                f"the {what}",
-                "field",
-                [_felt(data, name, np.linalg.norm(field) * rotation[:, axis, :]) for axis in range(3)],
-            )
-        )
-        found.append(
-            _source(
-                data,
-                f"a turn of the {name}",
-                "turn",
-                [_felt(data, name, np.cross(np.matmul(field, rotation), axis)) for axis in np.eye(3)],
-            )
-        )
-        own = range(len(CHANNELS))[COLUMNS_OF[name]]
-        found.append(
-            _source(data, f"the offsets of the {name}", "offset", [_only(data, column, 1.0) for column in own])
-        )
-    for name in fields:
-        for column, label in zip(range(len(CHANNELS))[COLUMNS_OF[name]], CHANNELS_OF[name], strict=True):
-            found.append(_source(data, f"the offset of {label}", "offset", [_only(data, column, 1.0)], column))
-            found.append(
-                _source(
-                    data, f"the gain of {label}", "gain", [_only(data, column, data.base.inputs[:, column])], column
-                )
-            )
+    found = [*_of_joints(data), *_of_clocks(data), *_of_frames(data, fields), *_of_sensors(data, fields)]
+    if len(fields) > 1:  # a converter's reference, a supply, a ground
+        readings = np.nan_to_num(data.modelled)
+        found.append(_source(data, "the gain of all channels", "gain", [readings]))
+        found.append(_source(data, "the offset of all channels", "offset", [np.ones_like(readings)]))
     return [each for each in found if each.series.any()]
 
 
-def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
-    """What sources can follow besides time, and which kinds of source do."""
-    every = frozenset({"angle", "clock", "turn", "field", "offset", "gain"})
-    base = data.base
-    if (q := base.q_encoder) is not None:
-        for joint in np.flatnonzero(np.std(np.unwrap(q, axis=0), axis=0) > _LOCKED):
-            angles = [order * q[:, joint] for order in range(1, _ORDERS + 1)]
-            waves = np.stack([wave(angle) for angle in angles for wave in (np.cos, np.sin)], axis=1)
-            weight = np.repeat(1.0 / np.arange(1.0, _ORDERS + 1.0), 2)
-            yield Course(f"the angle of joint{joint + 1}", waves, weight), every
-            direction = smooth_sign(base.joint_velocity[:, [joint]])
-            if np.std(direction) > 0.1:
-                both = direction * np.column_stack([np.ones(len(q)), waves[:, :2]])
-                yield Course(f"the direction of joint{joint + 1}", both, np.array([1.0, 0.5, 0.5])), every
-            speed = base.joint_velocity[:, joint]
-            moved = [_of_size_one(each) for each in (speed, _slope(data, speed))]
-            yield Course(f"speed and acceleration of joint{joint + 1}", np.column_stack(moved), np.ones(2)), every
-    elements = base.R_base_tool.reshape(-1, 9)
-    both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
-    yield Course("orientation", both, np.ones(both.shape[1])), every
-    rate, growth = _turning(data)
-    if rate.any():
-        both = np.column_stack([_of_size_one(each) for each in (rate, growth, _products(rate))])
-        yield Course("how fast the tool turns", both, np.ones(both.shape[1])), every
-    if len(data.parts) > 1:
-        which = np.zeros((len(base), len(data.parts)))
-        for number, own in enumerate(data.stretches[: len(data.parts)]):
-            which[own, number] = 1.0
-        yield Course("the recording", which, np.ones(len(data.parts))), every
-    if base.position.size:
-        centred = base.position - base.position.mean(axis=0)
-        place = centred / np.maximum(np.sqrt(np.mean(centred**2, axis=0)), 1e-9)
-        moved = place[:, np.ptp(base.position, axis=0) > 1e-3]
-        if moved.shape[1]:
-            both = np.column_stack([moved, _products(moved)])
-            weight = np.concatenate([np.ones(moved.shape[1]), np.full(both.shape[1] - moved.shape[1], 0.5)])
-            yield Course("position", both, weight), frozenset({"field"})
-    if base.temperature is not None and np.ptp(base.temperature) > 0:
-        warm = (base.temperature - base.temperature.mean()) / np.std(base.temperature)
-        yield Course("temperature", np.column_stack([warm, warm**2]), np.array([1.0, 0.3])), every
+def _of_joints(data: WhitenedData) -> Iterator[Source]:
+    if data.base.q_encoder is not None:
+        for name in EFFECTS["joint_offset"].places_on(data.base):
+            change = data.change([make_effect("joint_offset", {"where": name, "offset_rad": _STEP})]) / _STEP
+            yield _source(data, f"the angle of {name}", "angle", [change])
 
 
-def _slope(data: WhitenedData, values: Array) -> Array:
-    """(n,) derivative of values (n,) with time, of each recording by itself."""
-    found = np.zeros(data.count)
-    for own in data.stretches[: len(data.parts)]:
-        found[own] = np.gradient(values[own], data.base.t[own])
-    return found
+def _of_clocks(data: WhitenedData) -> Iterator[Source]:
+    """Of all, and, of several sensors, of each."""
+    several = len(data.pipeline.sensors) > 1
+    for where, name in (("acquisition", "the clock"), *((each, f"the clock of the {each}") for each in CHANNELS_OF)):
+        if where == "acquisition" or (several and where in data.pipeline.sensors):
+            late = make_effect("latency", {"where": where, "delay_s": _DELAY})
+            yield _source(data, name, "clock", [data.change([late]) / _DELAY])
 
 
-def _turning(data: WhitenedData) -> tuple[Array, Array]:
-    """(n, 3) [rad/s], [rad/s^2] the tool's angular velocity and acceleration in its own frame, by central differences;
-    zero where its poses are too far apart to tell."""
-    base, rate, growth = data.base, np.zeros((data.count, 3)), np.zeros((data.count, 3))
-    for own in data.stretches[: len(data.parts)]:
-        rotation, t = Rotation.from_matrix(base.R_base_tool[own]), base.t[own]
-        if len(t) < _SERIES:
-            continue
-        turns = (rotation[:-1].inv() * rotation[1:]).as_rotvec()
-        if np.quantile(np.linalg.norm(turns, axis=1), 0.95) > _FAR_APART:
-            continue
-        speed = turns / np.diff(t)[:, None]
-        rate[own] = 0.5 * (np.concatenate([speed[:1], speed]) + np.concatenate([speed, speed[-1:]]))
-        growth[own][1:-1] = 2.0 * np.diff(speed, axis=0) / (t[2:] - t[:-2])[:, None]
-    return rate, growth
+def _of_frames(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Source]:
+    """Turns, and fields, whose direction is fixed in the base, in a link that turns under it, or in the tool."""
+    rotation = data.base.R_base_tool
+    frames = {"the base": np.broadcast_to(np.eye(3), rotation.shape)}
+    if (q := data.base.q_encoder) is not None:
+        moving = np.flatnonzero(np.std(np.unwrap(q, axis=0), axis=0) > LOCKED)
+        frames |= {f"link{joint + 1}": data.base.link_rotation(int(joint)) for joint in moving[:-1]}
+    if len(fields) > 1:  # of one sensor that is its own turn
+        frames["the tool"] = rotation
+    for place, frame in frames.items():
+        axes = np.moveaxis(frame, 2, 0)
+        turned = [
+            np.sum([_felt(data, name, _in_tool(np.cross(field, axis), rotation)) for name, field in fields.items()], 0)
+            for axis in axes
+        ]
+        yield _source(data, f"a turn of {place}", "turn", turned)
+        for name, field in fields.items():
+            what = "the acceleration" if name == ACCELEROMETER else "the magnetic field"
+            if place != "the tool":  # there it is an offset
+                size = float(np.linalg.norm(field))
+                felt = [_felt(data, name, size * _in_tool(axis, rotation)) for axis in axes]
+                yield _source(data, what if place == "the base" else f"{what} along {place}", "field", felt)
 
 
-def _of_size_one(values: Array) -> Array:
-    """Divided by their root mean square."""
-    return values / max(float(np.sqrt(np.mean(values**2))), 1e-300)
+def _of_sensors(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Source]:
+    rotation, inputs = data.base.R_base_tool, data.base.inputs
+    for name, field in fields.items():
+        in_tool = np.matmul(field, rotation)
+        turned = [_felt(data, name, np.cross(in_tool, axis)) for axis in np.eye(3)]
+        yield _source(data, f"a turn of the {name}", "turn", turned)
+        own = range(len(CHANNELS))[COLUMNS_OF[name]]
+        yield _source(data, f"the offsets of the {name}", "offset", [_only(data, column, 1.0) for column in own])
+        yield _source(data, f"the gains of the {name}", "gain", [_only(data, each, inputs[:, each]) for each in own])
+        for column, label in zip(own, CHANNELS_OF[name], strict=True):
+            yield _source(data, f"the offset of {label}", "offset", [_only(data, column, 1.0)], column)
+            yield _source(data, f"the gain of {label}", "gain", [_only(data, column, inputs[:, column])], column)
 
 
-def history_course(data: WhitenedData, column: int) -> Course | None:
-    """What an axis' offset can follow of the history of its input, as hysteresis of any form does to first order: plays
-    of several widths (Prandtl and Ishlinskii's model; Visintin, Differential Models of Hysteresis, 1994)."""
-    own = data.base.inputs[:, column]
-    size = float(np.ptp(own))
-    plays = [own - play(own, share * size) for share in _WIDTHS]
-    moved = [_of_size_one(each) for each in plays if np.std(each) > 1e-9 * size]
-    return Course("the history of its level", np.column_stack(moved), np.ones(len(moved))) if moved else None
-
-
-def level_courses(data: WhitenedData, column: int) -> list[Course]:
-    """What an axis' offset can follow of its own input: its level, and its level by direction of change."""
-    own = data.base.inputs[:, column] / data.base.references[column]
-    powers = np.stack(
-        [np.polynomial.legendre.legval(np.clip(own, -1.2, 1.2), np.eye(8)[order]) for order in range(2, 8)], axis=1
-    )
-    rate = np.gradient(own, data.base.t)
-    direction = np.tanh(rate / max(0.2 * float(np.sqrt(np.mean(rate**2))), 1e-12))[:, None]
-    return [
-        Course("level", powers, 1.0 / np.arange(1.0, 7.0)),
-        Course(
-            "level and direction",
-            direction * np.column_stack([np.ones(len(own)), own, own**2]),
-            np.array([1.0, 0.7, 0.7]),
-        ),
-    ]
-
-
-@lru_cache(maxsize=4)
-def cosines(count: int, most: int = COSINES) -> Array:
-    """(n, most) cosines over a recording, the constant first, each of mean square one."""
-    clock = (np.arange(count) + 0.5) / count
-    waves = np.cos(np.pi * np.outer(clock, np.arange(most)))
-    waves[:, 1:] *= np.sqrt(2.0)
-    waves.setflags(write=False)  # every caller has the same
-    return np.asarray(waves)
-
-
-def matern(length: float, most: int = COSINES) -> Array:
-    """(most,) prior standard deviations of the cosines' coefficients: a Matern 3/2 process of so long a memory, as a
-    share of the recording (Solin and Sarkka, Statistics and Computing 30, 2020)."""
-    return np.asarray(1.0 / (3.0 / length**2 + (np.pi * np.arange(most)) ** 2))
+def _in_tool(vectors: Array, rotation: Array) -> Array:
+    """(n, 3) vectors of the base's frame in the tool's."""
+    return np.asarray(np.einsum("ni,nij->nj", vectors, rotation))
 
 
 def _source(data: WhitenedData, name: str, kind: str, changes: list[Array], column: int = -1) -> Source:
@@ -275,16 +134,7 @@ def _felt(data: WhitenedData, name: str, in_tool: Array) -> Array:
     return found
 
 
-def _total(changes: Iterable[Array]) -> Array:
-    return np.asarray(np.sum(list(changes), axis=0))
-
-
 def _only(data: WhitenedData, column: int, values: Array | float) -> Array:
     found = np.zeros((len(data.base), len(CHANNELS)))
     found[:, column] = values
     return found
-
-
-def _products(columns: Array) -> Array:
-    count = columns.shape[1]
-    return np.stack([columns[:, i] * columns[:, j] for i in range(count) for j in range(i, count)], axis=1)

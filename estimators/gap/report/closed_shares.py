@@ -20,7 +20,7 @@ from estimators.gap.floor.channel_noise import sigmas
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import closure
 from estimators.gap.report.p_values import WAYS
-from estimators.gap.search.beam import Explanation
+from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.noises import on_data
 from estimators.gap.search.posterior import Hypothesis, Posterior
 

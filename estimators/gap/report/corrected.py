@@ -181,10 +181,10 @@ def _under(each: Weighed, left: Array, columns: Array, size: int) -> tuple[Array
     The term adds v B B' to the covariance: S = I - B (I / v + B'B)^-1 B' (Woodbury).
     """
     variance = float(each.term.variances[int(np.argmax(each.gains))])
-    along = each.term.along(np.column_stack([left, columns]))
+    along = each.term.along_with_calibration(np.column_stack([left, columns]))
     inner = np.diag(1.0 / variance + each.term.values)
     if each.term.projected:  # its values are without what the calibration takes: that is part of B'B
-        absorbed = each.term.along(orthonormal(columns[:, :size]))
+        absorbed = each.term.along_with_calibration(orthonormal(columns[:, :size]))
         inner += absorbed @ absorbed.T
     taken = np.linalg.solve(inner, along) if each.term.projected else along / np.diag(inner)[:, None]
     return columns.T @ columns - along[:, 1:].T @ taken[:, 1:], columns.T @ left - along[:, 1:].T @ taken[:, 0]

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.ndimage import uniform_filter1d
+from scipy.special import gammaln
 
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.prior import LENGTHS
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, Left
-from estimators.gap.search.beam import Explanation
+from estimators.gap.search.explanation import Explanation
 
 Array = NDArray[np.float64]
 
@@ -69,6 +70,28 @@ def log_bayes_factor_of_noise(fitted: FittedNoise, lefts: Sequence[Left]) -> flo
     ends = np.cumsum([left.data.count for left in lefts])[:-1]
     each_added = np.split(fitted.added[: sum(left.data.count for left in lefts)], ends)
     return sum(_of_noise(added, fitted.in_time, left) for added, left in zip(each_added, lefts, strict=True))
+
+
+def log_bayes_factor_of_readings(affected: NDArray[np.bool_], data: WhitenedData) -> float:
+    """The same of single readings that are off: those of a cause may be anywhere, an image's are where the unknown is.
+
+    Counts in cells are multinomial with equal shares, or with shares that have a symmetric Dirichlet distribution.
+
+    Args:
+        affected: (n,) of a recording; of a long one that ``data`` has means of, of every sample.
+    """
+    at = np.flatnonzero(affected) * data.count // max(len(affected), 1)
+    cells = min(_CELLS, data.count // _SAMPLES)
+    if cells < 2 or not len(at):
+        return 0.0
+    spread = SCATTER[:, None] / cells
+    images = []
+    for variable in _variables(data):
+        found = np.bincount(_cells(variable, cells)[at], minlength=cells)
+        shares = gammaln(spread + found).sum(axis=1) - cells * gammaln(spread[:, 0])
+        shares += gammaln(cells * spread[:, 0]) - gammaln(cells * spread[:, 0] + len(at))
+        images.append(-len(at) * np.log(cells) - float(np.logaddexp.reduce(shares) - np.log(len(spread))))
+    return _against_any(images)
 
 
 def _of_noise(variance: Array, in_time: bool, left: Left) -> float:
@@ -120,10 +143,16 @@ def _variables(data: WhitenedData) -> Iterator[Array]:
 
 def _in_cells(information: Array, score: Array, variable: Array, cells: int) -> tuple[Array, Array]:
     """(cells,) strength in each, over the fitted one, and the information there."""
-    cell = np.empty(len(variable), dtype=np.intp)
-    cell[np.argsort(variable, kind="stable")] = np.arange(len(variable)) * cells // len(variable)
+    cell = _cells(variable, cells)
     known = np.maximum(np.bincount(cell, information, cells), _LEAST * information.sum())
     return 1.0 + np.bincount(cell, score, cells) / known, known
+
+
+def _cells(variable: Array, cells: int) -> NDArray[np.intp]:
+    """(n,) the cell of each sample, of so many with as many samples each."""
+    cell = np.empty(len(variable), dtype=np.intp)
+    cell[np.argsort(variable, kind="stable")] = np.arange(len(variable)) * cells // len(variable)
+    return cell
 
 
 def of_cells(strength: Array, information: Array) -> float:

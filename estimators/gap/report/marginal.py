@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.diagnosis import Estimate
+from estimators.gap.evidence.refine import Fitted
 from estimators.gap.hypotheses.candidates import split
-from estimators.gap.search.beam import Member
+from estimators.gap.search.explanation import Member
 from estimators.gap.search.posterior import Hypothesis, Posterior
 from rig.effects import EFFECTS
 
@@ -117,12 +118,11 @@ def parameters(index: int, holders: Sequence[tuple[Hypothesis, float]]) -> dict[
     member = leading.explanation.members[index]
     fit = member.fit
     mean, covariance, felt = _moments(leading, index)
-    values, spread = fit.values.copy(), np.diag(covariance).copy()
+    values, spread = fit.values.copy(), np.zeros_like(covariance)
     total = sum(weight for _, weight in holders)
     if leading.terms:  # the fit knew nothing of the discrepancy: its mean moves too
         values = values + mean * fit.scale
     centre = values / fit.scale
-    second = np.zeros_like(spread)
     for hypothesis, weight in holders:
         labels = [each.label for each in hypothesis.explanation.members]
         if member.label not in labels:
@@ -135,8 +135,14 @@ def parameters(index: int, holders: Sequence[tuple[Hypothesis, float]]) -> dict[
             continue
         moved, wide, _ = _moments(hypothesis, number)
         shift = other.values / other.scale + (moved if hypothesis.terms else 0.0) - centre
-        second += weight / total * (np.diag(wide) + shift**2)
-    std = np.sqrt(np.maximum(second if second.any() else spread, 0.0)) * fit.scale
+        spread += weight / total * (wide + np.outer(shift, shift))
+    spread = (spread if spread.any() else covariance) * np.outer(fit.scale, fit.scale)
+    for own, along in _lengths(fit):
+        size = float(np.linalg.norm(values[own]))
+        across = np.eye(len(along)) - np.outer(along, along)
+        values[own] /= size
+        spread[own, own] = across @ spread[own, own] @ across / size**2
+    std = np.sqrt(np.maximum(np.diag(spread), 0.0))
     effect = fit.effect
     found: dict[str, Estimate] = {name: Estimate(getattr(effect, name), None, "name") for name in effect.choices()}
     first = 0
@@ -172,7 +178,21 @@ def _moments(hypothesis: Hypothesis, index: int) -> tuple[Array, Array, NDArray[
     mean, covariance = hypothesis.moments
     own = linear.owner == index
     scale = 1.0 / np.sqrt(precision)
-    values, vectors = np.linalg.eigh(linear.gram * np.outer(scale, scale))
+    gram = linear.gram * np.outer(scale, scale)
+    places = np.flatnonzero(own)
+    for part, along in _lengths(hypothesis.explanation.fits[index]):  # not felt, and nothing to feel
+        gram[np.ix_(places[part], places[part])] += np.outer(along, along)
+    values, vectors = np.linalg.eigh(gram)
     hidden = vectors[:, values < _SHRUNK]
     felt = (hidden**2).sum(axis=1) < _SHARE
     return mean[own], covariance[np.ix_(own, own)], felt[own]
+
+
+def _lengths(fit: Fitted) -> Iterator[tuple[slice, Array]]:
+    """Where the vectors of a fit are of which only the direction counts, and the unit vector along each."""
+    first = 0
+    for item in fit.free:
+        own = slice(first, first + item.size)
+        first += item.size
+        if item.unit_vector and fit.values[own].any():
+            yield own, fit.values[own] / np.linalg.norm(fit.values[own])

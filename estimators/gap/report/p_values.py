@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+
 from estimators.gap.data.defects import Defect
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.states import left_of
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import Prior
@@ -25,20 +28,22 @@ def log_bayes_factor(log_p: float) -> float:
     return -log_p - math.log(-log_p) - 1.0
 
 
-def at_most(log_p: float, log_prior: float) -> float:
-    """The largest probability that a p-value allows."""
-    return _probability(log_bayes_factor(log_p) + log_prior)
-
-
 def _probability(log_odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-max(min(log_odds, 700.0), -700.0)))
 
 
-def defect_probability(defect: Defect, prior: Prior) -> float:
-    """Of a defect whose p-value is known."""
+def defect_probability(defect: Defect, prior: Prior, beside: WhitenedData | None = None) -> float:
+    """Of a defect whose p-value is known.
+
+    Args:
+        beside: the recording, where it has something outside the catalogue, which may have made single readings.
+    """
     place = defect.effect, defect.where
     own = tuple(label for label in prior.places[defect.effect] if split(label) == place)
-    return at_most(defect.log_p, prior.log_single((defect.effect, own)))
+    odds = log_bayes_factor(defect.log_p)
+    if beside is not None and defect.affected.any():
+        odds = min(odds, homogeneity.log_bayes_factor_of_readings(np.asarray(defect.affected.any(axis=1)), beside))
+    return _probability(odds + prior.log_single((defect.effect, own)))
 
 
 def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:

@@ -71,9 +71,11 @@ def conclude(
     named = [(defect, number) for number, own in enumerate(defects) for defect in own if defect.effect not in without]
     nameless = [defect for own in defects for defect in own if defect.effect in without]
     certain: dict[tuple[str, str], float] = {}
-    for each, _ in named:
-        key = each.effect, each.where
-        certain[key] = max(certain.get(key, 0.0), defect_probability(each, posterior.prior))
+    for each, number in named:
+        key, beside = (each.effect, each.where), data.parts[number] if posterior.leading.other else None
+        certain[key] = max(certain.get(key, 0.0), defect_probability(each, posterior.prior, beside))
+    named = [(each, number) for each, number in named if certain[each.effect, each.where] >= _TOLD]
+    certain = {key: probability for key, probability in certain.items() if probability >= _TOLD}
     same = marginal.twins(posterior)
     places = marginal.places(posterior, same)
     doubted = doubts(posterior)
@@ -87,7 +89,9 @@ def conclude(
     fits = [fit for index, fit in enumerate(_at_every_sample(leading, data)) if index in reported]
     after, before = closed_shares.of_causes(posterior, reported, rng)
     effects = [fit.effect for fit in fits]
-    noise_after, noise_before = closed_shares.of_noise(noises, named, data, rng)
+    noise_after, noise_before = closed_shares.of_noise(
+        noises, [one for one in named if certain[one[0].effect, one[0].where] >= _REPORTED], data, rng
+    )
     quiet = masses["nothing"] >= 0.5
     has_cause = bool(fits or noises or named)
     closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE

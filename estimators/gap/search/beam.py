@@ -5,9 +5,8 @@ Sets are fitted on means over neighbouring samples first; the leading ones are f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -18,14 +17,13 @@ from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Weighed
-from estimators.gap.evidence.laplace import Linear, linearised
 from estimators.gap.evidence.means import Means
-from estimators.gap.evidence.refine import Fitted, Refit, at, explained_by, started
-from estimators.gap.hypotheses.candidates import Candidate, Shape
+from estimators.gap.evidence.refine import explained_by, started
+from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained, solve
-from rig.effects import Effect
+from estimators.gap.search.explanation import Explanation, Key, Member
 
 Array = NDArray[np.float64]
 
@@ -47,89 +45,6 @@ _FOLLOWED: Final = 2
 _FINE_EACH, _FINE, _ROUGHLY = 3, 6, 0.02
 #: Log odds within which rivals of the leading set are fitted themselves; what first order tells well enough.
 _CLOSE, _STRAIGHT = 6.0, 0.1
-
-Key = tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Member:
-    """An effect in a set.
-
-    Attributes:
-        fit: what was fitted. searched: the price of what was searched.
-        labels: of the places at which it does the same, its own first.
-        widths: standard deviations of shapes that a fit keeps.
-    """
-
-    fit: Fitted
-    searched: float
-    labels: tuple[str, ...]
-    widths: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """Effect and place in one word."""
-        return self.fit.candidate.label
-
-    @property
-    def drawn(self) -> Drawn:
-        """As the prior knows it."""
-        return self.fit.candidate.effect.name, self.labels
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """A set of mean effects, fitted together in whitened data.
-
-    Attributes:
-        members: the effects. data: whitened around the calibration that fits best with them.
-        log_prior: of the set. fine: whether it was fitted sample by sample.
-        refitted: the fit on these very data, where there was one.
-    """
-
-    members: tuple[Member, ...]
-    data: WhitenedData
-    log_prior: float
-    fine: bool
-    refitted: Refit | None = None
-
-    @property
-    def key(self) -> Key:
-        """The labels, sorted."""
-        return tuple(sorted(member.label for member in self.members))
-
-    @property
-    def fits(self) -> list[Fitted]:
-        """What was fitted."""
-        return [member.fit for member in self.members]
-
-    def own_change(self, index: int, data: WhitenedData) -> Array:
-        """(n, 6) change of one effect in some data, beside the others."""
-        effects = [fit.effect for fit in self.fits]
-        return data.change(effects) - data.change(effects[:index] + effects[index + 1 :])
-
-    def moved(self, by: float) -> list[list[Effect]]:
-        """The effects with one shape that a fit keeps moved by so many standard deviations, for each such shape."""
-        effects, found = [fit.effect for fit in self.fits], []
-        for index, member in enumerate(self.members):
-            kept = member.fit.kept
-            for name, width in member.widths.items():
-                fit = replace(member.fit, kept={**kept, name: float(np.asarray(kept[name])) + by * width})
-                found.append([*effects[:index], fit.effect, *effects[index + 1 :]])
-        return found
-
-    @cached_property
-    def linear(self) -> Linear:
-        """Linearised where it was fitted."""
-        refitted = self.refitted or at(self.fits, self.data)
-        return linearised(refitted, sum(member.searched for member in self.members))
-
-    @cached_property
-    def log_mass(self) -> float:
-        """Log evidence and log prior; none where an effect does nothing at the fitted values."""
-        if not self.linear.felt:
-            return -np.inf
-        return self.linear.averaged[0] + self.log_prior
 
 
 @dataclass
@@ -273,13 +188,16 @@ class Search:
 
     def beside(self, parent: Explanation, weighed: Weighed) -> list[Explanation]:
         """The set with one more effect each, by their scores beside a discrepancy."""
-        shrink = weighed.term.shrunk[0][int(np.argmax(weighed.gains))]
+        likeliest = int(np.argmax(weighed.gains))
+        shrink = weighed.term.shrunk[0][likeliest]
         scanner = self._scanner(parent)
         data, look = (self.data, scanner.fine) if weighed.term.errors.means is None else (self.rough, scanner.rough)
         explained = self._left(parent, data)
+        taken = explained.without(weighed.term.mean(explained.residual, likeliest)[:, None])[:, 0]
+        less = replace(explained, residual=explained.residual - taken)  # where an effect is best seen
         held = {member.label for member in parent.members}
         tests = [
-            max(look.best(candidate, explained)[:2], key=lambda tested: tested.score.statistic)
+            max(look.best(candidate, less)[:2], key=lambda tested: tested.score.statistic)
             for candidate in self.candidates
             if candidate.smooth and candidate.label not in held
         ]
@@ -293,20 +211,23 @@ class Search:
         along = weighed.term.along(full)
         gram = full.T @ full - (along * shrink[:, None]).T @ along
         length = np.linalg.norm(full, axis=0)
-        scored: list[tuple[float, Candidate, Shape]] = []
+        scored: list[tuple[float, ScoreTest]] = []
         for tested, first, end in zip(tests, ends[:-1], ends[1:], strict=True):
             part = slice(first, end)
             score = solve(gram[part, part], gram[part, 0], length[part])
             price = self.prior.log_single((tested.candidate.effect.name, (tested.candidate.label,)))
-            scored.append((0.5 * score.evidence + price - tested.spread, tested.candidate, tested.shape))
+            scored.append((0.5 * score.evidence + price - tested.spread, tested))
         scored.sort(key=lambda each: -each[0])
         found = []
-        for promise, candidate, shape in scored[:3]:
-            if promise > -_FAR:
-                tested = next(tested for tested in look.best(candidate, explained) if str(tested.shape) == str(shape))
-                if tested.score.strengths.size:
-                    found.append(self._fitted((*parent.members, self._member([tested], parent)), self.data))
+        for promise, tested in scored[:3]:
+            if promise > -_FAR and tested.score.strengths.size:
+                found.append(self._fitted((*parent.members, self._member([tested], parent)), self.data))
         return found
+
+    def without_one(self, each: Explanation) -> list[Explanation]:
+        """The set without each of its effects, sample by sample."""
+        rests = {rest.key: rest for rest in (self.fitted(rest) for rest in _without_one(each.members))}
+        return [self.fine(rest.members, rest) for rest in rests.values()]
 
     def _improve(self, rounds: int) -> None:
         """Drops and swaps of the leading set, until nothing is better."""
@@ -321,8 +242,7 @@ class Search:
     def _swap(self, best: Explanation) -> None:
         """A set without each of its effects, and with others in its place."""
         self.improved.add(best.key)
-        for index in range(len(best.members)):
-            rest = self.fitted(best.members[:index] + best.members[index + 1 :])
+        for rest in map(self.fitted, _without_one(best.members)):
             # what promises far less than was dropped is no better: a score is about what a fit gains
             for members in self.additions(rest, 3, _SWAPPED * (self.gained(best) - self.gained(rest))):
                 self.fitted(members)
@@ -353,8 +273,7 @@ class Search:
             of_size.setdefault(len(each.members), []).append(each)
         chosen = near[:_FINE] + [each for own in of_size.values() for each in own[:_FINE_EACH]]
         leading = self._fitted(chosen[0].members, self.data)
-        leading_members = chosen[0].members
-        subsets = [leading_members[:index] + leading_members[index + 1 :] for index in range(len(leading_members))]
+        subsets = _without_one(chosen[0].members)
         keys = {tuple(sorted(member.label for member in subset)) for subset in subsets if len(subset) > 0}
         sizes = {len(each.members): each for each in reversed(ranked)}  # the best of each size, for other noise
         wanted = (
@@ -362,13 +281,23 @@ class Search:
             + [each for each in sizes.values() if each.members and not each.fine]
             + [each for each in ranked if each.key in keys and not each.fine and not any(each is one for one in chosen)]
         )
-        found = {each.key: each for each in (self.fine(each.members, each) for each in wanted)}
+        found = {each.key: each for each in (self._near(each, leading) for each in wanted)}
         found |= {(): self.fine(()), leading.key: leading}
         while rough_ones := self._to_refit(list(found.values())):
             for each in rough_ones:
                 del self.found[each.key, True]
                 found[each.key] = self._fitted(each.members, self.data)
         return sorted(found.values(), key=lambda each: -each.log_mass)
+
+    def _near(self, each: Explanation, leading: Explanation) -> Explanation:
+        """A set sample by sample, to first order: about the leading set, where that has all but one of its effects."""
+        shared = {member.label: member for member in leading.members}
+        known = [member.label in shared for member in each.members]
+        alone = len(shared) == len(leading.members) and len(each.key) == len(set(each.key))
+        if alone and each.members and sum(known) >= max(len(known) - 1, 1) and (each.key, True) not in self.found:
+            members = tuple(shared.get(member.label, member) for member in each.members)
+            each = replace(each, members=members, data=leading.data)
+        return self.fine(each.members, each)
 
     @staticmethod
     def _to_refit(found: Sequence[Explanation]) -> list[Explanation]:
@@ -393,6 +322,11 @@ class Search:
             moved = around(self.data, rough.data.pipeline)
             self.found[key] = replace(rough, data=moved, fine=True, refitted=None)
         return self.found[key]
+
+
+def _without_one(members: Sequence[Member]) -> list[tuple[Member, ...]]:
+    """The set without each of its members."""
+    return [tuple(each for each in members if each is not out) for out in members]
 
 
 def _alike(tests: Sequence[ScoreTest], prior: Prior) -> list[list[ScoreTest]]:

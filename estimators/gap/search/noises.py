@@ -24,7 +24,7 @@ from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import Left
-from estimators.gap.search.beam import Explanation, Member
+from estimators.gap.search.explanation import Explanation, Member
 
 #: A state of the noise, and the scanner under it.
 Given = tuple[NoiseState, Scanner]

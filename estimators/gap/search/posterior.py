@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import CommonNoise, beside, common_noises
 from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, total, weighed
@@ -24,7 +25,8 @@ from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE, Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search import robust
-from estimators.gap.search.beam import Explanation, Member, Search
+from estimators.gap.search.beam import Search
+from estimators.gap.search.explanation import Explanation, Member
 from estimators.gap.search.noises import Noises, Promise, on_data
 
 Array = NDArray[np.float64]
@@ -143,6 +145,34 @@ class _Weighing:
         if key not in self.hypotheses or self.hypotheses[key].log_mass < hypothesis.log_mass:
             self.hypotheses[key] = hypothesis
 
+    def enter_nameless(self, each: Explanation, state: NoiseState, discrepancies: Discrepancies) -> None:
+        """An explanation beside discrepancies."""
+        changes = {
+            (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
+            for index, member in enumerate(each.members)
+        }
+        if terms := weighed(each.linear, discrepancies, changes):
+            share = float(np.log(OTHER * (1.0 - OTHER_NOISE))) + total([term.log_mass for term in terms])
+            self.enter(Hypothesis(each, state, tuple(terms[:_KEPT]), self.known(each, state) + share))
+
+    def move_floor(self) -> None:
+        """What has no name, beside the floor that known causes are likeliest beside: it was weighed there only where
+        something else led to that floor."""
+        known = [each for each in self.hypotheses.values() if not each.other and not each.state.labels]
+        floor = max(known, key=lambda each: each.log_mass).state
+        plain = [each.log_mass for each in known if not each.state.steps]
+        nameless = [each for each in self.hypotheses.values() if each.terms and not each.state.steps]
+        there = [each for each in self.hypotheses.values() if each.terms and each.state.steps and not each.state.labels]
+        if not floor.steps or not nameless or any(each.state.name == floor.name for each in there):
+            return
+        each = max(nameless, key=lambda one: one.log_mass)
+        if each.log_mass + self.best - max(plain, default=-np.inf) < self.best - _NEAR:
+            return
+        scanner = self.scanner.stepped(floor.steps)
+        data = around(scanner.fine.data, each.explanation.data.pipeline)
+        moved = replace(each.explanation, data=data, refitted=None)
+        self.enter_nameless(moved, floor, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.without))
+
     def weigh(
         self, state: NoiseState, scanner: Scanner, seeds: Sequence[Sequence[Member]], deep: bool
     ) -> list[Explanation]:
@@ -151,15 +181,18 @@ class _Weighing:
         discrepancies = None
         target = -np.inf
         if deep:  # what a discrepancy alone comes to tells how far sets of effects are worth following
-            self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough)
+            self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough, self.without)
             self._beside([search.fine(())], state, search, discrepancies)
             target = self.best - state.log_weight - search.fine(()).log_mass
         found = search.run(seeds, deep, target)
         for each in found:
             alone = self.known(each, state) + (0.0 if state.other else float(np.log1p(-OTHER)))
             self.enter(Hypothesis(each, state, (), alone))
-        if self.known(found[0], state) > self.best - _FAR:
-            self._beside(found, state, search, discrepancies or Discrepancies.of(search.data, search.rough))
+        # where something without a name leads by far, causes can be there beside it, if not without it
+        if self.known(found[0], state) > self.best - _FAR or (self.leading.terms and self.leading.state is state):
+            self._beside(
+                found, state, search, discrepancies or Discrepancies.of(search.data, search.rough, self.without)
+            )
         return found
 
     def _beside(
@@ -179,30 +212,23 @@ class _Weighing:
             if each.key in done:
                 continue
             done.add(each.key)
-            own = enumerate(each.members)
-            changes = {member.label: each.data.whiten(each.own_change(index, each.data)) for index, member in own}
-            terms = weighed(each.linear, discrepancies, changes)
             for log_mass, fitted in beside(each.linear, self.common):
                 named = replace(state, fitted=(*state.fitted, fitted))
                 prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
                 mass = self.known(each, state) - each.log_prior + prior + log_mass + float(np.log1p(-OTHER))
                 self.enter(Hypothesis(each, named, (), mass))
-            if terms:
-                mass = (
-                    self.known(each, state)
-                    + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
-                    + total([term.log_mass for term in terms])
-                )
-                self.enter(Hypothesis(each, state, tuple(terms[:_KEPT]), mass))
+            self.enter_nameless(each, state, discrepancies)
+            if queue:
+                continue
+            nameless = [one for one in self.hypotheses.values() if one.terms and one.state is state]
+            leading = max(nameless, key=lambda one: one.log_mass, default=None)
+            if leading is None or leading.log_mass < self.best - _NEAR:
+                continue
+            # what was needed without a discrepancy may do a part of what that does
+            queue += [rest for rest in search.without_one(leading.explanation) if rest.key not in done]
             if not queue and not extended:
                 extended = True
-                leading = max(
-                    (one for one in self.hypotheses.values() if one.terms and one.state is state),
-                    key=lambda one: one.log_mass,
-                    default=None,
-                )
-                if leading is not None and leading.log_mass > self.best - 5.0:
-                    queue += search.beside(leading.explanation, leading.terms[0])
+                queue += search.beside(leading.explanation, leading.terms[0])
 
 
 def explain(
@@ -270,6 +296,7 @@ def explain(
         if not frontier:
             break
     assert work.discrepancies is not None
+    work.move_floor()
     weighed_all = tuple(sorted(work.hypotheses.values(), key=lambda one: -one.log_mass))
     return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
 

@@ -1,0 +1,104 @@
+"""Explanations: sets of mean effects, fitted together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.laplace import Linear, linearised
+from estimators.gap.evidence.refine import Fitted, Refit, at
+from estimators.gap.hypotheses.prior import Drawn
+from rig.effects import Effect
+
+Array = NDArray[np.float64]
+Key = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Member:
+    """An effect in a set.
+
+    Attributes:
+        fit: what was fitted. searched: the price of what was searched.
+        labels: of the places at which it does the same, its own first.
+        widths: standard deviations of shapes that a fit keeps.
+    """
+
+    fit: Fitted
+    searched: float
+    labels: tuple[str, ...]
+    widths: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """Effect and place in one word."""
+        return self.fit.candidate.label
+
+    @property
+    def drawn(self) -> Drawn:
+        """As the prior knows it."""
+        return self.fit.candidate.effect.name, self.labels
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of mean effects, fitted together in whitened data.
+
+    Attributes:
+        members: the effects. data: whitened around the calibration that fits best with them.
+        log_prior: of the set. fine: whether it was fitted sample by sample.
+        refitted: the fit on these very data, where there was one.
+    """
+
+    members: tuple[Member, ...]
+    data: WhitenedData
+    log_prior: float
+    fine: bool
+    refitted: Refit | None = None
+
+    @property
+    def key(self) -> Key:
+        """The labels, sorted."""
+        return tuple(sorted(member.label for member in self.members))
+
+    @property
+    def fits(self) -> list[Fitted]:
+        """What was fitted."""
+        return [member.fit for member in self.members]
+
+    def own_change(self, index: int, data: WhitenedData) -> Array:
+        """(n, 6) change of one effect in some data, beside the others."""
+        effects = [fit.effect for fit in self.fits]
+        return data.change(effects) - data.change(effects[:index] + effects[index + 1 :])
+
+    def whitened_change(self, index: int) -> Array:
+        """(c n,) the same in its own data."""
+        return self.data.whiten(self.own_change(index, self.data))
+
+    def moved(self, by: float) -> list[list[Effect]]:
+        """The effects with one shape that a fit keeps moved by so many standard deviations, for each such shape."""
+        effects, found = [fit.effect for fit in self.fits], []
+        for index, member in enumerate(self.members):
+            kept = member.fit.kept
+            for name, width in member.widths.items():
+                fit = replace(member.fit, kept={**kept, name: float(np.asarray(kept[name])) + by * width})
+                found.append([*effects[:index], fit.effect, *effects[index + 1 :]])
+        return found
+
+    @cached_property
+    def linear(self) -> Linear:
+        """Linearised where it was fitted."""
+        refitted = self.refitted or at(self.fits, self.data)
+        return linearised(refitted, sum(member.searched for member in self.members))
+
+    @cached_property
+    def log_mass(self) -> float:
+        """Log evidence and log prior; none where an effect does nothing at the fitted values."""
+        if not self.linear.felt:
+            return -np.inf
+        return self.linear.averaged[0] + self.log_prior
