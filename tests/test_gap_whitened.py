@@ -104,6 +104,22 @@ def test_a_tone_faster_than_the_means_is_found_in_the_samples(arm: Arm) -> None:
     assert abs(cause.parameters["freq_Hz"].value - frequency) < 0.5 * resolution
 
 
+def test_each_channel_closes_by_what_is_left_of_it(arm: Arm) -> None:
+    """A warm-up of the magnetometer beside an accelerometer axis that jumps to and fro: the first is a cause, the other
+    is in no catalogue, and in no other channel."""
+    warm = ("bias_warmup", {"where": "magnetometer", "coefficient": (0.03, -0.04, 0.05), "tau_s": 300.0})
+    run = recorded(5, warm)
+    accelerometer = run.accelerometer.copy()
+    accelerometer[:, 2] += 0.05 * (np.searchsorted(np.linspace(100.0, 1600.0, 12), run.t) % 2)
+    found = estimators.diagnose(replace(run, accelerometer=accelerometer), arm=arm)
+    assert [(cause.effect, cause.where) for cause in found.established] == [("bias_warmup", "magnetometer")]
+    assert found.posterior["other"] > 0.99
+    assert found.remainder.follows[0]["source"] == "the offset of accel3"
+    for name in ("mag1", "mag2", "mag3"):
+        assert found.channels[name].closed > 0.9, name
+    assert found.channels["accel3"].closed < 0.1
+
+
 def test_of_a_direction_every_component_is_said(arm: Arm) -> None:
     """Its length says nothing, and nothing is missing for that."""
     true = np.array([0.6, 0.0, 0.8])

@@ -18,10 +18,10 @@ _LOOK: Final = {
     "the acceleration": "look for what shakes or accelerates the sensor: motors, fans, fast moves",
     "the magnetic field": "look for iron, magnets and currents near the arm, and in it",
     "a turn of the ": "look at how that sensor's board is fixed",
-    "the offset": "look at that sensor's supply, temperature and wiring",
     "the offset of all": "look at the converter and the common ground",
+    "the offset": "look at that sensor's supply, temperature and wiring",
     "the gain of all": "look at the converter's reference and the supply",
-    "the gain of ": "look at that channel's amplifier, reference voltage and range",
+    "the gain": "look at that channel's amplifier, reference voltage and range",
     "noise of ": "look at that channel's wiring, shielding and supply while the arm moves",
     "single readings": "look at the cable, the connector and the converter's range",
 }

@@ -75,11 +75,10 @@ def _channel(
 ) -> Channel:
     """From the floor and mean squares: before, of the fitted gap, of what is left, and of named noise and defects."""
     rms_before, rms_after = math.sqrt(before), math.sqrt(rest)
-    remains = fitted * min(ratio, 1.0)
-    if other:
-        remains = max(remains, rest - sigma**2 - named)
-    gap_before = 0.0 if quiet else min(math.sqrt(fitted + named + (max(remains, 0.0) if other else 0.0)), rms_before)
-    gap_after = 0.0 if quiet else min(math.sqrt(max(remains, 0.0)), rms_after)
+    # what has no name is in some channels and not in others: what is left of each says in which
+    remains = max(rest - sigma**2 - named, 0.0) if other else fitted * min(ratio, 1.0)
+    gap_before = 0.0 if quiet else min(math.sqrt(fitted + named + (remains if other else 0.0)), rms_before)
+    gap_after = 0.0 if quiet else min(math.sqrt(remains), rms_after)
     told = gap_before > 1e-3 * sigma
     closed = max(-1.0, 1.0 - (gap_after / gap_before) ** 2) if told and (means or named) else None
     return Channel(sigma, rms_before, gap_before, rms_after, gap_after, closed)

@@ -268,12 +268,13 @@ def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
     found: dict[str, float] = {}
     size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.rank, 1.0)
     for each in weighed(linear, posterior.discrepancies):
-        if each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
-            continue
-        share = _taken(each, linear.left) / size
-        found[each.term.course] = max(found.get(each.term.course, 0.0), share)
-    ranked = sorted(found.items(), key=lambda item: -item[1])
-    return tuple({"variable": name, "share": float(np.clip(share, 0.0, 1.0))} for name, share in ranked if share > 0.01)
+        taken = _taken(each, linear.left)
+        size = max(size, taken)  # means over neighbours hide what is fast
+        if not each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
+            found[each.term.course] = max(found.get(each.term.course, 0.0), taken)
+    ranked = [(name, float(np.clip(taken / size, 0.0, 1.0))) for name, taken in found.items()]
+    ranked.sort(key=lambda item: -item[1])
+    return tuple({"variable": name, "share": share} for name, share in ranked if share > 0.01)
 
 
 def _taken(each: Weighed, residual: Array) -> float:
@@ -293,17 +294,15 @@ def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rn
     if other:
         with_terms = next((each for each in posterior.hypotheses if each.terms), None)
         gap = max(float(rough.whitened @ rough.whitened) - rough.size, 1.0)
-        seen: set[str] = set()
         if with_terms is not None:
-            for each in with_terms.terms:
-                if (
-                    each.term.source not in seen
-                    and len(seen) < 3
-                    and each.log_mass > with_terms.terms[0].log_mass - 3.0
-                ):
-                    seen.add(each.term.source)
-                    share = float(np.clip(_taken(each, with_terms.explanation.linear.left) / gap, 0.0, 1.0))
-                    follows.append({"source": each.term.source, "course": each.term.course, "share": share})
+            near = [each for each in with_terms.terms if each.log_mass > with_terms.terms[0].log_mass - 3.0]
+            first = {each.term.source: each for each in reversed(near)}  # of each source the likeliest
+            told = sorted(first.values(), key=lambda each: -each.log_mass)[:3]
+            taken = [_taken(each, with_terms.explanation.linear.left) for each in told]
+            gap = max(gap, *taken)  # means over neighbours hide what is fast
+            for each, square in zip(told, taken, strict=True):
+                share = float(np.clip(square / gap, 0.0, 1.0))
+                follows.append({"source": each.term.source, "course": each.term.course, "share": share})
         if posterior.hypotheses[0].state.other:
             for step in posterior.hypotheses[0].state.steps:
                 if step.in_time:
