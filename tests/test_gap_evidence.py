@@ -30,6 +30,11 @@ from rig.effects._numerics import play
 from rig.pose_nodes import quaternions
 
 
+@pytest.fixture(scope="module")
+def discrepancies(data: WhitenedData) -> Discrepancies:
+    return Discrepancies.of(data, data)
+
+
 def unexplained(left: np.ndarray) -> Linear:
     none = np.zeros(0)
     return Linear(left, np.zeros((len(left), 0)), none, none > 0, none, np.zeros(0, dtype=np.intp))
@@ -152,7 +157,9 @@ def test_one_axis_alone_or_all_of_them_are_averaged(fault: tuple[float, ...]) ->
     assert (linear.averaged[0] > all_alike) == (sum(value != 0.0 for value in fault) == 1)
 
 
-def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(data: WhitenedData) -> None:
+def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(
+    data: WhitenedData, discrepancies: Discrepancies
+) -> None:
     """A cubic error whose size goes with the square of time is a signal-to-noise of 40 beside a steady one; no source
     but its own strength follows that in one term."""
     cubic = make_effect("scale_cubic", {"where": "mag1", "fraction_of_full": 0.05})
@@ -160,7 +167,6 @@ def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(data:
     share = np.tile(np.linspace(-1.0, 1.0, data.count) ** 2, len(data.columns)) - 1.0 / 3.0
     off = project(data.absorbed, change * share)
     noise = project(data.absorbed, np.random.default_rng(4).standard_normal(data.size))
-    discrepancies = Discrepancies.of(data, data)
     best = weighed(
         unexplained(noise + 40.0 * off / np.linalg.norm(off)), discrepancies, {("scale_cubic@mag1", ""): lambda: change}
     )[0]
@@ -171,7 +177,7 @@ def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(data:
     assert all(each.log_mass < 0.0 for each in quiet)
 
 
-def test_a_sine_without_a_name_is_told_from_every_sample(data: WhitenedData) -> None:
+def test_a_sine_without_a_name_is_told_from_every_sample(data: WhitenedData, discrepancies: Discrepancies) -> None:
     """Of the magnetic field, between two frequencies of the transform, a signal-to-noise of 12: half of its square less
     the prices of source, frequency and amplitudes; the frequency within six of its bounds. Noise alone is worth less
     than nothing."""
@@ -179,7 +185,7 @@ def test_a_sine_without_a_name_is_told_from_every_sample(data: WhitenedData) -> 
     (field,) = [each for each in sources(data) if each.name == "the magnetic field"]
     true = 0.1 + 0.25 / float(np.ptp(data.t))
     wave = project(data.absorbed, (field.series[0] * np.sin(2.0 * np.pi * true * data.t)).ravel())
-    sines = Discrepancies.of(data, data).sines
+    sines = discrepancies.sines
     quiet = project(data.absorbed, noise)
     loud = quiet + 12.0 * wave / np.linalg.norm(wave)
     best = weighed_terms(unexplained(loud), sines.terms(loud))[0]
@@ -219,7 +225,7 @@ def test_a_sine_without_a_name_is_told_from_every_sample(data: WhitenedData) -> 
     ],
 )
 def test_what_has_no_name_is_told_where_it_acts_and_along_what(
-    data: WhitenedData, name: str, values: dict[str, object], source: str, course: str
+    data: WhitenedData, discrepancies: Discrepancies, name: str, values: dict[str, object], source: str, course: str
 ) -> None:
     """Thirty standard deviations of an effect: nine tenths of half their square, less the price of source, course,
     amplitude and of the functions of time that are not needed, 60 nats at most."""
@@ -227,7 +233,7 @@ def test_what_has_no_name_is_told_where_it_acts_and_along_what(
     effect = make_effect(name, {item.name: item.typical, **values} if item.size == 1 else values)
     change = project(data.absorbed, data.whiten(data.change([effect])))
     noise = project(data.absorbed, np.random.default_rng(6).standard_normal(data.size))
-    best = weighed(unexplained(noise + 30.0 * change / np.linalg.norm(change)), Discrepancies.of(data, data))[0]
+    best = weighed(unexplained(noise + 30.0 * change / np.linalg.norm(change)), discrepancies)[0]
     assert best.term.source == source
     assert best.term.course.startswith(course)
     assert best.log_mass > 0.5 * 0.9 * 30.0**2 - 60.0
@@ -247,10 +253,11 @@ def test_levels_that_change_are_split_where_they_do() -> None:
     assert best(noise[:, None], np.ones(1600)) == roughly(noise[:, None], np.ones(1600)) == []
 
 
-def test_an_offset_that_jumps_to_and_fro_is_no_walk_and_a_walk_does_not_jump(data: WhitenedData) -> None:
+def test_an_offset_that_jumps_to_and_fro_is_no_walk_and_a_walk_does_not_jump(
+    data: WhitenedData, discrepancies: Discrepancies
+) -> None:
     rng = np.random.default_rng(9)
     noise = project(data.absorbed, rng.standard_normal(data.size))
-    discrepancies = Discrepancies.of(data, data)
 
     def likeliest(course: np.ndarray) -> str:
         change = np.zeros((data.count, 6))
@@ -263,7 +270,9 @@ def test_an_offset_that_jumps_to_and_fro_is_no_walk_and_a_walk_does_not_jump(dat
     assert likeliest(np.cumsum(rng.standard_normal(data.count))) == "time"
 
 
-def test_hysteresis_of_any_form_is_an_offset_that_follows_its_history(data: WhitenedData) -> None:
+def test_hysteresis_of_any_form_is_an_offset_that_follows_its_history(
+    data: WhitenedData, discrepancies: Discrepancies
+) -> None:
     """Four plays side by side (Prandtl and Ishlinskii) on one axis: three quarters of their square, which are 20
     standard deviations, are the history's; their form is not one play's."""
     own = data.base.inputs[:, 4]
@@ -272,7 +281,7 @@ def test_hysteresis_of_any_form_is_an_offset_that_follows_its_history(data: Whit
     change = project(data.absorbed, data.whiten(change))
     noise = project(data.absorbed, np.random.default_rng(5).standard_normal(data.size))
     left = noise + 20.0 * change / np.linalg.norm(change)
-    best = weighed(unexplained(left), Discrepancies.of(data, data))[0]
+    best = weighed(unexplained(left), discrepancies)[0]
     assert (best.term.source, best.term.course) == ("the offset of mag2", "the history of its level")
     assert best.log_mass > 0.5 * 0.75 * 20.0**2 - 40.0
 
