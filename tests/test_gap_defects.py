@@ -49,3 +49,17 @@ def test_a_model_that_is_off_for_long_makes_no_outliers() -> None:
     off.readings[3000, 4] += 12.0 * sigma[4]
     (found,) = [each for each in find_defects(off, np.zeros(6)) if each.effect == "outliers"]
     assert np.argwhere(found.affected).tolist() == [[3000, 4]]
+
+
+def test_a_level_of_clipping_is_known_to_a_step_of_the_converter() -> None:
+    """Rounding is uniform: half a step is 1.73 standard deviations, whatever the level."""
+    arm, quiet = Arm.a465(), recorded(1, decimation=25)
+    floor = estimated_floor(quiet, arm)
+    top = float(np.quantile(quiet.accelerometer[:, 2], 0.9))
+    for level in top + 1.2207e-3 * np.array([0.0, 0.3, 0.45, 0.7]):
+        clipped = recorded(1, ("saturation", {"where": "accel3", "level": float(level)}), decimation=25)
+        defects = find_defects(set_up(clipped, floor, arm), np.zeros(6))
+        (found,) = [each for each in defects if each.effect == "saturation"]
+        value, std, _ = found.parameters["level"]
+        assert abs(value - level) < 2.0 * std
+        assert std < 1.2207e-3

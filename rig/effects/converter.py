@@ -90,7 +90,9 @@ class Saturation(Effect):
             added = np.zeros(len(CHANNELS))
             added[column] = sigma * np.sqrt(lost.mean())
             effect = cls(where=where, level=sign * level)
-            return Finding(effect, {"level": sigma / float(piled.sum())}, affected, log_p, added)
+            # a converter rounds the level, too
+            std = float(np.hypot(sigma / float(piled.sum()), step / np.sqrt(12.0)))
+            return Finding(effect, {"level": std}, affected, log_p, added)
         return None
 
 
