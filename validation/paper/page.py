@@ -280,8 +280,8 @@ def _early_stops(comparison: Comparison) -> Iterator[str]:
             "the gradient" if one.tolerance is None else f"a fall below {one.tolerance:g}",
             f"{one.start_deg:g}°",
             f"some {round(one.iterations, -1):.0f}",
-            f"{one.phi_deg:.3f}°",
-            f"{one.beta2_deg:.3f}°",
+            f"{one.phi_deg:.2f}°",  # where an unfinished search ends moves with a processor's sums
+            f"{one.beta2_deg:.2f}°",
             f"{1e3 * one.fit_error:.1f} mV",
             "yes" if one.like_table_7 else "no",
             f"{one.apart_deg:.2f}°",
