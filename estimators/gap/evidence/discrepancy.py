@@ -151,15 +151,19 @@ class Weighed:
 
 
 def weighed(
-    linear: Linear, discrepancies: Discrepancies, changes: Mapping[tuple[str, str], Callable[[], Array]] | None = None
+    linear: Linear,
+    discrepancies: Discrepancies,
+    changes: Mapping[tuple[str, str], Callable[[], Array]] | None = None,
+    least: float = -np.inf,
 ) -> list[Weighed]:
     """Every term beside a set of effects, the likeliest first.
 
     Args:
         changes: by label and kept shape, of the set's effects, as ``Discrepancies.forms`` takes them.
+        least: log mass below which sines and jumps are not weighed.
     """
     found = weighed_terms(linear, discrepancies.terms)
-    least = (found[0].log_mass if found else 0.0) - _NOTHING
+    least = max((found[0].log_mass if found else 0.0) - _NOTHING, least)
     fitting = [*discrepancies.sines.terms(linear.left, least), *discrepancies.jumps.terms(linear.left, least)]
     found += weighed_terms(linear, fitting)
     if not changes:

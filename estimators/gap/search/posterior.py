@@ -151,9 +151,11 @@ class _Weighing:
             (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
             for index, member in enumerate(each.members)
         }
-        if terms := weighed(each.linear, discrepancies, changes):
-            share = float(np.log(OTHER * (1.0 - OTHER_NOISE))) + total([term.log_mass for term in terms])
-            self.enter(Hypothesis(each, state, tuple(terms[:_KEPT]), self.known(each, state) + share))
+        beside = self.known(each, state) + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
+        least = self.best - _FAR - beside if self.hypotheses else -np.inf
+        if terms := weighed(each.linear, discrepancies, changes, least):
+            mass = beside + total([term.log_mass for term in terms])
+            self.enter(Hypothesis(each, state, tuple(terms[:_KEPT]), mass))
 
     def move_floor(self) -> None:
         """What has no name, beside the floor that known causes are likeliest beside: it was weighed there only where
