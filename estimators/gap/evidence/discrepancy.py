@@ -23,7 +23,7 @@ from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.sines import Sines
-from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms
+from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms, terms_along
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import Course, courses, history_course, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
@@ -70,12 +70,9 @@ class Discrepancies:
         own: list[list[Course]] = []
         for source in every:
             own.append([course for course, kinds in along if source.kind in kinds])
-            if source.column >= 0 and source.kind == "offset":
+            if source.of_one_offset:
                 own[-1] += level_courses(rough, source.column)
-        past = [
-            history_course(fine, source.column) if source.kind == "offset" and source.column >= 0 else None
-            for source in of_samples
-        ]
+        past = [history_course(fine, source.column) if source.of_one_offset else None for source in of_samples]
         shares = [
             -float(np.log(len(every))) - float(np.log(len(each) + 4 + (history is not None)))
             for each, history in zip(own, past, strict=True)
@@ -86,7 +83,7 @@ class Discrepancies:
                 found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
         for source, share, history in zip(of_samples, shares, past, strict=True):
             if history is not None:
-                found += smooth_terms(fine.absorbed, [source], [[history]], [share], lengths=())[1]
+                found += terms_along(fine.absorbed, source, history, share)
         # of offsets, and of the tool, the catalogue has single steps
         stepping = frozenset(
             source.name

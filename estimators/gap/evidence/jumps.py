@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.terms import Term, smooth_terms
+from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import Course
 from estimators.gap.hypotheses.sources import Source
 
@@ -84,7 +84,7 @@ class Jumps:
                 values = (number[:, None] == np.arange(len(at) + 1)).astype(float)
                 course = Course(f"time, in {len(at)} jumps", values, np.ones(len(at) + 1))
                 prior = share - len(at) * log(count) + lgamma(len(at) + 1.0)
-                terms += smooth_terms(self.data.absorbed, [source], [[course]], [prior], lengths=())[1]
+                terms += terms_along(self.data.absorbed, source, course, prior)
         return terms
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.terms import Errors, Term, freedoms_of, smooth_terms
+from estimators.gap.evidence.terms import Errors, Term, freedoms_of, terms_along
 from estimators.gap.hypotheses.courses import COSINES, Course
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.tones import of_waves, polished
@@ -61,7 +61,8 @@ class Sines:
             return []
         seen = self._errors.moments(left[:, None])[:, :, 0].T
         found = []
-        for index, own in enumerate(freedoms_of(self.every)):
+        freedoms = freedoms_of(self.every)
+        for index, own in enumerate(freedoms):
             spectra = np.fft.rfft(seen[own], n=2 * count, axis=1)[:, COSINES:-1]
             squares = of_waves(spectra, self._inverses[index])
             peak = int(np.argmax(squares))
@@ -69,7 +70,7 @@ class Sines:
             found.append((float(squares[peak]) - 2.0 * len(spectra), index, (peak + COSINES) / (2.0 * count)))
         terms = []
         for explained, index, cycles in sorted(found, reverse=True)[:_MOST]:
-            own = freedoms_of(self.every)[index]
+            own = freedoms[index]
             if 0.5 * _BETWEEN * (explained + 2.0 * (own.stop - own.start)) + self.shares[index] - np.log(tried) < least:
                 continue
             square, frequency_Hz = polished(seen[own], self._inverses[index], self.data.t, cycles / interval_s)
@@ -78,5 +79,5 @@ class Sines:
             # a sine so strong is told to sqrt(12) / (2 pi snr) of a cell (Rife and Boorstyn, 1974): of each the share
             told = np.sqrt(2.0 * np.pi) * np.sqrt(12.0) / (2.0 * np.pi * np.sqrt(max(square, 1.0)))
             share = self.shares[index] - float(np.log(tried / min(told, 1.0)))
-            terms += smooth_terms(self.data.absorbed, [self.every[index]], [[course]], [share], lengths=())[1]
+            terms += terms_along(self.data.absorbed, self.every[index], course, share)
         return terms

@@ -148,7 +148,8 @@ class Term:
             each = self.errors.values[:, self.functions] @ (self.vectors @ size).reshape(series.shape[1], -1).T
         else:
             assert self.edges is not None
-            flat = np.zeros(len(self.kept) if self.kept is not None else 0)
+            assert self.kept is not None
+            flat = np.zeros(len(self.kept))
             flat[self.kept] = size
             pieces = np.einsum("bfg,bg->bf", self.vectors, flat.reshape(len(self.edges), -1))
             each = np.repeat(pieces, np.diff([*self.edges, len(series)]), axis=0)
@@ -204,6 +205,15 @@ def smooth_terms(
         for name, of, block, weight, prior in ways:
             found.append(_term(errors, source, freedoms, name, of, block, shared[of, freedoms], weight, prior))
     return errors, [each for each in found if len(each.values)]
+
+
+def terms_along(absorbed: Basis, source: Source, course: Course, log_prior: float) -> list[Term]:
+    """One source of every sample along one course: a term, or none where the calibration takes it.
+
+    Args:
+        absorbed: the calibration's tangent.
+    """
+    return smooth_terms(absorbed, [source], [[course]], [log_prior], lengths=())[1]
 
 
 def _gram(errors: Errors, freedoms: slice, functions: slice) -> Array:

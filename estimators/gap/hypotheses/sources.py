@@ -42,6 +42,11 @@ class Source:
     kind: str
     column: int = -1
 
+    @property
+    def of_one_offset(self) -> bool:
+        """Whether it is the offset of one axis."""
+        return self.kind == "offset" and self.column >= 0
+
 
 def sources(data: WhitenedData) -> list[Source]:
     """Every error source of a recording."""
