@@ -67,17 +67,18 @@ class Sines:
             squares = of_waves(spectra, self._inverses[index])
             peak = int(np.argmax(squares))
             # each of its freedoms has a sine and a cosine
-            found.append((float(squares[peak]) - 2.0 * len(spectra), index, (peak + COSINES) / (2.0 * count)))
+            found.append((float(squares[peak]) - 2.0 * len(spectra), index, float(squares[peak]), peak + COSINES))
         terms = []
-        for explained, index, cycles in sorted(found, reverse=True)[:_MOST]:
+        for _, index, square, place in sorted(found, reverse=True)[:_MOST]:
             own = freedoms[index]
-            if 0.5 * _BETWEEN * (explained + 2.0 * (own.stop - own.start)) + self.shares[index] - np.log(tried) < least:
+            if 0.5 * _BETWEEN * square + self.shares[index] - np.log(tried) < least:
                 continue
-            square, frequency_Hz = polished(seen[own], self._inverses[index], self.data.t, cycles / interval_s)
+            nearby_Hz = place / (2.0 * count * interval_s)
+            square, frequency_Hz = polished(seen[own], self._inverses[index], self.data.t, nearby_Hz)
             turns = 2.0 * np.pi * frequency_Hz * self.data.t
             course = Course(f"a sine of {frequency_Hz:.4g} Hz", np.stack([np.cos(turns), np.sin(turns)], 1), np.ones(2))
             # a sine so strong is told to sqrt(12) / (2 pi snr) of a cell (Rife and Boorstyn, 1974): of each the share
-            told = np.sqrt(2.0 * np.pi) * np.sqrt(12.0) / (2.0 * np.pi * np.sqrt(max(square, 1.0)))
+            told = np.sqrt(2.0 * np.pi) * np.sqrt(12.0 / max(square, 1.0)) / (2.0 * np.pi)
             share = self.shares[index] - float(np.log(tried / min(told, 1.0)))
             terms += terms_along(self.data.absorbed, self.every[index], course, share)
         return terms
