@@ -167,14 +167,25 @@ def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(
     share = np.tile(np.linspace(-1.0, 1.0, data.count) ** 2, len(data.columns)) - 1.0 / 3.0
     off = project(data.absorbed, change * share)
     noise = project(data.absorbed, np.random.default_rng(4).standard_normal(data.size))
-    best = weighed(
-        unexplained(noise + 40.0 * off / np.linalg.norm(off)), discrepancies, {("scale_cubic@mag1", ""): lambda: change}
-    )[0]
+    own = {("scale_cubic@mag1", ""): lambda: (change, change[:, None])}
+    best = weighed(unexplained(noise + 40.0 * off / np.linalg.norm(off)), discrepancies, own)[0]
     assert best.term.source == "the strength of scale_cubic at mag1"
     assert best.term.course == "time"
     assert best.log_mass > 0.5 * 0.9 * 40.0**2 - 100.0
-    quiet = weighed(unexplained(noise), discrepancies, {("scale_cubic@mag1", ""): lambda: change})
+    quiet = weighed(unexplained(noise), discrepancies, own)
     assert all(each.log_mass < 0.0 for each in quiet)
+
+
+def test_what_an_effect_can_do_itself_is_no_other_form_of_it(data: WhitenedData, discrepancies: Discrepancies) -> None:
+    """A supply of another waveform than what was found is its own parameters' business, at a signal-to-noise of 40."""
+    waves = [make_effect("supply_ratiometric", {"where": "supply", "waveform": row}) for row in 1e-3 * np.eye(24)]
+    own = project(data.absorbed, np.column_stack([data.whiten(data.change([wave])) for wave in waves]))
+    change = own @ np.linspace(1.0, -1.0, 24)
+    noise = project(data.absorbed, np.random.default_rng(4).standard_normal(data.size))
+    left = noise + 40.0 * own[:, 5] / np.linalg.norm(own[:, 5])
+    terms = discrepancies.forms(("supply_ratiometric@supply", "another"), lambda: (change, own))
+    assert terms
+    assert all(each.log_mass < 0.0 for each in weighed_terms(unexplained(left), terms))
 
 
 def test_a_sine_without_a_name_is_told_from_every_sample(data: WhitenedData, discrepancies: Discrepancies) -> None:

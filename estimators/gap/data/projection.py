@@ -60,6 +60,11 @@ class Basis:
             first += block.shape[1]
         return found.T[rows]
 
+    def extended(self, columns: Array) -> Basis:
+        """With columns (length, m) besides."""
+        more = orthonormal(self.without(columns))
+        return Basis((*self.blocks, (slice(0, self.length), more)), self.length)
+
     def of(self, rows: NDArray[np.intp]) -> Basis:
         """In some of the rows: for columns that are zero outside them, and residuals."""
         return Basis(((slice(0, len(rows)), self.dense(rows)),), len(rows))

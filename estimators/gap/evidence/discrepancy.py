@@ -31,6 +31,8 @@ from estimators.gap.hypotheses.sources import Source, sources
 
 Array = NDArray[np.float64]
 
+#: Makes the (c n,) whitened change of an effect, and the derivatives (c n, p) of that by its parameters.
+Changed = Callable[[], tuple[Array, Array]]
 #: Blocks of time in each of which a source may be off by something else: what changes faster than the cosines.
 BLOCKS: Final = (128, 512)
 #: A term that could not gain this much, its prior counted, is not weighed.
@@ -101,21 +103,24 @@ class Discrepancies:
             general,
         )
 
-    def forms(self, member: tuple[str, str], change: Callable[[], Array]) -> list[Term]:
+    def forms(self, member: tuple[str, str], changed: Changed) -> list[Term]:
         """An effect that is there in another form than the catalogue's: of a strength that follows something.
 
-        Its change is that of the first set that holds it: what a covariance is made of need not be exact.
+        What its own parameters can do is no other form: it is projected out (orthogonal discrepancies: Plumlee, Journal
+        of the American Statistical Association 112, 2017). Its change is that of the first set that holds it: what a
+        covariance is made of need not be exact.
 
         Args:
-            member: its label, and the shape that its fit keeps, in words. change: makes its (c n,) whitened change.
+            member: its label, and the shape that its fit keeps, in words. changed: makes what it does.
         """
         if member not in self._forms:
             effect, where = split(member[0])
-            series = change().reshape(1, len(self.means.fine.columns), -1)
+            change, own = changed()
+            series = change.reshape(1, len(self.means.fine.columns), -1)
             source = _on_means(self.means, Source(f"the strength of {effect} at {where}", series, "gain"))
             share = -float(np.log(len(self.courses) + 1))
-            every = smooth_terms(self.means.fine.absorbed, [source], [self.courses], [share], self.means)
-            self._forms[member] = every[1]
+            taken = self.means.fine.absorbed.extended(own)
+            self._forms[member] = smooth_terms(taken, [source], [self.courses], [share], self.means)[1]
         return self._forms[member]
 
 
@@ -150,7 +155,7 @@ class Weighed:
 def weighed(
     linear: Linear,
     discrepancies: Discrepancies,
-    changes: Mapping[tuple[str, str], Callable[[], Array]] | None = None,
+    changes: Mapping[tuple[str, str], Changed] | None = None,
     least: float = -np.inf,
 ) -> list[Weighed]:
     """Every term beside a set of effects, the likeliest first.

@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.terms import Term, terms_along
@@ -27,8 +28,9 @@ Array = NDArray[np.float64]
 _STEPS, _MOST = 4, 64
 #: So many splits one by one, which overlook a level that is left and taken up again, are looked at again together.
 _SUSPECT: Final = 2
-#: After so many samples each.
-_DROPPED: Final = 16
+#: The share of what an instant costs that it must gain by itself to be looked at; and how often instants are moved.
+_TOLD: Final = 0.35
+_MOVED: Final = 2
 #: Together they explain up to so much more than one by one.
 _TOGETHER: Final = 1.5
 #: So many sources are weighed with their jumps.
@@ -109,25 +111,48 @@ def roughly(moment: Array, information: Array) -> list[int]:
 
 
 def best(moment: Array, information: Array) -> list[int]:
-    """Where levels change, by optimal partitioning; instants that can begin no level any more are dropped (Killick,
-    Fearnhead and Eckley, Journal of the American Statistical Association 107, 2012)."""
+    """Where levels change, by optimal partitioning over the instants that stand out from what is around them, far or
+    near; each then moved to where it is best between its neighbours."""
     moments, informations = _sums(moment), np.maximum(_sums(information), 1e-300)
-    count, price = len(moment), _price(moment)
-    reached, last = np.zeros(count + 1), np.zeros(count + 1, dtype=np.intp)
-    open_ = np.zeros(1, dtype=np.intp)
-    for end in range(1, count + 1):
-        every = reached[open_] + 0.5 * _square(moments[end] - moments[open_], informations[end] - informations[open_])
-        likeliest = int(np.argmax(every))
-        last[end], reached[end] = open_[likeliest], every[likeliest] - price
-        if end % _DROPPED == 0:
-            open_ = open_[every >= reached[end]]
-        open_ = np.append(open_, end)
-    at: list[int] = []
-    end = int(last[count])
+    some = [*_standing_out(moments, informations), np.asarray(roughly(moment, information), dtype=np.intp)]
+    at = _partitioned(moments, informations, np.concatenate(some))
+    for _ in range(_MOVED):
+        ends = [0, *at, len(moment)]
+        moved = [_split(moments, informations, *both)[1] for both in zip(ends[:-2], ends[2:], strict=True)]
+        at = _partitioned(moments, informations, np.array([*at, *moved], dtype=np.intp))
+    return at
+
+
+def _standing_out(moments: Array, informations: Array) -> list[NDArray[np.intp]]:
+    """Instants with another level after them than before, by windows of one sample to half of all."""
+    count = len(moments) - 1
+    at, found, width = np.arange(1, count), [], 1
+    while width <= count // 2:
+        before, after = np.maximum(at - width, 0), np.minimum(at + width, count)
+        gain = _square(moments[at] - moments[before], informations[at] - informations[before])
+        gain += _square(moments[after] - moments[at], informations[after] - informations[at])
+        gain -= _square(moments[after] - moments[before], informations[after] - informations[before])
+        largest = maximum_filter1d(gain, 2 * (width // 2) + 1)
+        found.append(at[(0.5 * gain > _TOLD * _price(moments)) & (gain >= largest)])
+        width *= 2
+    return found
+
+
+def _partitioned(moments: Array, informations: Array, at: NDArray[np.intp]) -> list[int]:
+    """The instants of some between which levels explain most, less the price of each."""
+    ends = np.unique([0, *at, len(moments) - 1])
+    own, told, price = moments[ends], informations[ends], _price(moments)
+    reached, last = np.zeros(len(ends)), np.zeros(len(ends), dtype=np.intp)
+    for end in range(1, len(ends)):
+        every = reached[:end] + 0.5 * _square(own[end] - own[:end], told[end] - told[:end])
+        last[end] = np.argmax(every)
+        reached[end] = every[last[end]] - price
+    kept: list[int] = []
+    end = int(last[-1])
     while end > 0:
-        at.append(end)
+        kept.append(int(ends[end]))
         end = int(last[end])
-    return sorted(at)
+    return kept[::-1]
 
 
 def _explained(moment: Array, information: Array, at: Sequence[int]) -> float:

@@ -18,6 +18,7 @@ from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Weighed, weighed
 from estimators.gap.evidence.laplace import linearised
 from estimators.gap.evidence.refine import at
+from estimators.gap.evidence.terms import every_along
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import by_channel, closed_shares, closure, marginal
@@ -267,8 +268,8 @@ def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
     rough = posterior.scanner.rough.data
     found: dict[str, float] = {}
     size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.rank, 1.0)
-    for each in weighed(linear, posterior.discrepancies):
-        taken = _taken(each, linear.left)
+    every = weighed(linear, posterior.discrepancies)
+    for each, taken in zip(every, _taken(every, linear.left), strict=True):
         size = max(size, taken)  # means over neighbours hide what is fast
         if not each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
             found[each.term.course] = max(found.get(each.term.course, 0.0), taken)
@@ -277,12 +278,14 @@ def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
     return tuple({"variable": name, "share": share} for name, share in ranked if share > 0.01)
 
 
-def _taken(each: Weighed, residual: Array) -> float:
-    """The squared gap that a term takes of a residual, shrunk by its likeliest amplitude, less what noise makes."""
-    along = each.term.along(residual[:, None])[:, 0]
-    variance = float(each.term.variances[int(np.argmax(each.gains))])
-    shrink = variance / (1.0 + variance * each.term.values)
-    return float(np.sum(shrink**2 * each.term.values * np.maximum(along**2 - each.term.values, 0.0)))
+def _taken(every: Sequence[Weighed], residual: Array) -> list[float]:
+    """The squared gap that each term takes of a residual, shrunk by its likeliest amplitude, less what noise makes."""
+    found = []
+    for each, along in zip(every, every_along([each.term for each in every], residual[:, None]), strict=True):
+        values, variance = each.term.values, float(each.term.variances[int(np.argmax(each.gains))])
+        shrink = variance / (1.0 + variance * values)
+        found.append(float(np.sum(shrink**2 * values * np.maximum(along[:, 0] ** 2 - values, 0.0))))
+    return found
 
 
 def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rng: np.random.Generator) -> Remainder:
@@ -298,7 +301,7 @@ def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rn
             near = [each for each in with_terms.terms if each.log_mass > with_terms.terms[0].log_mass - 3.0]
             first = {each.term.source: each for each in reversed(near)}  # of each source the likeliest
             told = sorted(first.values(), key=lambda each: -each.log_mass)[:3]
-            taken = [_taken(each, with_terms.explanation.linear.left) for each in told]
+            taken = _taken(told, with_terms.explanation.linear.left)
             gap = max(gap, *taken)  # means over neighbours hide what is fast
             for each, square in zip(told, taken, strict=True):
                 share = float(np.clip(square / gap, 0.0, 1.0))

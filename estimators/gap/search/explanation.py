@@ -76,9 +76,9 @@ class Explanation:
         effects = [fit.effect for fit in self.fits]
         return data.change(effects) - data.change(effects[:index] + effects[index + 1 :])
 
-    def whitened_change(self, index: int) -> Array:
-        """(c n,) the same in its own data."""
-        return self.data.whiten(self.own_change(index, self.data))
+    def whitened_change(self, index: int) -> tuple[Array, Array]:
+        """(c n,) the same in its own data, and (c n, p) its derivatives by the effect's parameters."""
+        return self.data.whiten(self.own_change(index, self.data)), self.linear.tangent[:, self.linear.owner == index]
 
     def moved(self, by: float) -> list[list[Effect]]:
         """The effects with one shape that a fit keeps moved by so many standard deviations, for each such shape."""
