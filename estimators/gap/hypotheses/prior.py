@@ -34,6 +34,10 @@ OTHER_NOISE: Final = 0.3
 #: Of what else there is beside causes, the share that is another form of one of them than the catalogue's: as likely as
 #: an error of something that none of them touches.
 OTHER_FORM: Final = 0.5
+#: A real joint, spring, magnet or filter is not quite of its catalogue's form: what that leaves, as a share of what it
+#: does, is normal with this standard deviation, as far as it stays below what is visible. A tenth: an error of a first
+#: harmonic has a second one, a spring stiffens, a field that is called uniform falls off.
+FORM: Final = 0.1
 #: Where no recording at rest was given, anything that looks like noise is the floor itself, with this probability.
 FLOOR_UNSEEN: Final = 0.6
 #: The floor is raised, then, by a factor whose logarithm has this standard deviation.

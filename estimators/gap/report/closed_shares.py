@@ -17,6 +17,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Closed
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.floor.channel_noise import sigmas
+from estimators.gap.hypotheses.prior import FORM, VISIBLE
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import closure
 from estimators.gap.report.p_values import WAYS
@@ -69,7 +70,17 @@ def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Gene
     if reported:
         took = closure.held_out(own, fitted, floor)  # draws say how it varies with what is left
         before = before * (took + float(after.mean())) / float(before.mean())
+        after = after + out_of_form(before, rng)
     return after, before
+
+
+def out_of_form(before: Array, rng: np.random.Generator) -> Array:
+    """Draws (d,) of the squares that are left as real causes are not quite of the catalogue's form, too small to see.
+
+    Args:
+        before: (d,) squared gap that was there, in whitened units.
+    """
+    return np.asarray((np.minimum(FORM * np.sqrt(before), VISIBLE) * rng.standard_normal(len(before))) ** 2)
 
 
 def shapes_apart(explanation: Explanation, floor: WhitenedData) -> list[Array]:
