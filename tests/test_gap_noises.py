@@ -6,17 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import binom
+from whitened_examples import recorded
 
 import scenarios
-from estimators.gap.data.basefit import posed, set_up
+from estimators.gap.data.basefit import estimated_floor, posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
 from estimators.gap.evidence.states import SLOWER, NoiseState
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.considered import set_prior
+from estimators.gap.hypotheses.noise_effects import fit_effect
 from estimators.gap.hypotheses.scan import Scanner
+from estimators.gap.hypotheses.score import Explained
+from estimators.gap.hypotheses.stochastic import Left
 from estimators.gap.search.beam import Search
 from estimators.gap.search.noises import Noises, Promise
-from rig.effects import Effect, make_effect
+from rig.arm import Arm
+from rig.effects import EFFECTS, Effect, make_effect
+from rig.effects._numerics import gauss_markov
 from rig.maneuver import LockedPoses
 from rig.recording import Recording
 
@@ -62,3 +69,26 @@ def test_a_walk_that_looked_like_a_warmup_is_the_floor(locked: Recording) -> Non
 def test_a_warmup_beside_a_walk_stays(locked: Recording) -> None:
     """It gains some 2,000 nats."""
     assert not beside_a_warmup(0, locked, WALK, WARMUP)[1]
+
+
+@pytest.mark.parametrize("tau_s", [3.3, 12.0])
+def test_how_long_coloured_noise_remembers_is_fitted_between_the_grid_and_beyond_it(
+    tau_s: float,
+) -> None:
+    """As large as the floor on every axis: 95 % intervals of 40 draws, each bound of the counts once in 1e5 runs."""
+    run, arm = recorded(1), Arm.a465()
+    data = set_up(run, estimated_floor(run, arm), arm)
+    held = {"tau_s": 0, "sigma_V": 0}
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        left = rng.standard_normal((len(data.columns), data.count))
+        left[:3] += gauss_markov(data.t, tau_s, rng.standard_normal((data.count, 3))).T
+        fitted = fit_effect(
+            EFFECTS["noise_coloured"], "accelerometer", Left(data, Explained(data.absorbed, left.ravel()))
+        )
+        assert fitted is not None
+        off = fitted.effect.strengths / [data.whiteners[column].sigma for column in range(3)] - 1.0
+        held["sigma_V"] += int(np.sum(np.abs(off) * data.whiteners[0].sigma < 1.96 * fitted.std))
+        held["tau_s"] += abs(float(vars(fitted.effect)["tau_s"]) - tau_s) < 1.96 * fitted.widths["tau_s"]
+    assert held["tau_s"] >= binom.ppf(1e-5, 40, 0.93)
+    assert held["sigma_V"] >= binom.ppf(1e-5, 120, 0.93)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from whitened_examples import arm, data  # noqa: F401
 
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.hypotheses.noise_effects import fit_effect
 from estimators.gap.hypotheses.prior import LENGTHS
 from estimators.gap.hypotheses.score import Explained
-from estimators.gap.hypotheses.stochastic import Left, fit_effect
+from estimators.gap.hypotheses.stochastic import Left
 from estimators.gap.report.homogeneity import (
     SCATTER,
     log_bayes_factor_of_noise,

@@ -24,8 +24,9 @@ from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.hypotheses.noise_effects import fit_effect
 from estimators.gap.hypotheses.score import Explained
-from estimators.gap.hypotheses.stochastic import Left, fit_effect
+from estimators.gap.hypotheses.stochastic import Left
 from rig.arm import Arm
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls

@@ -19,6 +19,7 @@ from estimators.gap.data.projection import side_by_side
 from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.floor.learned import going_on, groups, remembers
+from estimators.gap.hypotheses.noise_effects import fitted_noises
 from estimators.gap.hypotheses.prior import (
     FLOOR_MOVED,
     FLOOR_RAISED,
@@ -33,7 +34,7 @@ from estimators.gap.hypotheses.prior import (
     Drawn,
 )
 from estimators.gap.hypotheses.score import Explained
-from estimators.gap.hypotheses.stochastic import FittedNoise, Left, fitted_noises
+from estimators.gap.hypotheses.stochastic import FittedNoise, Left
 from rig.channels import COLUMNS_OF
 
 Array = NDArray[np.float64]

@@ -19,7 +19,8 @@ from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.floor.learned import Learned, Spectrum, going_on, groups, parts
 from estimators.gap.hypotheses.score import Explained, evidence
 from rig.channels import CHANNELS
-from rig.effects import EFFECTS, Effect, Kind
+from rig.effects import Effect
+from rig.effects.parameters import Value
 
 Array = NDArray[np.float64]
 
@@ -49,6 +50,7 @@ class FittedNoise:
         added: (n, 6) variance that it adds to whitened readings, in time or by cosine transform.
         in_time: which of the two.
         gap: (6,) [recorded unit] root mean square of what it adds to the readings.
+        widths: standard deviations of the shape's numbers, by name, where they were fitted.
         part: the number of the recording, of several, whose noise it is of; -1: of all, with one strength. more: of the
             other recordings, with strengths of their own.
     """
@@ -64,6 +66,7 @@ class FittedNoise:
     gap: Array
     part: int = 0
     more: tuple[FittedNoise, ...] = ()
+    widths: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def every(self) -> tuple[FittedNoise, ...]:
@@ -116,53 +119,32 @@ class Left:
         return self._responses[column]
 
 
-def fitted_noises(left: Left, without: Sequence[str] = ()) -> list[FittedNoise]:
-    """Every noise effect at every place, the most evident first."""
-    noises, data = [], left.data
-    for effect in EFFECTS.values():
-        if effect.kind is not Kind.NOISE or effect.name in without or effect.lacking(data.base):
-            continue
-        if effect.response is not Effect.response:  # one error for all channels: see ``common``
-            continue
-        for where in effect.places_on(data.base):
-            fitted = fit_effect(effect, where, left)
-            if fitted is not None:
-                noises.append(fitted)
-    return sorted(noises, key=lambda fitted: -fitted.evidence)
-
-
-def fit_effect(effect: type[Effect], where: str, left: Left) -> FittedNoise | None:
-    """One noise effect's strengths by maximum likelihood, at its best shape; None where its channels are not there."""
+def fitted_at(effect: type[Effect], where: str, left: Left, shape: Mapping[str, Value]) -> FittedNoise | None:
+    """A noise effect's strengths by maximum likelihood, at one shape; None where its channels are not there."""
     data = left.data
     (strength,) = [item for item in effect.parameters() if item.strength]
-    shapes = effect.searched(data.base)
-    best: FittedNoise | None = None
-    for shape in shapes:
-        probe = effect.from_mapping({"where": where, **shape})
-        columns = [column for column in range(len(CHANNELS))[probe.columns] if column in data.columns]
-        if not columns:
-            return None
-        if probe.adds_in_time:
-            fits, units, sizes = _in_time(probe, data, left.explained, columns)
-        else:
-            fits, units, sizes = _by_frequency(probe, left, columns)
-        used = columns if strength.size > 1 else columns[:1]
-        gain = float(sum(fits[column][1] for column in used))
-        if best is not None and gain <= best.gain:
-            continue
-        added = np.zeros((data.count, len(CHANNELS)))
-        gap = np.zeros(len(CHANNELS))
-        for column in columns:
-            gap[column] = np.sqrt(fits[column][0] * sizes[column])
-            added[:, column] = fits[column][0] * units[column]
-        roots = np.sqrt([max(fits[column][0], 0.0) for column in used])
-        spread = np.array([fits[column][2] for column in used])
-        std = 0.5 * spread / np.maximum(roots, np.sqrt(spread))
-        roots = np.clip(roots, strength.lower, strength.upper)
-        value: object = float(roots[0]) if strength.size == 1 else tuple(float(root) for root in roots)
-        made = effect.from_mapping({"where": where, **shape, strength.name: value})
-        best = FittedNoise(made, gain, len(used), len(shapes), std, spread, added, probe.adds_in_time, gap)
-    return best
+    probe = effect.from_mapping({"where": where, **shape})
+    columns = [column for column in range(len(CHANNELS))[probe.columns] if column in data.columns]
+    if not columns:
+        return None
+    if probe.adds_in_time:
+        fits, units, sizes = _in_time(probe, data, left.explained, columns)
+    else:
+        fits, units, sizes = _by_frequency(probe, left, columns)
+    used = columns if strength.size > 1 else columns[:1]
+    gain = float(sum(fits[column][1] for column in used))
+    added = np.zeros((data.count, len(CHANNELS)))
+    gap = np.zeros(len(CHANNELS))
+    for column in columns:
+        gap[column] = np.sqrt(fits[column][0] * sizes[column])
+        added[:, column] = fits[column][0] * units[column]
+    roots = np.sqrt([max(fits[column][0], 0.0) for column in used])
+    spread = np.array([fits[column][2] for column in used])
+    std = 0.5 * spread / np.maximum(roots, np.sqrt(spread))
+    roots = np.clip(roots, strength.lower, strength.upper)
+    value: object = float(roots[0]) if strength.size == 1 else tuple(float(root) for root in roots)
+    made = effect.from_mapping({"where": where, **shape, strength.name: value})
+    return FittedNoise(made, gain, len(used), 1, std, spread, added, probe.adds_in_time, gap)
 
 
 #: Of each channel: the likeliest variance, twice the gain, the variance's deviation.

@@ -257,7 +257,9 @@ def _causes(
 def _of_noise(fitted: FittedNoise) -> dict[str, Estimate]:
     found = {}
     for item in fitted.effect.parameters():
-        std = (float(fitted.std[0]) if item.size == 1 else tuple(map(float, fitted.std))) if item.strength else None
+        std: float | tuple[float, ...] | None = fitted.widths.get(item.name)
+        if item.strength:
+            std = float(fitted.std[0]) if item.size == 1 else tuple(map(float, fitted.std))
         found[item.name] = Estimate(getattr(fitted.effect, item.name), std, item.unit)
     return found
 

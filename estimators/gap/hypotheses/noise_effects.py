@@ -1,0 +1,91 @@
+"""Which noise effects of the catalogue a residual shows: each at every place, at its likeliest shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.gap.hypotheses.stochastic import FittedNoise, Left, fitted_at
+from rig.effects import EFFECTS, Effect, Kind
+
+Array = NDArray[np.float64]
+
+#: Twice a gain from which on a shape is fitted between those of the grid, and how much nearer its neighbours are then.
+_WORTH, _NARROWER = 30.0, 0.15
+#: So many steps beyond the grid at most.
+_BEYOND: Final = 4
+
+
+def fitted_noises(left: Left, without: Sequence[str] = ()) -> list[FittedNoise]:
+    """Every noise effect at every place, the most evident first."""
+    noises, data = [], left.data
+    for effect in EFFECTS.values():
+        if effect.kind is not Kind.NOISE or effect.name in without or effect.lacking(data.base):
+            continue
+        if effect.response is not Effect.response:  # one error for all channels: see ``common``
+            continue
+        for where in effect.places_on(data.base):
+            fitted = fit_effect(effect, where, left)
+            if fitted is not None:
+                noises.append(fitted)
+    return sorted(noises, key=lambda fitted: -fitted.evidence)
+
+
+def fit_effect(effect: type[Effect], where: str, left: Left) -> FittedNoise | None:
+    """One noise effect's strengths by maximum likelihood, at its best shape; None where its channels are not there."""
+    shapes = effect.searched(left.data.base)
+    tried = [each for each in (fitted_at(effect, where, left, shape) for shape in shapes) if each is not None]
+    if not tried:
+        return None
+    best = max(tried, key=lambda each: each.gain)
+    if len(shapes[0]) == 1 and len(tried) > 2 and best.gain > _WORTH:
+        (name,) = shapes[0]
+
+        def at(point: float) -> FittedNoise:
+            return fitted_at(effect, where, left, {name: float(np.exp(point))}) or best
+
+        gains = {float(np.log(float(str(shape[name])))): each.gain for shape, each in zip(shapes, tried, strict=True)}
+        for _ in range(_BEYOND):
+            points = sorted(gains)
+            index = points.index(max(gains, key=lambda point: gains[point]))
+            if 0 < index < len(points) - 1:
+                break
+            beyond = 2.0 * points[index] - points[1 if index == 0 else -2]
+            gains[beyond] = at(beyond).gain
+        points = sorted(gains)
+        index = min(max(points.index(max(gains, key=lambda point: gains[point])), 1), len(points) - 2)
+        near = points[index - 1 : index + 2]
+        best = _between(at, name, np.array(near), np.array([gains[point] for point in near]))
+    return replace(best, searched=len(shapes))
+
+
+def _between(at: Callable[[float], FittedNoise], name: str, grid: Array, gains: Array) -> FittedNoise:
+    """The likeliest shape between those of a grid, by parabolas; what it leaves open widens the strengths.
+
+    Args:
+        at: fits at a logarithm of the shape. grid, gains: three of these about the best, and twice the gain.
+    """
+    middle, _ = _vertex(grid, gains)
+    step = _NARROWER * float(grid[2] - grid[0])
+    points = middle + step * np.array([-1.0, 0.0, 1.0])
+    near = [at(float(point)) for point in points]
+    top, curvature = _vertex(points, np.array([each.gain for each in near]))
+    best = at(top)
+    if curvature >= 0.0:
+        return best
+    width = float(np.sqrt(-2.0 / curvature))  # of twice a log likelihood
+    low, high = (np.atleast_1d(np.asarray(each.effect.strengths, dtype=float))[: each.rank] for each in near[::2])
+    std = np.hypot(best.std, (high - low) / (2.0 * step) * width)
+    return replace(best, std=std, widths={name: float(np.exp(top)) * width})
+
+
+def _vertex(points: Array, values: Array) -> tuple[float, float]:
+    """Where a parabola through three points is highest, no farther than these, and its second derivative."""
+    second, first, _ = np.polyfit(points - points[1], values, 2)
+    if second >= 0.0:
+        return float(points[int(np.argmax(values))]), 2.0 * float(second)
+    return float(np.clip(points[1] - 0.5 * first / second, points[0], points[2])), 2.0 * float(second)
