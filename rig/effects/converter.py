@@ -132,9 +132,12 @@ class AdcQuantisation(Effect):
         rounding = np.zeros(len(CHANNELS))
         rounding[columns] = np.maximum(steps**2 - known**2, 0.0) / 12.0
         lsb = float(np.median(steps))
+        std = float(
+            np.median([_step_std(values, step) for values, step in zip(readings.values.T[columns], steps, strict=True)])
+        )
         nothing = np.zeros_like(readings.values, dtype=bool)
         effect = cls(where=where, lsb_V=lsb)
-        return Finding(effect, {"lsb_V": lsb * 1e-6}, nothing, -np.inf, np.sqrt(rounding))
+        return Finding(effect, {"lsb_V": std}, nothing, -np.inf, np.sqrt(rounding))
 
 
 @register
@@ -288,3 +291,12 @@ def lattice_step(values: Array, grid: float = 0.0) -> float:
     slope, start = np.polyfit(numbers, levels, 1)
     off = float(np.abs(levels - start - slope * numbers).max())
     return float(slope) if off < 0.05 * slope + 0.75 * grid else 0.0
+
+
+def _step_std(values: Array, step: float) -> float:
+    """Standard deviation of ``lattice_step``: by how the levels scatter about the lattice, no less than rounding."""
+    levels = np.unique(values)
+    numbers = np.round((levels - levels[0]) / step)
+    off = levels - np.polyval(np.polyfit(numbers, levels, 1), numbers)
+    scatter = max(float(np.sqrt(np.sum(off**2) / max(len(levels) - 2, 1))), float(np.spacing(np.abs(levels).max())))
+    return scatter / float(np.sqrt(len(levels)) * numbers.std())
