@@ -28,10 +28,11 @@ PHOTOGRAPHED = (
     "paper.html",
 )
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-#: Pictures that did not load, and by how many pixels the page is wider than the window.
+#: Pictures that did not load, and by how many pixels the page is wider than the window; a telephone's innerWidth grows
+#: with the page.
 LOOK = """JSON.stringify({
   broken: [...document.images].filter(i => i.complete && !i.naturalWidth).map(i => i.src),
-  wider: document.documentElement.scrollWidth - window.innerWidth})"""
+  wider: document.documentElement.scrollWidth - document.documentElement.clientWidth})"""
 
 
 class Browser:
@@ -147,7 +148,7 @@ def main(folder: Path, pictures: Path | None) -> int:
         return 0
     pages = [page for page in sorted(folder.rglob("*.html")) if not {"_modules", "_static"} & set(page.parts)]
     found: list[str] = []
-    with tempfile.TemporaryDirectory() as profile:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:  # Chromium's children outlive it a little
         browser = Browser(program, profile)
         for page, width in itertools.product(pages, WIDTHS):
             found += faults(browser, folder, page, width)
