@@ -166,7 +166,7 @@ def test_what_the_calibration_absorbs_is_not_fitted(arm: Arm) -> None:
         ((0.97, 0.95, 0.99), "97 % (95-99)"),
         ((0.9991, 0.9987, 1.0), "99.9 % (99.9-100)"),
         ((1.0, 1.0, 1.0), "100 %"),
-        ((None,), "– %"),
+        ((None,), "–"),
     ],
 )
 def test_shares_are_said_to_a_tenth_close_to_everything(shares: tuple[float | None, ...], text: str) -> None:

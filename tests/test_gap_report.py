@@ -15,6 +15,7 @@ from diagnosed_recordings import backlash, by_hand, cause, recorded
 from rich.console import Console
 
 from estimators.gap import Diagnosis, Estimate
+from estimators.gap.choices import choice_words
 from estimators.gap.diagnosis import Hypothesis, chance, verdict_of
 from rig.arm import Arm
 from rig.effects import make_effect
@@ -26,6 +27,7 @@ from scenarios.gap_report.maps import axis_pairs
 from scenarios.gap_report.residuals import diagnosed_effects
 from scenarios.gap_report.words import (
     VERDICTS,
+    apart_words,
     cause_title,
     closed_words,
     estimate_for_people,
@@ -361,3 +363,17 @@ def test_tables_of_the_terminal(case: str, capsys: pytest.CaptureFixture[str]) -
     assert "joint_offset (joint6)" in text
     assert "small" in text
     assert "What to do next" in text
+
+
+def test_what_all_explanations_have_is_said_once_and_may_be_repaired() -> None:
+    sure, one, other = ("scale_cubic", "mag3"), ("bias_step", "mag1"), ("bias_warmup", "accelerometer")
+    causes = tuple(cause(*each, probability=share) for each, share in ((sure, 0.99), (one, 0.6)))
+    diagnosis = by_hand("ambiguous", causes, rivals=((sure, other),))
+    assert headline(diagnosis) == "Scale cubic of mag3 with bias step of mag1 or with bias warmup of accelerometer"
+    listed = "scale_cubic of mag3 with bias_step of mag1 (.60) or with bias_warmup of accelerometer (.38)"
+    assert listed in diagnosis.sentence()
+    assert next_steps(diagnosis)[0].startswith("Repair no more than what all explanations have, scale cubic of mag3:")
+    assert next_steps(SHOWN["ambiguous"])[0].startswith("Do not repair anything yet")
+    assert apart_words((sure, one), (sure, other)) == ("bias step of mag1", "bias warmup of accelerometer")
+    assert apart_words((sure, one), (sure,)) == ("scale cubic of mag3 and bias step of mag1", "scale cubic of mag3")
+    assert choice_words([(sure,), (sure, one)]) == "scale_cubic of mag3 alone or with bias_step of mag1"

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from estimators.gap.choices import cause_name, choice_words
 from rig.documents import plain
 from rig.errors import in_short
 from rig.files import write_text
@@ -185,6 +186,15 @@ class Diagnosis:
         """The causes of which one may speak as found."""
         return tuple(cause for cause in self.causes if cause.probability >= ESTABLISHED)
 
+    @property
+    def alternatives(self) -> tuple[Hypothesis, ...]:
+        """Explanations by known causes alone, the likeliest first: as many as it takes to name one of them."""
+        found: list[Hypothesis] = []
+        for one in self.hypotheses:
+            if one.causes and not one.other and sum(each.probability for each in found) < NAMED:
+                found.append(one)
+        return tuple(found)
+
     def to_json(self) -> Any:
         """The contract's object."""
         return plain(
@@ -268,15 +278,12 @@ class Diagnosis:
         return f"unknown: {left}"
 
     def _alternatives(self) -> str:
-        sets = [one for one in self.hypotheses if one.causes and not one.other][:5]
-        texts = [
-            f"{' with '.join(' of '.join(each) for each in one.causes)} ({chance(one.probability)})" for one in sets
-        ]
-        return " or ".join(texts)
+        sets = self.alternatives[:_SETS]
+        return choice_words([one.causes for one in sets], chances=[chance(one.probability) for one in sets])
 
     def _left(self) -> str:
         other = self.posterior["other"]
-        follows = "; ".join(_followed(each) for each in self.remainder.follows[:2])
+        follows = " or ".join(_followed(each) for each in self.remainder.follows[:2])
         if other >= 0.5:
             text = f"something outside the catalogue is there (probability {chance(other)})"
             return text + (f": {follows}" if follows else "")
@@ -338,9 +345,9 @@ def _followed(each: Mapping[str, Any]) -> str:
 def describe(cause: Cause) -> str:
     """One cause in words, with what the data cannot split from it."""
     sizes = [text for name, estimate in cause.parameters.items() if (text := _size(name, estimate))]
-    text = f"{cause.effect} of {cause.where}" + (f" ({', '.join(sizes[:3])})" if sizes else "")
+    text = cause_name(cause.effect, cause.where) + (f" ({', '.join(sizes[:3])})" if sizes else "")
     if cause.equivalent:
-        others = [f"{each['effect']} of {each['where']}" for each in cause.equivalent]
+        others = [cause_name(each["effect"], each["where"]) for each in cause.equivalent]
         text += " (the same here: " + ", ".join(others) + ")"
     return text
 
@@ -348,6 +355,8 @@ def describe(cause: Cause) -> str:
 def percent(share: float | None, low: float | None = None, high: float | None = None) -> str:
     """A share in percent, to a tenth close to everything, with its interval where that says more: "97 % (95-99)"."""
     value, *ends = (_hundredths(each) for each in (share, low, high))
+    if value == "–":
+        return value
     return f"{value} %" if "–" in ends or ends == [value, value] else f"{value} % ({ends[0]}-{ends[1]})"
 
 

@@ -22,7 +22,7 @@ from rig.maneuver import HandTumble
 from rig.recording import Recording
 from rig.simulate import Rig
 from scenarios.gap_report.residuals import GapResiduals
-from scenarios.gap_report.words import alike_words, alternatives, cause_title, explanation_words, sentence
+from scenarios.gap_report.words import alike_words, cause_title, explanation_words, sentence
 from scenarios.loader import load
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.scenario import Scenario
@@ -169,7 +169,7 @@ def _remarks(diagnosis: Diagnosis, residuals: GapResiduals, rig: Rig) -> list[st
         if cause.equivalent:
             title = cause_title(cause.effect, cause.where)
             remarks.append(f"To the recording the same as {title}: {alike_words(cause)}.")
-    others = alternatives(diagnosis)[1:] if diagnosis.verdict == "ambiguous" else []
+    others = diagnosis.alternatives[1:] if diagnosis.verdict == "ambiguous" else ()
     if others:
         listed = "; ".join(f"{explanation_words(one)} ({chance(one.probability)})" for one in others)
         remarks.append(f"This is the likeliest explanation. Others that the recording allows: {listed}.")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from estimators.gap.choices import and_words, parted
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import rivals
-from scenarios.gap_report.words import alike_words, and_words, cause_title, place_words
+from scenarios.gap_report.words import alike_words, cause_title, place_words
 
 #: What is left over follows an error source; how its name begins -> where on the rig to look.
 _LOOK: Final = {
@@ -85,10 +86,17 @@ def _alike(diagnosis: Diagnosis) -> str:
 
 
 def _ambiguous(diagnosis: Diagnosis) -> list[str]:
+    shared, _ = parted([one.causes for one in diagnosis.alternatives])
+    established = [(cause.effect, cause.where) for cause in diagnosis.established]
+    sure = [cause_title(*cause) for cause in shared if cause in established]
+    first = (
+        f"Repair no more than what all explanations have, {and_words(sure)}: which of the rest is there, the recording "
+        "does not tell. "
+        if sure
+        else "Do not repair anything yet: several explanations fit, and the recording does not decide between them. "
+    )
     return [
-        "Do not repair anything yet: several explanations fit, and the recording does not decide between them. "
-        + _alike(diagnosis)
-        + _maneuver(diagnosis),
+        first + _alike(diagnosis) + _maneuver(diagnosis),
         "A simulator that only has to repeat this maneuver can use the likeliest explanation: rig diagnose RUN "
         "--save-scenario improved.toml.",
     ]
@@ -135,15 +143,16 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
 
 def _looks(diagnosis: Diagnosis) -> list[str]:
     """Where on the rig to look, for what is left over."""
-    found = []
+    found: list[str] = []
     for each in diagnosis.remainder.follows:
         source = str(each["source"])
         words = next((words for start, words in _LOOK.items() if source.startswith(start)), None)
         if words is not None:
             place = place_words(source.removeprefix("the angle of "))
             what = f"an error of {source}" if source.startswith("the ") else source
+            begin = "Or it acts" if found else "What is left acts"
             found.append(
-                f"What is left acts like {place_words(what)}, along {place_words(str(each['course']))}: "
+                f"{begin} like {place_words(what)}, along {place_words(str(each['course']))}: "
                 f"{words.format(source=place)}."
             )
     return list(dict.fromkeys(found))[:3]

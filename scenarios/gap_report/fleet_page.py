@@ -14,13 +14,14 @@ from urllib.parse import quote
 from rich.console import Group
 from rich.text import Text
 
+from estimators.gap.choices import and_words
 from estimators.gap.diagnosis import chance
 from rig.files import made_folder, write_text
 from scenarios.diagnosing.fleet import Entry, History, fleet_csv, fleet_json, histories, in_order
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.page import document
 from scenarios.gap_report.svg import Drawing
-from scenarios.gap_report.words import VERDICTS, alike_words, and_words, cause_title, cause_words, closed_words
+from scenarios.gap_report.words import VERDICTS, alike_words, cause_title, cause_words, closed_words
 from scenarios.terminal.tables import table
 
 #: A recording in the picture is so wide [px], or narrower where they are many.

@@ -10,7 +10,7 @@ from estimators.gap.diagnosis import Diagnosis, chance
 from scenarios.gap_report import sections
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.residuals import GapResiduals
-from scenarios.gap_report.words import VERDICTS, alternatives, closed_words, consequences, headline
+from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline
 from scenarios.version import package_version
 
 #: Nothing may be loaded from anywhere; the style is the page's own.
@@ -104,7 +104,7 @@ def _probability(diagnosis: Diagnosis) -> tuple[str, str, str]:
     if diagnosis.verdict == "named":
         return "Probability", chance(diagnosis.hypotheses[0].probability), "of this explanation"
     if diagnosis.verdict == "ambiguous":
-        sets = alternatives(diagnosis)
+        sets = diagnosis.alternatives
         return "Probability", chance(sum(one.probability for one in sets)), f"of these {len(sets)} together"
     if diagnosis.verdict == "partly":
         least = min(cause.probability for cause in diagnosis.established)

@@ -17,6 +17,7 @@ from scenarios.gap_report.words import (
     RIG_COLUMNS,
     VERDICTS,
     alike_words,
+    apart_words,
     cause_title,
     estimate_for_people,
     estimate_words,
@@ -270,7 +271,7 @@ def remainder(diagnosis: Diagnosis) -> str:
             for each in diagnosis.remainder.follows
         ]
         parts += [
-            "<p>More than noise. Of all errors that a rig can have, these describe it best:</p>",
+            "<p>More than noise. Of all errors that a rig can have, these describe it best, each by itself:</p>",
             _table(("what is off", "along", "share of the gap"), rows, numbers=(2,)),
         ]
     if hidden := hidden_words(diagnosis):
@@ -307,10 +308,7 @@ def next_step(diagnosis: Diagnosis) -> str:
         parts.append(f"<p>To simulate it: <code>rig sweep {name} -o RUN.parquet</code></p>")
     rows = [
         (
-            *(
-                escape(" and ".join(cause_title(each["effect"], each["where"]) for each in pair[key]))
-                for key in ("truth", "rival")
-            ),
+            *map(escape, apart_words(*([(e["effect"], e["where"]) for e in pair[key]] for key in ("truth", "rival")))),
             interval_words(pair["chi_square"], pair["low"], pair["high"]),
             f"{pair['recorded_maneuver']:.1f}",
         )

@@ -148,7 +148,7 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
     shifts = sorted(diagnosis.calibration_shift.items(), key=lambda item: -abs(item[1]["sigmas"]))[:_SHIFTS]
     if shifts:
         lines.append("shifted      " + ", ".join(f"{name} by {abs(shift['sigmas']):.1f} σ" for name, shift in shifts))
-    left = "; ".join(left_words(diagnosis))
+    left = " or ".join(left_words(diagnosis))
     lines.append(f"left over    {diagnosis.remainder.verdict}" + (f": {left}" if left else ""))
     if hidden := hidden_words(diagnosis):
         lines.append(f"hidden       {hidden}")

@@ -8,7 +8,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from estimators.gap.diagnosis import ESTABLISHED, NAMED, Cause, Closed, Diagnosis, Estimate, Hypothesis, chance, percent
+from estimators.gap.choices import Causes, and_words, cause_name, choice_words, parted
+from estimators.gap.diagnosis import ESTABLISHED, Cause, Closed, Diagnosis, Estimate, Hypothesis, chance, percent
 from rig.effects import EFFECTS
 from scenarios.terminal.tables import plus_minus, shortened
 
@@ -53,8 +54,7 @@ def place_words(where: str) -> str:
 
 def cause_title(effect: str, where: str) -> str:
     """An effect at its place, "backlash of joint 5"; an effect that has but one place goes without."""
-    words = effect.replace("_", " ")
-    return words if effect in EFFECTS and len(EFFECTS[effect].places) == 1 else f"{words} of {place_words(where)}"
+    return cause_name(effect, place_words(where)).replace(effect, effect.replace("_", " "), 1)
 
 
 def formula(effect: str) -> str:
@@ -136,9 +136,11 @@ def alike_words(cause: Cause) -> str:
     return and_words([cause_title(each["effect"], each["where"]) for each in cause.equivalent])
 
 
-def and_words(names: Sequence[str]) -> str:
-    """Names in a row: "a", "a and b", "a, b and c"."""
-    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+def apart_words(one: Causes, other: Causes) -> tuple[str, str]:
+    """Two sets of causes without what they share; whole where one has nothing else."""
+    _, own = parted((one, other))
+    first, second = (and_words([cause_title(*cause) for cause in each]) for each in (own if all(own) else (one, other)))
+    return first, second
 
 
 def explanation_words(hypothesis: Hypothesis) -> str:
@@ -169,9 +171,9 @@ def hidden_words(diagnosis: Diagnosis) -> str:
     if size is None:
         return ""
     return (
-        "A further gap could still hide in the noise: an error of one joint, mount, field, clock or channel, with a "
-        f"signal-to-noise ratio of up to {size:.2g} over the whole recording, would be missed more often than once in "
-        "twenty."
+        "A further gap could still hide in the noise: of the errors of one joint, mount, field, clock or channel, the "
+        "hardest to see is missed more often than once in twenty with a signal-to-noise ratio of up to "
+        f"{size:.2g} over the whole recording."
     )
 
 
@@ -232,7 +234,7 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "named":
         return _capital(" and ".join(cause_words(cause) + _alike(cause) for cause in diagnosis.leading))
     if diagnosis.verdict == "ambiguous":
-        return _capital(" or ".join(explanation_words(one) for one in alternatives(diagnosis)))
+        return _capital(choice_words([one.causes for one in diagnosis.alternatives], cause_title))
     other = diagnosis.posterior["other"] >= 0.5
     if diagnosis.verdict == "partly":
         rest = "something outside the catalogue" if other else "more, for which no explanation stands out"
@@ -241,15 +243,6 @@ def headline(diagnosis: Diagnosis) -> str:
             + f", and {rest}"
         )
     return "Something outside the catalogue" if other else "No explanation stands out"
-
-
-def alternatives(diagnosis: Diagnosis) -> list[Hypothesis]:
-    """The explanations by known causes between which an ambiguous recording does not decide."""
-    found: list[Hypothesis] = []
-    for one in diagnosis.hypotheses:
-        if one.causes and not one.other and sum(each.probability for each in found) < NAMED:
-            found.append(one)
-    return found
 
 
 def _alike(cause: Cause) -> str:

@@ -22,7 +22,7 @@ from rig.maneuver import StaticPoses, TorusSweep
 from rig.signals import Signals
 from scenarios.gap_report.maneuver_words import described, interval_words, noise_advice, speed_advice
 from scenarios.gap_report.residuals import GapResiduals
-from scenarios.gap_report.words import cause_title
+from scenarios.gap_report.words import apart_words
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.plan.maneuver_family import Family, family, neighbours
 from scenarios.scenario import Scenario
@@ -81,15 +81,16 @@ class NextManeuver:
     def why(self) -> str:
         """What it is for, in a sentence."""
         worst = self.worst
+        truth, rival = _titles(worst.truth, worst.rival)
         words = (
-            f"It tells “{_title(worst.truth)}” from “{_title(worst.rival)}”: if the first is true, the other fits "
+            f"It tells “{truth}” from “{rival}”: if the first is true, the other fits "
             f"worse by a chi-square of {interval_words(worst.noncentrality, worst.low, worst.high)}"
         )
         if len(self.separations) > 2:
             words += ", and every other pair by more"
         if self.alike:
             words += ". No maneuver tried separates " + "; ".join(
-                f"“{_title(one)}” from “{_title(other)}”" for one, other in self.alike
+                "“{}” from “{}”".format(*_titles(*pair)) for pair in self.alike
             )
         words += "."
         if self.felt:
@@ -384,8 +385,9 @@ def _fewer(residuals: GapResiduals) -> WhitenedData:
     return data.without(residuals.left_out[rows])
 
 
-def _title(effects: Sequence[Effect]) -> str:
-    return " and ".join(cause_title(effect.name, effect.where) for effect in effects)
+def _titles(one: Sequence[Effect], other: Sequence[Effect]) -> tuple[str, str]:
+    first, second = ([(effect.name, effect.where) for effect in each] for each in (one, other))
+    return apart_words(first, second)
 
 
 def _names(effects: Sequence[Effect]) -> list[dict[str, str]]:

@@ -20,7 +20,7 @@ from scipy.special import ndtr, ndtri
 
 from estimators.gap.data.projection import orthonormal, project
 from estimators.gap.data.whitened import WhitenedData, known
-from estimators.gap.diagnosis import NAMED, Cause, Diagnosis
+from estimators.gap.diagnosis import Cause, Diagnosis
 from estimators.gap.evidence.refine import Fitted, explained_by, refit, started, tangents
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.candidates import Candidate, all_candidates
@@ -114,12 +114,7 @@ def rivals(diagnosis: Diagnosis) -> tuple[Causes, ...]:
     """
     if diagnosis.verdict not in ("named", "ambiguous"):
         return ()
-    found: list[Causes] = []
-    reached = 0.0
-    for one in diagnosis.hypotheses:
-        if one.causes and not one.other and reached < NAMED:
-            found.append(one.causes)
-            reached += one.probability
+    found = [one.causes for one in diagnosis.alternatives]
     for cause in diagnosis.causes:
         own = cause.effect, cause.where
         if found and own in found[0]:
