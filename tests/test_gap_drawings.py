@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64decode
 from io import BytesIO
 from xml.etree import ElementTree
@@ -9,10 +10,12 @@ from xml.etree import ElementTree
 import matplotlib.image
 import numpy as np
 import pytest
+from diagnosed_recordings import by_hand
 from scipy.stats import binom, chi2
 
 from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.effects import make_effect
+from scenarios.gap_report.charts import follow_bars, posterior_bar
 from scenarios.gap_report.curves import block_error, density, floor_density, named_density
 from scenarios.gap_report.maps import Axis, cells, shape_of
 from scenarios.gap_report.svg import Drawing, Scale
@@ -115,3 +118,16 @@ def test_a_drawing_escapes_its_words_and_breaks_lines_at_gaps() -> None:
     assert root.attrib["aria-label"] == 'a "label" <b>'
     assert root[0].text == "a < b & c"
     assert root[1].attrib["d"] == "M0 0M2 1L3 2"
+
+
+def test_names_of_bars_do_not_hang_over_the_left_edge() -> None:
+    names = (
+        "the direction and angle of joint7",
+        "speed and acceleration of joint7",
+        "the angle of joint7, once a turn",
+    )
+    drawings = [follow_bars([{"variable": name, "share": 0.5} for name in names]), posterior_bar(by_hand())]
+    for x, words in re.findall(
+        r'<text x="([^"]*)" y="[^"]*" class="name" text-anchor="end">([^<]*)<', "".join(drawings)
+    ):
+        assert float(x) > 7.0 * len(words)  # 13 pixels high, DejaVu Sans' letters are 6.6 wide in the mean

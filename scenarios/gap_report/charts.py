@@ -12,6 +12,7 @@ from scenarios.gap_report.units import Shown
 from scenarios.gap_report.words import ANSWERS, closed_words, place_words
 
 _WIDTH: Final = 1000.0
+_NARROW: Final = 560.0
 _LABEL: Final = 92.0  # left of the bars
 _VALUES: Final = 190.0  # right of them
 _ROW: Final = 34.0
@@ -59,9 +60,9 @@ def _beside(closed: float | None, relative: float) -> str:
 def follow_bars(follows: Sequence[Mapping[str, Any]]) -> str:
     """Shares of the gap by what it follows, the largest first."""
     rows = sorted(follows, key=lambda each: -float(each["share"]))[:_FOLLOWS]
-    left = 170.0
-    drawing = Drawing(560, 24.0 * len(rows) + 24, "shares of the gap by what it follows")
-    scale = Scale(0.0, 1.0, left, 500.0)
+    left = 310.0
+    drawing = Drawing(_NARROW, 24.0 * len(rows) + 24, "shares of the gap by what it follows")
+    scale = Scale(0.0, 1.0, left, _NARROW - 20.0)
     bottom = 24.0 * len(rows) + 2
     for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
         drawing.line(scale.at(tick), 0, scale.at(tick), bottom, "grid")
@@ -71,33 +72,33 @@ def follow_bars(follows: Sequence[Mapping[str, Any]]) -> str:
         y = 24.0 * number + 5
         channel = each.get("channel")
         words = place_words(str(each["variable"])) + (f", {channel}" if channel and channel != "all" else "")
-        drawing.text(left - 10, y + 11, words, "name", "end")
+        drawing.text(left - 66, y + 11, words, "name", "end")
+        drawing.text(left - 8, y + 11, percent(share), "value", "end")
         drawing.rect(left, y, scale.at(share) - left, 14, "share")
-        drawing.text(scale.at(share) + 6, y + 11, percent(share), "value")
     return str(drawing)
 
 
 def posterior_bar(diagnosis: Diagnosis) -> str:
     """The probabilities of the three answers, one bar each."""
-    left = 330.0
-    drawing = Drawing(_WIDTH, 24.0 * len(ANSWERS) + 24, "probability of each of three answers")
-    scale = Scale(0.0, 1.0, left, _WIDTH - 90.0)
+    left = 310.0
+    drawing = Drawing(_NARROW, 24.0 * len(ANSWERS) + 24, "probability of each of three answers")
+    scale = Scale(0.0, 1.0, left, _NARROW - 20.0)
     bottom = 24.0 * len(ANSWERS) + 2
     for tick in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
         drawing.line(scale.at(tick), 0, scale.at(tick), bottom, "grid")
         drawing.text(scale.at(tick), bottom + 15, tick_label(tick), "tick", "middle")
     for number, (name, words) in enumerate(ANSWERS.items()):
         y, value = 24.0 * number + 5, min(max(diagnosis.posterior[name], 0.0), 1.0)
-        drawing.text(left - 10, y + 11, words, "name", "end")
+        drawing.text(left - 66, y + 11, words, "name", "end")
+        drawing.text(left - 8, y + 11, chance(diagnosis.posterior[name]), "value", "end")
         drawing.rect(left, y, scale.at(value) - left, 14, "before" if name == "other" else "after")
-        drawing.text(scale.at(value) + 6, y + 11, chance(diagnosis.posterior[name]), "value")
     return str(drawing)
 
 
 def closed_bar(diagnosis: Diagnosis) -> str:
     """The share of the squared gap that is gone, with its interval."""
-    drawing = Drawing(_WIDTH, 56, f"share of the gap that closes: {closed_words(diagnosis)}")
-    scale = Scale(0.0, 1.0, 10, _WIDTH - _VALUES)
+    drawing = Drawing(_NARROW, 56, f"share of the gap that closes: {closed_words(diagnosis)}")
+    scale = Scale(0.0, 1.0, 10, _NARROW - 160.0)
     value = min(max(diagnosis.closed.value or 0.0, 0.0), 1.0)
     drawing.rect(scale.at(0), 8, scale.at(1) - scale.at(0), 20, "left")
     drawing.rect(scale.at(0), 8, scale.at(value) - scale.at(0), 20, "after")
@@ -110,7 +111,7 @@ def closed_bar(diagnosis: Diagnosis) -> str:
     for tick in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
         drawing.line(scale.at(tick), 28, scale.at(tick), 33, "axis")
         drawing.text(scale.at(tick), 46, f"{100 * tick:.0f} %", "tick", "middle")
-    drawing.text(_WIDTH - _VALUES + 14, 23, closed_words(diagnosis), "value")
+    drawing.text(scale.end + 14, 23, closed_words(diagnosis), "value")
     return str(drawing)
 
 

@@ -64,7 +64,7 @@ def maps(residuals: GapResiduals) -> str:
         for side, (when, white) in enumerate(sides.items()):
             x = left + (width + 12.0) * (group * len(sides) + side) + 36.0 * group
             if side == 0:
-                drawing.text(x, 14, f"{vertical.title} – {horizontal.title}", "panel")
+                drawing.text(x, 14, f"across: {horizontal.title}; up: {vertical.title}", "panel")
             drawing.text(x, 32, when if len(sides) > 1 else "residual", f"when-{when}")
             for number, column in enumerate(columns):
                 y = top + pitch * number
