@@ -16,6 +16,7 @@ from estimators.gap.evidence.terms import smooth_terms
 from estimators.gap.hypotheses.prior import FORM, VISIBLE
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.report.closed_shares import out_of_form
+from estimators.gap.report.closed_shares import by_cause
 from estimators.gap.report.closure import Way, drawn, held_out, share
 
 TIMES, ROWS, SNR = 400, 300, 20.0
@@ -125,3 +126,11 @@ def test_what_acts_in_one_block_alone_is_judged_there_as_it_was_fitted() -> None
     data = SimpleNamespace(count=ROWS, columns=[0], size=ROWS)
     found = held_out(linear, change, data)  # type: ignore[arg-type]
     assert 9.0 <= found < 18.0  # scaled to all samples from those that are not at a block's end
+
+
+def test_the_only_cause_that_is_reported_closes_what_all_close() -> None:
+    rng = np.random.default_rng(0)
+    after, before = rng.uniform(0.05, 0.15, 100), np.ones(100)
+    leading = SimpleNamespace(explanation=SimpleNamespace(fits=[None, None]))  # another one is there, and not believed
+    posterior = SimpleNamespace(leading=leading)
+    assert by_cause(1, leading, posterior, [1], after, before, rng) == share(after, before)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect
 
 Array = NDArray[np.float64]
+
+#: What is less, of the floor, is a difference of numbers that are equal but for rounding.
+_NO_GAP: Final = 1e-6
 
 
 def channels(
@@ -80,6 +84,8 @@ def _channel(
     gap_before = 0.0 if quiet else min(math.sqrt(fitted + named + (remains if other else 0.0)), rms_before)
     gap_after = 0.0 if quiet else min(math.sqrt(remains), rms_after)
     told = gap_before > 1e-3 * sigma
+    if gap_before < _NO_GAP * sigma:
+        gap_before = gap_after = 0.0
     closed = max(-1.0, 1.0 - (gap_after / gap_before) ** 2) if told and (means or named) else None
     return Channel(sigma, rms_before, gap_before, rms_after, gap_after, closed)
 

@@ -123,16 +123,22 @@ def of_noise(
 
 
 def by_cause(
-    index: int, holder: Hypothesis, posterior: Posterior, after: Array, before: Array, rng: np.random.Generator
+    index: int,
+    holder: Hypothesis,
+    posterior: Posterior,
+    reported: Sequence[int],
+    after: Array,
+    before: Array,
+    rng: np.random.Generator,
 ) -> Closed:
     """By how much the squared gap grows, as a share of what it was, where this cause is taken out again.
 
     Args:
         holder: the likeliest hypothesis that holds it. index: its number there.
-        after, before: as of ``of_causes``.
+        reported, after, before: as of ``of_causes``.
     """
     explanation = holder.explanation
-    if len(explanation.fits) == 1:
+    if len(explanation.fits) == 1 or (holder is posterior.leading and list(reported) == [index]):
         return closure.share(after, before)
     data, linear = on_data(posterior.scanner.fine.data, explanation)
     mine = linear.owner == index

@@ -96,7 +96,11 @@ def conclude(
     quiet = masses["nothing"] >= 0.5
     has_cause = bool(fits or noises or named)
     closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE
-    causes = () if quiet else _causes(posterior, leading, places, same, named, certain, doubted, after, before, rng)
+    causes = (
+        ()
+        if quiet
+        else _causes(posterior, leading, places, same, named, certain, doubted, reported, after, before, rng)
+    )
     causes = in_recorded_units(causes, recordings[0].units)
     kind = verdict_of(masses, hypotheses, causes)
     settled = around(data, leading.explanation.data.pipeline) if effects else data
@@ -200,11 +204,12 @@ def _causes(
     defects: Sequence[tuple[Defect, int]],
     certain: Mapping[tuple[str, str], float],
     doubted: Mapping[int, Sequence[float]],
+    means: Sequence[int],
     after: Array,
     before: Array,
     rng: np.random.Generator,
 ) -> tuple[Cause, ...]:
-    """Those of the leading explanation, and all others that are likely."""
+    """Those of the leading explanation (``means``: the numbers of its reported members), and others that are likely."""
     holders: dict[tuple[str, int], list[tuple[Weighing, float, int]]] = {}
     reported = set()
     for number, (each, weight) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
@@ -232,7 +237,7 @@ def _causes(
             holder, _, index = mean[0]
             alone = (label, 1) not in holders
             estimates = marginal.parameters(index, [one[:2] for one in mean] if alone else [mean[0][:2]])
-            closed = closed_shares.by_cause(index, holder, posterior, after, before, rng)
+            closed = closed_shares.by_cause(index, holder, posterior, means, after, before, rng)
         else:
             holder, index = held[0][0], -1
             fitted = next((o for each, *_ in held for o in each.state.fitted if o.label == label), None)
