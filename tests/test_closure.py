@@ -6,18 +6,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.special import ndtri
-from scipy.stats import binom
+from scipy.stats import binom, norm
 
 from estimators.gap.data.projection import Basis
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.terms import smooth_terms
-from estimators.gap.hypotheses.prior import FORM, VISIBLE
+from estimators.gap.hypotheses.prior import FORM, OTHER, OTHER_NOISE, VISIBLE
 from estimators.gap.hypotheses.sources import Source
-from estimators.gap.report.closed_shares import out_of_form
-from estimators.gap.report.closed_shares import by_cause
-from estimators.gap.report.closure import Way, drawn, held_out, share
+from estimators.gap.report.closed_shares import by_cause, out_of_form
+from estimators.gap.report.closure import Way, could_hide, drawn, held_out, share
 
 TIMES, ROWS, SNR = 400, 300, 20.0
 
@@ -134,3 +134,22 @@ def test_the_only_cause_that_is_reported_closes_what_all_close() -> None:
     leading = SimpleNamespace(explanation=SimpleNamespace(fits=[None, None]))  # another one is there, and not believed
     posterior = SimpleNamespace(leading=leading)
     assert by_cause(1, leading, posterior, [1], after, before, rng) == share(after, before)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("log_prior", [-2.0, -8.0])
+def test_what_could_hide_is_the_size_that_escapes_once_in_twenty(log_prior: float) -> None:
+    variances = 25.0 * 4.0 ** np.arange(8.0) / 2.0
+    term = SimpleNamespace(values=np.array([2.0]), variances=variances, log_prior=log_prior)
+    nothing = SimpleNamespace(values=np.zeros(2), variances=variances, log_prior=log_prior)
+
+    def gain(seen: float) -> float:
+        """The log odds of the term, of which so many standard deviations are seen."""
+        spread = np.sqrt(1.0 + 2.0 * variances)
+        odds = OTHER * (1.0 - OTHER_NOISE) / (1.0 - OTHER) * np.exp(log_prior)
+        return float(np.log(odds * np.mean(norm.pdf(seen, scale=spread)) / norm.pdf(seen)))
+
+    sees = brentq(gain, 0.0, 20.0)  # below that it is taken for noise
+    expected = brentq(lambda size: norm.cdf(sees - size) - norm.cdf(-sees - size) - 0.05, sees, 2.0 * sees)
+    found = could_hide(SimpleNamespace(terms=[term, nothing]), np.random.default_rng(0))  # type: ignore[arg-type]
+    # that quantile of 64 draws has a standard deviation of 0.26: four of them, and the 5 % to which it is sought
+    assert abs(found - expected) < 4.0 * 0.26 + 0.05 * expected

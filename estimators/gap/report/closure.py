@@ -29,6 +29,7 @@ _FOLDS, _BLOCKS, _GUARD = 4, 64, 0.08
 #: The chance to escape that counts for what could be hidden, the draws that tell it, and the terms that are asked.
 _ESCAPES: Final = 0.05
 _TRIALS: Final = 64
+_ANY_SIZE: Final = 1e6  # signal-to-noise: what escapes then does so at any
 
 
 @dataclass(frozen=True)
@@ -159,24 +160,35 @@ def share(after: Array, before: Array) -> Closed:
 def could_hide(discrepancies: Discrepancies, rng: np.random.Generator) -> float:
     """The largest signal-to-noise at which an error source along a course escapes with a chance above 5 %.
 
-    It escapes where its own Bayes factor, averaged over its amplitudes, leaves "nothing else" the likelier.
+    It escapes where its own Bayes factor, averaged over its amplitudes, leaves "nothing else" the likelier. Its form is
+    drawn from its prior and its size is given: of a random size, small ones escape however large it is in the mean.
     """
     largest = 0.0
     odds = float(np.log(OTHER * (1.0 - OTHER_NOISE) / (1.0 - OTHER)))
-    draws = rng.standard_normal((_TRIALS, max(len(term.values) for term in discrepancies.terms)))
+    count = max(len(term.values) for term in discrepancies.terms)
+    forms, noise = rng.standard_normal((2, _TRIALS, count))
     for term in discrepancies.terms:
-        squares = draws[:, : len(term.values)] ** 2
+        if not term.values.any():
+            continue
+        of = slice(len(term.values))
+        form = forms[:, of] * np.sqrt(term.values)
+        form /= np.linalg.norm(form, axis=1, keepdims=True)
         ratio = np.outer(term.variances, term.values)
-        for index in range(len(term.variances) - 1, -1, -1):
-            snr = float(np.sqrt(term.variances[index] * term.values.sum()))
-            if snr <= largest:
-                break
-            power = squares * (1.0 + ratio[index])  # of products with unit eigenvectors, under this amplitude
-            logs = 0.5 * power @ (ratio / (1.0 + ratio)).T - 0.5 * np.log1p(ratio).sum(axis=1)
-            gains = np.logaddexp.reduce(logs, axis=1) - np.log(len(ratio)) + term.log_prior + odds
-            if np.mean(gains < 0.0) > _ESCAPES:
-                largest = snr
-                break
+        weight, spread = (ratio / (1.0 + ratio)).T, 0.5 * np.log1p(ratio).sum(axis=1)
+        against = np.log(len(ratio)) - term.log_prior - odds
+
+        def escapes(snr: float) -> bool:
+            logs = 0.5 * (snr * form + noise[:, of]) ** 2 @ weight - spread  # noqa: B023
+            return bool(np.mean(np.logaddexp.reduce(logs, axis=1) < against) > _ESCAPES)  # noqa: B023
+
+        if escapes(largest):
+            low, high = largest, max(2.0 * largest, 1.0)
+            while high < _ANY_SIZE and escapes(high):
+                low, high = high, 2.0 * high
+            while high - low > 0.05 * high:
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if escapes(middle) else (low, middle)
+            largest = high
     return largest
 
 
