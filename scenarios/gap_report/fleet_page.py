@@ -60,7 +60,7 @@ def _headline(told: Sequence[History], arms: Sequence[str]) -> str:
     now = {each.arm for each in told if each.now}
     if not now:
         return f"No cause on {'the arm' if len(arms) == 1 else f'any of {len(arms)} arms'} now"
-    return f"A cause on {len(now)} of {_number(len(arms), 'arm')} now"
+    return f"A cause on {'the arm' if len(arms) == 1 else f'{len(now)} of {len(arms)} arms'} now"
 
 
 def _number(count: int, what: str) -> str:
