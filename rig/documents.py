@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import stat
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -55,11 +56,11 @@ def check_ordinary(file: Path, expected: str) -> None:
         RigError: no such file, a folder, or something else.
     """
     try:
-        if not file.exists():
+        if not os.path.lexists(file):
             beside = os.listdir(file.parent) if file.parent.is_dir() else []
             raise RigError(f"{file}: no such file, expected {expected}{nearest(file.name, beside)}")
-        if not file.is_file():
-            found = "is a folder" if file.is_dir() else "is no ordinary file"
+        if not stat.S_ISREG(mode := file.stat().st_mode):
+            found = "is a folder" if stat.S_ISDIR(mode) else "is no ordinary file"
             raise RigError(f"{file}: {found}, expected {expected}")
     except (OSError, ValueError) as error:  # ValueError: a zero in its name
         raise RigError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from error

@@ -225,6 +225,38 @@ def test_a_bad_calibration(bench: Bench, command: str, text: str, expected: str)
     assert expected in line
 
 
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [({"matrix": [[0.0] * 3] * 3}, "sensors.accelerometer.matrix"), ({"matrix": [[1e308] * 3] * 3}, "loses a")],
+    ids=["zeros", "of rank one, and huge"],
+)
+def test_a_calibration_that_loses_a_direction(bench: Bench, change: dict[str, object], expected: str) -> None:
+    content = json.loads(Path("cal.json").read_text())
+    content["sensors"]["accelerometer"].update(change)
+    Path("cal.json").write_text(json.dumps(content))
+    for arguments in (("apply", "cal.json", "run.parquet", "-o", "out.parquet"), ("export", "cal.json", "--to", "c")):
+        assert expected in bench.refused(*arguments)
+
+
+def test_a_calibration_with_a_negative_sensitivity(bench: Bench) -> None:
+    content = json.loads(Path("cal.json").read_text())
+    content["sensors"]["magnetometer"]["axes"][1]["sensitivity"] *= -1
+    Path("cal.json").write_text(json.dumps(content))
+    line = bench.refused("export", "cal.json", "--to", "c")
+    assert "magnetometer.axes[1].sensitivity: found -" in line
+
+
+def test_links_that_lead_round_in_a_circle(bench: Bench) -> None:
+    Path("loop.json").symlink_to("loop.json")
+    assert "cannot be read" in bench.rig.refused("export", "loop.json", "--to", "c")
+
+
+@pytest.mark.parametrize("text", ["time,ax,ay\n1,2,3\n", "t_s;accel1_V\n0;1\n"])
+def test_a_log_that_is_no_recording_is_sent_to_import(bench: Bench, text: str) -> None:
+    Path("log.csv").write_text(text)
+    assert "rig import makes one of such a log" in bench.refused("calibrate", "log.csv")
+
+
 def test_a_calibration_that_does_not_fit_the_recording(bench: Bench) -> None:
     run = read_recording("run.parquet")
     replace(run, units={**run.units, "accelerometer": "g"}).write("in-g.parquet")

@@ -185,7 +185,7 @@ class SensorCalibration:
             method=reader.text("method"),
             unit=_unit(reader),
             reference_magnitude=reader.number("reference_magnitude"),
-            matrix=reader.array("matrix", (3, 3), missing=math.nan, required=True),
+            matrix=_invertible(reader.array("matrix", (3, 3), missing=math.nan, required=True), reader.where),
             bias=reader.array("bias", (3,)),
             parameters=parameters,
             values=reader.array("values", (p,), missing=math.nan)
@@ -219,6 +219,13 @@ _KNOWN: Final = frozenset(
         *("field", "use", "fit_rms_root_sum_square"),
     )
 )
+
+
+def _invertible(matrix: Array, where: str) -> Array:
+    largest = np.abs(matrix).max()
+    if np.isfinite(largest) and np.linalg.matrix_rank(matrix / max(largest, 1e-300)) < 3:
+        raise RigError(f"{where}.matrix: found one that loses a direction, expected one with an inverse")
+    return matrix
 
 
 def _optional(reader: Reader, name: str) -> Array | None:

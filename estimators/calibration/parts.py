@@ -82,8 +82,11 @@ class AxisCalibration:
     def read(cls, reader: Reader) -> Self:
         """From the contract's object."""
         own = reader.optional("field")
+        sensitivity = reader.number("sensitivity")
+        if sensitivity <= 0.0:
+            raise RigError(f"{reader.where}.sensitivity: found {sensitivity:g}, expected a positive number")
         return cls(
-            reader.number("sensitivity"),
+            sensitivity,
             reader.number("offset"),
             reader.number("beta_deg"),
             reader.number("gamma_deg"),

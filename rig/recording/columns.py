@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from rig.channels import CHANNELS_OF, SENSORS
-from rig.errors import RigError, nearest, unknown_name
+from rig.errors import RigError, nearest, shortened, unknown_name
 from rig.recording.metadata import misspelt
 from rig.units import UNITS
 
@@ -130,6 +130,9 @@ class Columns:
         present = set(recognised)
         for name in names:
             _refuse_misspelt(name, present, where)
+        if not present:
+            found = shortened(", ".join(names), 60)
+            raise RigError(f"{where}: found columns {found}, none of a recording: rig import makes one of such a log")
         if TIME not in present:
             near = nearest(TIME, names) or ': only with "still_poses": true in the metadata may it be left out'
             raise RigError(f"{where}: column {TIME!r} is missing{near}")
