@@ -62,6 +62,8 @@ def _leading(document: Mapping[str, Any], file: Path) -> list[Any]:
         if not isinstance(cause, dict) or name in left:
             left = [each for index, each in enumerate(left) if index != left.index(name)] if name in left else left
             found.append(cause)
+    if left and not found:
+        raise RigError(f'{file}: hypotheses[0]: found {shown(left)}, expected what "causes" has')
     return found
 
 

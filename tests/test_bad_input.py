@@ -332,6 +332,15 @@ def test_bad_causes(bench: Bench, cause: object, expected: str) -> None:
     assert expected in line
 
 
+def test_a_diagnosis_whose_causes_are_not_those_of_its_explanation(bench: Bench) -> None:
+    cause = {"effect": "bakclash", "where": "joint5", "parameters": {"width_rad": 0.01}}
+    explanation = {"causes": [["backlash", "joint5"]], "other": False, "probability": 1.0}
+    content = {"format": "rig-diagnosis/2", "causes": [cause], "hypotheses": [explanation]}
+    Path("found.json").write_text(json.dumps(content))
+    line = bench.refused("sweep", "small.toml", "-o", "out.parquet", "--with", "found.json")
+    assert "hypotheses[0]: found [['backlash', 'joint5']], expected what" in line
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -345,6 +354,12 @@ def test_bad_causes(bench: Bench, cause: object, expected: str) -> None:
         (["effects", "backlsh"], "(nearest: 'backlash')"),
         (["effects", "backlsh", "--json"], "(nearest: 'backlash')"),
         (["scenarios", "small.toml", "again"], "unexpected extra argument"),
+        (["diagnose", "run.parquet", "--minutes", "nan"], "'--minutes': found 'nan', expected a finite number"),
+        (["calibrate", "run.parquet", "--gravity", "nan"], "'--gravity': found 'nan', expected a finite number"),
+        (["demo", "--seed", "x"], "'--seed': found 'x', expected a whole number"),
+        (["sweep", "small.toml", "-o", "out.csv", "--noise", "x"], "'--noise': found 'x', expected a number"),
+        (["plan", "--seconds", "60", "-o", "out.toml", "--acceleration", "-3"], "--acceleration: found -3, expected a"),
+        (["replay", "run.parquet", "--speed", "max", "--from", "1e9"], "has no sample from 1e+09 s to any time"),
     ],
 )
 def test_bad_calls(bench: Bench, arguments: list[str], expected: str) -> None:

@@ -242,7 +242,8 @@ def _joints_to(robot: Any, tip: str, path: Path) -> list[Any]:
     """The joints from the root link to ``tip``."""
     links = [str(link.name) for link in robot.links]
     if tip not in links:
-        raise RigError(f"{path}: no link {tip!r}: expected one of {', '.join(links)}{nearest(tip, links)}")
+        found = f"expected one of {', '.join(links)}{nearest(tip, links)}" if links else "the file has none"
+        raise RigError(f"{path}: no link {tip!r}: {found}")
     children = Counter(str(joint.child) for joint in robot.joints)
     carriers = {str(joint.child): joint for joint in robot.joints}
     chain: list[Any] = []

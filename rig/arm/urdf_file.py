@@ -36,7 +36,9 @@ def urdf_root(path: Path) -> Any:
     try:
         root = etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        raise RigError(f"{path}: not well-formed XML: {one_line(str(error), 160)}") from error
+        raise RigError(
+            f"{path}: not well-formed XML: {one_line(getattr(error, 'msg', None) or str(error), 160)}"
+        ) from error
     if root.getroottree().docinfo.doctype:
         raise RigError(f"{path}: has a document type, expected a URDF without one: it could pull in other files")
     if root.tag != "robot":

@@ -98,7 +98,8 @@ class FileSource(_Spoken):
         try:
             self._file = path.open("rb", buffering=0)
         except OSError as error:
-            beside = os.listdir(path.parent) if path.parent.is_dir() else []
+            absent = isinstance(error, FileNotFoundError) and path.parent.is_dir()
+            beside = os.listdir(path.parent) if absent else []
             raise RigError(f"{path}: cannot be read: {error.strerror}{nearest(path.name, beside)}") from error
         self._inode = os.fstat(self._file.fileno()).st_ino
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -45,6 +46,8 @@ _COMMANDS: Final = {
 }
 
 
+#: What click says of a text that is no number.
+_NO_NUMBER: Final = re.compile(r"(?<=: )('.*') is not a valid (integer|float)(?: range)?", re.DOTALL)
 SETTINGS: Final = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -248,8 +251,13 @@ def _forget_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def _number_wanted(said: re.Match[str]) -> str:
+    return f"found {said[1]}, expected a {'whole number' if said[2] == 'integer' else 'number'}"
+
+
 def _usage(error: click.ClickException) -> str:
     command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "rig"
     hint = f"; see {command} --help"
-    message = one_line(error.format_message(), LONGEST_MESSAGE - len(hint)).rstrip(".")
+    message = _NO_NUMBER.sub(_number_wanted, error.format_message())
+    message = one_line(message, LONGEST_MESSAGE - len(hint)).rstrip(".")
     return f"{message[:1].lower()}{message[1:]}{hint}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import threading
@@ -36,6 +37,17 @@ class Choice(click.Choice[str]):
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
         """What was found, what was expected and the nearest of it."""
         return f"found {shown(value)}, expected one of {', '.join(self.choices)}{nearest(str(value), self.choices)}"
+
+
+class FiniteNumber(click.FloatRange):
+    """A number within a range; "nan" is in none, whatever it is compared with."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number."""
+        found = super().convert(value, param, ctx)
+        if not math.isfinite(found):
+            self.fail(f"found {value!r}, expected a finite number", param, ctx)
+        return found
 
 
 def json_option(command: Command) -> Command:

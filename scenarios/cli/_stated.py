@@ -12,7 +12,7 @@ import click
 
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
-from scenarios.cli._options import Command
+from scenarios.cli._options import Command, FiniteNumber
 
 if TYPE_CHECKING:
     from estimators import Calibration
@@ -23,7 +23,7 @@ def stated_options(command: Command) -> Command:
     """``--gravity`` and ``--field``, ``--at`` and ``--date``."""
     gravity = click.option(
         "--gravity",
-        type=click.FloatRange(min=0, min_open=True),
+        type=FiniteNumber(min=0, min_open=True),
         metavar="M_S2",
         help="Its magnitude; else the recording's.",
     )

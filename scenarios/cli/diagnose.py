@@ -13,6 +13,7 @@ from rig.errors import RigError, one_line, unknown_name
 from scenarios.cli._app import debugging
 from scenarios.cli._options import (
     PATH,
+    FiniteNumber,
     arm_options,
     check_output,
     chosen_arm,
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 @click.option("--save-scenario", "saved", type=PATH, metavar="F.toml", help="Write the improved rig, for rig sweep.")
 @click.option(
     "--minutes",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FiniteNumber(min=0.0, min_open=True),
     metavar="M",
     help="For the next maneuver; as long as RUN by default.",
 )

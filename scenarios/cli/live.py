@@ -69,11 +69,16 @@ def replay(
         write: Callable[[bytes], object]
         write = _written if port is None else opened.enter_context(_connected(port)).sendall
         try:
-            replayed(scan, write, _speed(speed), "json" if as_json else "csv", from_s, until_s, not without_pose)
+            count = replayed(
+                scan, write, _speed(speed), "json" if as_json else "csv", from_s, until_s, not without_pose
+            )
         except ConnectionError:
             if port is None:
                 raise
             raise RigError(f"{port}: the receiver has gone") from None
+    if count == 0:
+        begin, end = ("any time" if each is None else f"{each:g} s" for each in (from_s, until_s))
+        raise RigError(f"{run}: has no sample from {begin} to {end}, expected times of the recording")
 
 
 def _written(data: bytes) -> None:

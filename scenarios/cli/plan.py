@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rig.errors import RigError
 from scenarios.cli._options import (
     PATH,
     Choice,
+    FiniteNumber,
     arm_options,
     check_output,
     json_option,
@@ -50,7 +52,7 @@ if TYPE_CHECKING:
 )
 @click.option("--table", "table_m", type=float, metavar="Z", help="Height of a table in the base frame [m].")
 @click.option("--box", "boxes", multiple=True, metavar="x,y,z,X,Y,Z", help="What stands around: two corners [m].")
-@click.option("--margin", "margin_m", type=click.FloatRange(min=0.0), default=0.01, show_default=True, help="[m]")
+@click.option("--margin", "margin_m", type=FiniteNumber(min=0.0), default=0.01, show_default=True, help="[m]")
 @click.option("--speed", type=float, metavar="DEG/S", help="At most so much in every joint.")
 @click.option("--acceleration", type=float, metavar="DEG/S²", help="At most so much in every joint.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the search.")
@@ -98,6 +100,9 @@ def plan(
     from scenarios.loader import load
     from scenarios.plan.plan import make_plan, trajectory_csv
 
+    for name, most in (("speed", speed), ("acceleration", acceleration)):
+        if most is not None and not 0.0 < most < math.inf:
+            raise RigError(f"--{name}: found {most:g}, expected a positive number")
     base = on_arm(load(scenario), arm_file, tip, None)
     with progress_bar("planning") as progress:
         found = make_plan(
