@@ -63,3 +63,17 @@ def test_help_says_what_each_name_of_a_package_is(package: str) -> None:
     for name in module.__all__:
         assert getattr(module, name) is not None
         assert re.search(rf"\b{name}\b", module.__doc__ or ""), f"{package}.{name} is not in the package's docstring"
+
+
+def test_what_the_contributing_page_changes_is_there() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    changed = []
+    for block in re.findall(r"^```diff\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+        for part in re.split(r"^--- ", block, flags=re.MULTILINE)[1:]:
+            name, _, rest = part.partition("\n")
+            kept = [line[1:] for line in rest.splitlines() if line[:1] in (" ", "-")]
+            if name != "/dev/null":
+                there = (ROOT / name.removeprefix("a/")).read_text(encoding="utf-8").splitlines()
+                assert [line for line in kept if line not in there] == [], name
+                changed.append(name)
+    assert len(changed) >= 4
