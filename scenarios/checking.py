@@ -35,7 +35,7 @@ class Checked:
 
 
 def check_file(path: Path, joints: int | None = None) -> Checked:
-    """Look into a recording, scenario, mapping, calibration or diagnosis.
+    """Look into a recording, scenario, mapping, calibration, diagnosis or cause.
 
     Args:
         path: the file.
@@ -126,7 +126,7 @@ def _toml(path: Path) -> Checked:
 
 
 def _json(path: Path) -> Checked:
-    document = read_json(path, "a calibration or a diagnosis")
+    document = read_json(path, "a calibration, a diagnosis or a cause")
     kind = document.get("format", "") if isinstance(document, dict) else ""
     if str(kind).startswith("rig-calibration/"):
         from estimators import Calibration
@@ -136,9 +136,16 @@ def _json(path: Path) -> Checked:
         holds = {"recording": found.recording, "sensors": list(found.sensors), "arm": found.arm}
         return Checked("calibration", holds, tuple(warnings))
     if str(kind).startswith("rig-diagnosis/"):
-        holds = {key: document.get(key) for key in ("format", "verdict", "samples")}
-        return Checked("diagnosis", holds, ())
-    raise RigError(f"{path}: found format {kind!r}, expected rig-calibration/1 or a diagnosis")
+        from estimators.gap.reading import read_diagnosis
+
+        said = read_diagnosis(path)
+        return Checked("diagnosis", {"format": kind, "verdict": said.verdict, "samples": said.samples}, ())
+    if isinstance(document, list) or (isinstance(document, dict) and "effect" in document):
+        from scenarios.causes import read_causes
+
+        effects = [f"{effect.name} at {effect.where}" for effect in read_causes(path)]
+        return Checked("cause" if len(effects) == 1 else "list of causes", {"effects": effects}, ())
+    raise RigError(f"{path}: found format {kind!r}, expected rig-calibration/1, a diagnosis or a cause")
 
 
 def unused_words(scan: RecordingScan) -> str:

@@ -326,3 +326,19 @@ def test_what_nobody_stated_is_not_stated_by_the_import(rig: Rig, tmp_path: Path
     known = read_recording(made).metadata
     with pytest.raises(RigError, match=r"metadata assumed: found .*expected a list of gravity_m_s2, magnetic_field"):
         replace(known, assumed=("rate_Hz",))
+
+
+def test_check_reads_diagnoses_and_causes(rig: Rig, tmp_path: Path) -> None:
+    cause = {"effect": "backlash", "where": "joint5", "parameters": {"width_rad": 0.01}}
+    assert "effects      backlash at joint5" in rig.done("check", written_json(tmp_path, cause))
+    assert "nearest: 'backlash'" in rig.refused("check", written_json(tmp_path, {**cause, "effect": "bakclash"}))
+    half = {"format": "rig-diagnosis/2", "verdict": "named"}
+    assert "no 'where'" in rig.refused("check", written_json(tmp_path, half))
+    for content in (None, 5, "x", {}):
+        assert "or a cause" in rig.refused("check", written_json(tmp_path, content))
+
+
+def written_json(folder: Path, content: object) -> Path:
+    path = folder / "some.json"
+    path.write_text(json.dumps(content))
+    return path

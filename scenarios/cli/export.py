@@ -11,7 +11,7 @@ from scenarios.cli._options import PATH, Choice, check_output, json_option, prin
 _SUFFIXES = {"yaml": (".yaml", ".yml"), "json": (".json",), "c": (".h",), "ros": (".yaml", ".yml")}
 
 
-@click.command(short_help="Write a calibration as YAML, JSON or a C header.")
+@click.command(short_help="Write a calibration as YAML, JSON, a C header or for ROS.")
 @click.argument("calibration", type=PATH, metavar="CAL")
 @click.option("--to", "target", type=Choice(("yaml", "json", "c", "ros")), required=True, help="The kind of file.")
 @click.option("-o", "--output", type=PATH, metavar="F", help="The file; stdout by default.")

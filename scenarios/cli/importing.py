@@ -197,7 +197,7 @@ def _tell(found: Imported, output: Path | None, written: Path | None) -> None:
 @arm_options
 @json_option
 def check(file: Path, arm_file: Path | None, tip: str | None, as_json: bool) -> int:
-    """Look into FILE: a recording, scenario, mapping, calibration or diagnosis. Exit status 1: something looks wrong.
+    """Look into FILE: a recording, scenario, mapping, calibration, diagnosis or cause. Exit status 1: it looks wrong.
 
     \b
     Example:
@@ -213,8 +213,16 @@ def check(file: Path, arm_file: Path | None, tip: str | None, as_json: bool) -> 
     else:
         click.echo(f"{file}: a {found.kind}")
         for key, value in found.holds.items():
-            shown = ", ".join(map(str, value)) if isinstance(value, list) else value
-            click.echo(f"  {key:<12} {'-' if shown in (None, '') else shown}")
+            click.echo(f"  {key:<12} {_held(value)}")
         for line in found.findings:
             click.echo(f"! {line}")
     return 1 if found.findings else 0
+
+
+def _held(value: Any) -> str:
+    """What a file holds, for a person."""
+    if isinstance(value, dict):
+        return "; ".join(f"{key} {_held(each)}" for key, each in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_held, value)) or "-"
+    return "-" if value in (None, "") else f"{value:.7g}" if isinstance(value, float) else str(value)
