@@ -201,7 +201,7 @@ def share_words(closed: Closed) -> str:
 def sentence(diagnosis: Diagnosis) -> str:
     """The diagnosis' own sentence without the verdict's name before it, as a sentence on paper."""
     words = str(diagnosis.sentence()).removeprefix(f"{diagnosis.verdict}: ")
-    words = words.replace("+-", "±").replace(" deg", "°")
+    words = re.sub(r"\(([\d.]+)-([\d.]+)\)", r"(\1–\2)", words.replace("+-", "±").replace(" deg", "°"))
     return _as_sentence(place_words(_EFFECT.sub(lambda found: found[0].replace("_", " "), words)))
 
 
