@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.discrepancy import Weighed, weighed_terms
 from estimators.gap.evidence.laplace import Linear
@@ -107,9 +108,18 @@ def is_common(effect: type[Effect]) -> bool:
     return effect.kind is Kind.NOISE and effect.response is not Effect.response
 
 
-def beside(linear: Linear, noises: Sequence[CommonNoise]) -> list[tuple[float, FittedNoise]]:
-    """Each beside a set of effects, sample by sample: its log mass before its prior, and its strength."""
+def beside(
+    linear: Linear, noises: Sequence[CommonNoise], absorbed: Basis, discrepancy: Weighed | None = None
+) -> list[tuple[float, FittedNoise]]:
+    """Each beside a set of effects, sample by sample: its log mass before its prior, and its strength.
+
+    Args:
+        absorbed: the calibration's tangent. discrepancy: what else is there; its likeliest course is taken out first.
+    """
     found = []
+    if discrepancy is not None and noises:
+        taken = discrepancy.term.of_every_sample(linear.left, int(np.argmax(discrepancy.gains)))
+        linear = replace(linear, left=linear.left - project(absorbed, taken))
     for noise in noises:
         for each in weighed_terms(linear, [noise.term]):
             found.append((each.log_mass, noise.tested(each)))

@@ -40,3 +40,15 @@ class Means:
             cut = by_channel[:, :, fine.start : fine.start + count * size]
             found[:, :, own] = cut.reshape(*found.shape[:2], count, size).sum(axis=3) / np.sqrt(size)
         return found.reshape(len(found), -1).T
+
+    def spread(self, sums: Array) -> Array:
+        """(c n,) of sums (c m,): what each sample has of them where neighbours are alike."""
+        if self.rough is self.fine:
+            return sums
+        by_channel = sums.reshape(len(self.fine.columns), self.count)
+        found = np.zeros((len(by_channel), self.fine.count))
+        for fine, own in zip(self.fine.stretches, self.rough.stretches, strict=True):
+            size = (fine.stop - fine.start) // (own.stop - own.start)
+            each = np.repeat(by_channel[:, own] / np.sqrt(size), size, axis=1)
+            found[:, fine.start : fine.start + each.shape[1]] = each
+        return found.ravel()

@@ -155,6 +155,11 @@ class Term:
             each = np.repeat(pieces, np.diff([*self.edges, len(series)]), axis=0)
         return np.asarray(np.einsum("nfc,nf->cn", series, each).ravel())
 
+    def of_every_sample(self, residual: Array, likeliest: int) -> Array:
+        """``mean``, of every sample."""
+        found = self.mean(residual, likeliest)
+        return found if self.errors.means is None else self.errors.means.spread(found)
+
     def turned(self, sums: Array) -> Array:
         """(r, m) of sums (k, f, m) of the source's freedoms along the functions, or (b, f, m) in the pieces."""
         if self.functions is not None:

@@ -151,11 +151,24 @@ class _Weighing:
             (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
             for index, member in enumerate(each.members)
         }
-        beside = self.known(each, state) + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
-        least = self.best - _FAR - beside if self.hypotheses else -np.inf
+        beside_none = self.known(each, state) + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
+        least = self.best - _FAR - beside_none if self.hypotheses else -np.inf
         if terms := weighed(each.linear, discrepancies, changes, least):
-            mass = beside + total([term.log_mass for term in terms])
-            self.enter(Hypothesis(each, state, tuple(terms[:_KEPT]), mass))
+            # noise of all channels is what changes from sample to sample, too: it is weighed beside what does not
+            slow = [term for term in terms if term.term.edges is None]
+            for some in (terms, slow) if slow else (terms,):
+                mass = beside_none + total([term.log_mass for term in some])
+                found = Hypothesis(each, state, tuple(some[:_KEPT]), mass)
+                self.enter(found)
+                self.enter_common(found)
+
+    def enter_common(self, found: Hypothesis) -> None:
+        """A hypothesis beside each noise effect that all channels share."""
+        each, terms = found.explanation, found.terms
+        for log_mass, fitted in beside(each.linear, self.common, each.data.absorbed, terms[0] if terms else None):
+            named = replace(found.state, fitted=(*found.state.fitted, fitted))
+            prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
+            self.enter(replace(found, state=named, log_mass=found.log_mass - each.log_prior + prior + log_mass))
 
     def move_floor(self) -> None:
         """What has no name, beside the floor that known causes are likeliest beside: it was weighed there only where
@@ -214,11 +227,7 @@ class _Weighing:
             if each.key in done:
                 continue
             done.add(each.key)
-            for log_mass, fitted in beside(each.linear, self.common):
-                named = replace(state, fitted=(*state.fitted, fitted))
-                prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
-                mass = self.known(each, state) - each.log_prior + prior + log_mass + float(np.log1p(-OTHER))
-                self.enter(Hypothesis(each, named, (), mass))
+            self.enter_common(Hypothesis(each, state, (), self.known(each, state) + float(np.log1p(-OTHER))))
             self.enter_nameless(each, state, discrepancies)
             if queue:
                 continue
