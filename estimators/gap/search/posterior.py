@@ -151,16 +151,17 @@ class _Weighing:
             (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
             for index, member in enumerate(each.members)
         }
-        beside_none = self.known(each, state) + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
-        least = self.best - _FAR - beside_none if self.hypotheses else -np.inf
+        nameless = self.known(each, state) + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
+        least = self.best - _FAR - nameless if self.hypotheses else -np.inf
         if terms := weighed(each.linear, discrepancies, changes, least):
+            found = Hypothesis(each, state, tuple(terms[:_KEPT]), nameless + total([term.log_mass for term in terms]))
+            self.enter(found)
             # noise of all channels is what changes from sample to sample, too: it is weighed beside what does not
             slow = [term for term in terms if term.term.edges is None]
-            for some in (terms, slow) if slow else (terms,):
-                mass = beside_none + total([term.log_mass for term in some])
-                found = Hypothesis(each, state, tuple(some[:_KEPT]), mass)
-                self.enter(found)
-                self.enter_common(found)
+            if slow and not each.members:  # beside causes, either takes what these leave where a joint turns round
+                self.enter_common(
+                    replace(found, terms=tuple(slow[:_KEPT]), log_mass=nameless + total([one.log_mass for one in slow]))
+                )
 
     def enter_common(self, found: Hypothesis) -> None:
         """A hypothesis beside each noise effect that all channels share."""
