@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,15 @@ def test_levels_that_repeat_are_no_missed_samples() -> None:
     own.values[700:4700:20] = own.values[699:4699:20]
     found = dropouts.examined(own, "acquisition")
     assert found is not None
+
+
+def test_the_step_of_a_coarse_converter_has_the_width_that_its_levels_show() -> None:
+    """Written to a thousandth of the floor, a step of eight tenths: six standard deviations, of a millionth or so."""
+    rng, converter = np.random.default_rng(8), EFFECTS["adc_quantisation"]
+    own = readings(rng.standard_normal((COUNT, 6)), 20.0 * np.sin(np.linspace(0.0, 60.0, COUNT))[:, None], 0.8123457)
+    found = converter.examined(replace(own, values=np.round(own.values, 3), step=np.full(6, 1e-3)), "acquisition")
+    assert found is not None
+    std = found.std["lsb_V"]
+    assert std is not None
+    assert 1e-7 < std < 1e-4
+    assert abs(found.effect.strengths[0] - 0.8123457) < 6.0 * std

@@ -123,21 +123,17 @@ class AdcQuantisation(Effect):
         """All channels on a coarser lattice than the one that is known: its step is no cause."""
         columns = readings.columns
         known = np.where(np.isfinite(readings.step[columns]), readings.step[columns], 0.0)
-        steps = np.array(
-            [lattice_step(readings.values[:, column], grid) for column, grid in zip(columns, known, strict=True)]
-        )
+        found = [_lattice(readings.values[:, column], grid) for column, grid in zip(columns, known, strict=True)]
+        steps, stds = np.array(found).T
         sigma = readings.sigma[columns]
         if not (steps > 1.5 * known).all() or steps.min() <= 0.0 or (steps**2 / 12.0 < _FELT * sigma**2).all():
             return None
         rounding = np.zeros(len(CHANNELS))
         rounding[columns] = np.maximum(steps**2 - known**2, 0.0) / 12.0
         lsb = float(np.median(steps))
-        std = float(
-            np.median([_step_std(values, step) for values, step in zip(readings.values.T[columns], steps, strict=True)])
-        )
         nothing = np.zeros_like(readings.values, dtype=bool)
         effect = cls(where=where, lsb_V=lsb)
-        return Finding(effect, {"lsb_V": std}, nothing, -np.inf, np.sqrt(rounding))
+        return Finding(effect, {"lsb_V": float(np.median(stds))}, nothing, -np.inf, np.sqrt(rounding))
 
 
 @register
@@ -282,21 +278,20 @@ def _as_seen(log_chance: Array, repeats: Mask, own: list[int]) -> Array:
 
 def lattice_step(values: Array, grid: float = 0.0) -> float:
     """The step of the lattice that values lie on, to within a finer grid's rounding; zero where they lie on none."""
+    return _lattice(values, grid)[0]
+
+
+def _lattice(values: Array, grid: float) -> tuple[float, float]:
+    """``lattice_step``, and its standard deviation by how the levels scatter about it, no less than rounding."""
     levels = np.unique(values)
     if len(levels) > 0.7 * len(values) or len(levels) < 3:
-        return 0.0
+        return 0.0, 0.0
     differences = np.diff(levels)
     smallest = float(np.mean(differences[differences < 1.5 * differences.min()]))
     numbers = np.concatenate([[0.0], np.cumsum(np.round(differences / smallest))])
     slope, start = np.polyfit(numbers, levels, 1)
-    off = float(np.abs(levels - start - slope * numbers).max())
-    return float(slope) if off < 0.05 * slope + 0.75 * grid else 0.0
-
-
-def _step_std(values: Array, step: float) -> float:
-    """Standard deviation of ``lattice_step``: by how the levels scatter about the lattice, no less than rounding."""
-    levels = np.unique(values)
-    numbers = np.round((levels - levels[0]) / step)
-    off = levels - np.polyval(np.polyfit(numbers, levels, 1), numbers)
-    scatter = max(float(np.sqrt(np.sum(off**2) / max(len(levels) - 2, 1))), float(np.spacing(np.abs(levels).max())))
-    return scatter / float(np.sqrt(len(levels)) * numbers.std())
+    off = levels - start - slope * numbers
+    if not np.abs(off).max() < 0.05 * slope + 0.75 * grid:
+        return 0.0, 0.0
+    scatter = max(float(np.sqrt(np.sum(off**2) / (len(levels) - 2))), float(np.spacing(np.abs(levels).max())))
+    return float(slope), scatter / float(np.sqrt(len(levels)) * numbers.std())
