@@ -13,13 +13,14 @@ from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.projection import project
 from estimators.gap.data.stack import only_in
 from estimators.gap.data.whitened import Step, WhitenedData
-from estimators.gap.evidence.common import beside, common_noises, is_common
+from estimators.gap.evidence.common import beside, beside_other, common_noises, is_common, weighed_with
 from estimators.gap.evidence.discrepancy import Discrepancies, weighed, weighed_terms
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.jumps import best, roughly
 from estimators.gap.evidence.laplace import Linear, _width
 from estimators.gap.evidence.refine import Fitted
 from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
+from estimators.gap.evidence.terms import Errors, blocks_term
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.courses import courses
 from estimators.gap.hypotheses.prior import FLOOR_RAISED
@@ -63,9 +64,7 @@ def test_the_strength_of_an_error_that_all_channels_share_is_found(data: Whitene
             size = 1.0 / np.sqrt(np.mean(whitened**2))
             errors = size * rng.standard_normal((pieces + 1, noise.response.shape[2]))[piece]
             left = np.einsum("ncr,nr->cn", whitened, errors)[each.columns]
-            ((_, found),) = beside(
-                unexplained((left + rng.standard_normal(left.shape)).ravel()), [noise], each.absorbed
-            )
+            ((_, found),) = beside(unexplained((left + rng.standard_normal(left.shape)).ravel()), [noise])
             strength = getattr(found.effect, item.name)
             assert strength == pytest.approx(size, rel=0.4)
             assert found.std[0] < 0.15 * size
@@ -173,10 +172,40 @@ def test_the_strength_of_common_noise_is_found_beside_what_has_no_name(
     wave = (field.series[0] * np.cos(7.3 * np.linspace(0.0, 1.0, data.count) ** 2)).ravel()
     left = off.ravel() + rng.standard_normal(data.size) + 60.0 * wave / np.linalg.norm(wave)
     linear = unexplained(project(data.absorbed, left))
-    told = next(each for each in weighed(linear, discrepancies) if each.term.edges is None)
-    ((log_mass, found),) = beside(linear, [jitter], data.absorbed, told)
-    assert log_mass > 100.0
+    told = [each for each in weighed(linear, discrepancies) if each.term.edges is None]
+    ((log_mass, found, both),) = beside_other(linear, [jitter], data.absorbed, told)
+    assert log_mass > told[0].log_mass + 100.0
+    assert both[0].term is told[0].term
     assert found.effect.strengths == pytest.approx(size, rel=0.2)
+    quiet = unexplained(project(data.absorbed, left - off.ravel()))
+    assert beside_other(quiet, [jitter], data.absorbed, told) == []
+
+
+@pytest.mark.parametrize("causes", [0, 2])
+def test_two_terms_at_once_are_one_covariance(data: WhitenedData, discrepancies: Discrepancies, causes: int) -> None:
+    """The evidence beside a noise in pieces and a slow course is that of the sum of both covariances, written out."""
+    rng = np.random.default_rng(5)
+    clock = next(each for each in sources(data) if each.name == "the clock")
+    errors, own = Errors.of([replace(clock, kind="noise")]), slice(0, len(clock.series))
+    noise = blocks_term(errors, replace(clock, kind="noise"), own, 40, 0.0)
+    other = next(each for each in discrepancies.terms if each.source == "the magnetic field" and each.course == "time")
+    tangent = project(data.absorbed, rng.standard_normal((data.size, causes)))
+    left = project(data.absorbed, 3.0 * rng.standard_normal(data.size))
+    owner, there = np.arange(causes), np.ones(causes, dtype=bool)
+    linear = Linear(left, tangent, np.zeros(causes), there, np.ones(causes), owner)
+    found = weighed_with(linear, noise, other, data.absorbed)
+    precision = linear.precision(linear.averaged[1])
+    alone = linear.log_evidence(left @ left, tangent.T @ tangent, tangent.T @ left, precision)
+    columns = np.column_stack([left, tangent])
+    each_noise = noise.made(np.eye(len(noise.values)))
+    each_other = project(data.absorbed, other.made(np.eye(len(other.values))))
+    for i, j in ((0, 0), (3, 5), (7, 2)):
+        both = np.hstack([np.sqrt(noise.variances[i]) * each_noise, np.sqrt(other.variances[j]) * each_other])
+        core = np.eye(both.shape[1]) + both.T @ both
+        gram = columns.T @ columns - columns.T @ both @ np.linalg.solve(core, both.T @ columns)
+        logs = linear.log_evidence(gram[0, 0], gram[1:, 1:], gram[1:, 0], precision)
+        expected = float(logs - alone) - 0.5 * np.linalg.slogdet(core)[1]
+        assert found[i, j] == pytest.approx(expected, abs=1e-6 * float(left @ left))
 
 
 def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(

@@ -18,6 +18,8 @@ WHITE = ChannelNoise(2.0, samples=6000, duration_s=300.0)
 ONE = ChannelNoise(1.0, ((1.0, 0.8),), samples=6000, duration_s=300.0)
 TWO = ChannelNoise(1.0, ((0.6, 0.5), (0.4, 6.0)), samples=6000, duration_s=300.0)
 QUICK = ChannelNoise(1.0, ((0.6, 0.01), (0.4, 6.0)), samples=6000, duration_s=300.0)
+#: Neighbours still share something, means over blocks hardly.
+BETWEEN = ChannelNoise(0.01, ((0.2, DT / 8.0), (0.1, 0.7)), samples=6000, duration_s=300.0)
 
 
 def drawn(noise: ChannelNoise, count: int, interval_s: float, rng: np.random.Generator) -> np.ndarray:
@@ -59,7 +61,7 @@ def test_the_response_is_one_over_the_spectrum(noise: ChannelNoise) -> None:
     np.testing.assert_allclose(noise.whitener(DT).response(frequency) * found, 1.0, rtol=1e-9)
 
 
-@pytest.mark.parametrize("noise", [WHITE, ONE, TWO, QUICK])
+@pytest.mark.parametrize("noise", [WHITE, ONE, TWO, QUICK, BETWEEN])
 @pytest.mark.parametrize("block", [2, 5, 20])
 def test_means_over_blocks_have_the_averaged_noise(noise: ChannelNoise, block: int) -> None:
     count = 40

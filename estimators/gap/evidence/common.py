@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import Basis, project
+from estimators.gap.data.projection import Basis, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Weighed, weighed_terms
+from estimators.gap.evidence.discrepancy import Weighed, total, weighed_terms
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.terms import Errors, Term, blocks_term
 from estimators.gap.floor.channel_noise import sigmas
@@ -26,6 +27,12 @@ Array = NDArray[np.float64]
 
 #: Steps of the grid of amplitudes, and their ratio: fine enough to tell the strength from.
 _STEPS, _RATIO = 24, 1.25
+#: Log evidence of a noise effect, by what a discrepancy leaves, from which on both are weighed at once.
+_PROMISING: Final = -1.0
+#: So many terms of the discrepancy, within so much of the likeliest; of each the directions that are seen best.
+_TERMS, _NEAR, _MOST = 3, 6.0, 256
+#: Of these, so many in memory at once.
+_AT_ONCE: Final = 64
 
 
 @dataclass(frozen=True)
@@ -108,19 +115,66 @@ def is_common(effect: type[Effect]) -> bool:
     return effect.kind is Kind.NOISE and effect.response is not Effect.response
 
 
-def beside(
-    linear: Linear, noises: Sequence[CommonNoise], absorbed: Basis, discrepancy: Weighed | None = None
-) -> list[tuple[float, FittedNoise]]:
-    """Each beside a set of effects, sample by sample: its log mass before its prior, and its strength.
+def beside(linear: Linear, noises: Sequence[CommonNoise]) -> list[tuple[float, FittedNoise]]:
+    """Each beside a set of effects, sample by sample: its log mass before its prior, and its strength."""
+    return [(each.log_mass, noise.tested(each)) for noise in noises for each in weighed_terms(linear, [noise.term])]
+
+
+def beside_other(
+    linear: Linear, noises: Sequence[CommonNoise], absorbed: Basis, terms: Sequence[Weighed]
+) -> list[tuple[float, FittedNoise, list[Weighed]]]:
+    """The same beside a discrepancy: log mass of both before the noise's prior, its strength, and the terms.
+
+    Each of what is left beside the other is told first, and both at once only where that promises something: one after
+    the other, both count what either explains.
 
     Args:
-        absorbed: the calibration's tangent. discrepancy: what else is there; its likeliest course is taken out first.
+        absorbed: the calibration's tangent. terms: of the discrepancy, the likeliest first.
     """
     found = []
-    if discrepancy is not None and noises:
-        taken = discrepancy.term.of_every_sample(linear.left, int(np.argmax(discrepancy.gains)))
-        linear = replace(linear, left=linear.left - project(absorbed, taken))
+    taken = terms[0].term.of_every_sample(linear.left, int(np.argmax(terms[0].gains)))
+    less = replace(linear, left=linear.left - project(absorbed, taken))
+    near = [each for each in terms[:_TERMS] if each.log_mass > terms[0].log_mass - _NEAR]
     for noise in noises:
-        for each in weighed_terms(linear, [noise.term]):
-            found.append((each.log_mass, noise.tested(each)))
+        if not any(each.log_mass > _PROMISING for each in weighed_terms(less, [noise.term])):
+            continue
+        tables = [weighed_with(linear, noise.term, each.term, absorbed) for each in near]
+        shares = np.array([each.term.log_prior + each.log_share for each in near])
+        strength = np.logaddexp.reduce(shares[:, None] + np.logaddexp.reduce(tables, axis=2), axis=0)
+        gains = np.logaddexp.reduce(tables, axis=1) - np.log(_STEPS)
+        both = [replace(each, gains=own) for each, own in zip(near, gains, strict=True)]
+        log_mass = noise.term.log_prior + total([each.log_mass for each in both])
+        found.append((log_mass, noise.tested(Weighed(noise.term, strength)), both))
+    return found
+
+
+def weighed_with(linear: Linear, noise: Term, other: Term, absorbed: Basis) -> Array:
+    """(amplitudes of the noise, of the other) log evidence of two terms at once beyond that of neither.
+
+    Args:
+        noise: of every sample, the calibration left in it. absorbed: the calibration's tangent.
+    """
+    columns = side_by_side(linear.left, linear.tangent)
+    some = np.argsort(-other.values)[:_MOST]
+    along, seen = noise.along(columns), other.along(columns)[some]
+    shared = np.empty((len(noise.values), len(some)))
+    for first in range(0, len(some), _AT_ONCE):
+        own = some[first : first + _AT_ONCE]
+        unit = np.zeros((len(other.values), len(own)))
+        unit[own, np.arange(len(own))] = 1.0
+        made = project(other.errors.absorbed or absorbed, other.every_sample(other.made(unit)))
+        shared[:, first : first + len(own)] = noise.along(made)
+    precision, square = linear.precision(linear.averaged[1]), columns.T @ columns
+    alone = float(linear.log_evidence(square[0, 0], square[1:, 1:], square[1:, 0], precision))
+    found = np.empty((len(noise.variances), len(other.variances)))
+    for index, (shrunk, determinant) in enumerate(zip(*noise.shrunk, strict=True)):
+        weight = shrunk[:, None]
+        core = np.diag(other.values[some]) - (shared * weight).T @ shared
+        values, vectors = np.linalg.eigh(core)
+        right = vectors.T @ (seen - (shared * weight).T @ along)
+        ratio = np.outer(other.variances, np.maximum(values, 0.0))
+        less = np.einsum("ir,rp,rq->ipq", other.variances[:, None] / (1.0 + ratio), right, right, optimize=True)
+        every = square - (along * weight).T @ along - less
+        logs = linear.log_evidence(every[:, 0, 0], every[:, 1:, 1:], every[:, 1:, 0], precision)
+        found[index] = logs - alone - 0.5 * (determinant + np.log1p(ratio).sum(axis=1))
     return found

@@ -142,23 +142,32 @@ class Term:
         Args:
             likeliest: the number of its amplitude.
         """
-        series = self.errors.series[:, self.freedoms]
-        size = self.shrunk[0][likeliest] * self.along(residual[:, None])[:, 0]
+        return self.made(self.shrunk[0][likeliest][:, None] * self.along(residual[:, None]))[:, 0]
+
+    def made(self, sizes: Array) -> Array:
+        """(c n, k) what sizes (r, k) along the eigenvectors make of samples, or of sums as the errors are."""
+        series, many = self.errors.series[:, self.freedoms], sizes.shape[1]
         if self.functions is not None:
-            each = self.errors.values[:, self.functions] @ (self.vectors @ size).reshape(series.shape[1], -1).T
+            own = (self.vectors @ sizes).reshape(series.shape[1], -1, many)
+            each = np.matmul(self.errors.values[:, self.functions], own).transpose(1, 0, 2)  # (n, f, k)
         else:
             assert self.edges is not None
             assert self.kept is not None
-            flat = np.zeros(len(self.kept))
-            flat[self.kept] = size
-            pieces = np.einsum("bfg,bg->bf", self.vectors, flat.reshape(len(self.edges), -1))
+            flat = np.zeros((len(self.kept), many))
+            flat[self.kept] = sizes
+            pieces = np.matmul(self.vectors, flat.reshape(len(self.edges), -1, many))
             each = np.repeat(pieces, np.diff([*self.edges, len(series)]), axis=0)
-        return np.asarray(np.einsum("nfc,nf->cn", series, each).ravel())
+        found = np.matmul(series.transpose(0, 2, 1), each)  # (n, c, k)
+        return np.ascontiguousarray(found.transpose(2, 1, 0)).reshape(many, -1).T
+
+    def every_sample(self, sums: Array) -> Array:
+        """(c n, k) of what is of samples, or of sums as the errors are."""
+        means = self.errors.means
+        return sums if means is None else np.stack([means.spread(each) for each in sums.T]).T
 
     def of_every_sample(self, residual: Array, likeliest: int) -> Array:
         """``mean``, of every sample."""
-        found = self.mean(residual, likeliest)
-        return found if self.errors.means is None else self.errors.means.spread(found)
+        return self.every_sample(self.mean(residual, likeliest)[:, None])[:, 0]
 
     def turned(self, sums: Array) -> Array:
         """(r, m) of sums (k, f, m) of the source's freedoms along the functions, or (b, f, m) in the pieces."""

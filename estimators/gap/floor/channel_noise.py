@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 _FORGOTTEN = 0.01
 #: Correlation between neighbouring means below which a part looks white.
 _TOLD = 1e-6
+#: What is left of a part from mean to mean below which its second neighbours may be this much alike.
+_DECAYED = 1e-5
 #: So many samples at most are predicted exactly.
 _LONGEST = 512
 
@@ -94,7 +96,9 @@ class ChannelNoise:
             lags = np.arange(1, block)
             own = size * (block + 2.0 * float(np.sum((block - lags) * decay**lags))) / block**2
             next_one = size * decay * float(np.sum(decay ** np.arange(block))) ** 2 / block**2
-            parts.append((next_one / decay**block if next_one > _TOLD * own else _TOLD * own, tau_s))
+            if (kept := decay**block) < _DECAYED:
+                kept, tau_s = _DECAYED, block * interval_s / float(-np.log(_DECAYED))
+            parts.append((max(next_one / kept, _TOLD * own), tau_s))
             folded += own - parts[-1][0]
         return replace(self, white=self.white / block, folded=folded, parts=tuple(parts))
 

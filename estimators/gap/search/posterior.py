@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.common import CommonNoise, beside, common_noises
+from estimators.gap.evidence.common import CommonNoise, beside, beside_other, common_noises
 from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, total, weighed
 from estimators.gap.evidence.states import (
     UNSEEN,
@@ -24,6 +24,7 @@ from estimators.gap.hypotheses.considered import set_prior, unseen_places, visib
 from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE, Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
+from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.search import robust
 from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation, Member
@@ -152,24 +153,28 @@ class _Weighing:
             for index, member in enumerate(each.members)
         }
         nameless = self.known(each, state) + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
-        least = self.best - _FAR - nameless if self.hypotheses else -np.inf
+        alike = [one.log_mass for one in self.hypotheses.values() if one.state.labels == state.labels]
+        least = max(alike, default=-np.inf) - _FAR - nameless
         if terms := weighed(each.linear, discrepancies, changes, least):
             found = Hypothesis(each, state, tuple(terms[:_KEPT]), nameless + total([term.log_mass for term in terms]))
             self.enter(found)
             # noise of all channels is what changes from sample to sample, too: it is weighed beside what does not
             slow = [term for term in terms if term.term.edges is None]
-            if slow and not each.members:  # beside causes, either takes what these leave where a joint turns round
-                self.enter_common(
-                    replace(found, terms=tuple(slow[:_KEPT]), log_mass=nameless + total([one.log_mass for one in slow]))
-                )
+            if slow:
+                for log_mass, fitted, both in beside_other(each.linear, self.common, each.data.absorbed, slow):
+                    self._enter_with(replace(found, terms=tuple(both), log_mass=nameless + log_mass), fitted)
 
     def enter_common(self, found: Hypothesis) -> None:
         """A hypothesis beside each noise effect that all channels share."""
-        each, terms = found.explanation, found.terms
-        for log_mass, fitted in beside(each.linear, self.common, each.data.absorbed, terms[0] if terms else None):
-            named = replace(found.state, fitted=(*found.state.fitted, fitted))
-            prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
-            self.enter(replace(found, state=named, log_mass=found.log_mass - each.log_prior + prior + log_mass))
+        for log_mass, fitted in beside(found.explanation.linear, self.common):
+            self._enter_with(replace(found, log_mass=found.log_mass + log_mass), fitted)
+
+    def _enter_with(self, found: Hypothesis, fitted: FittedNoise) -> None:
+        """A hypothesis, but for the prior of one more noise effect."""
+        each = found.explanation
+        named = replace(found.state, fitted=(*found.state.fitted, fitted))
+        prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
+        self.enter(replace(found, state=named, log_mass=found.log_mass - each.log_prior + prior))
 
     def move_floor(self) -> None:
         """What has no name, beside the floor that known causes are likeliest beside: it was weighed there only where
