@@ -14,7 +14,7 @@ from estimators.gap.data.basefit import estimated_floor, posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
 from estimators.gap.evidence.states import SLOWER, NoiseState
 from estimators.gap.hypotheses.candidates import all_candidates
-from estimators.gap.hypotheses.considered import set_prior
+from estimators.gap.hypotheses.considered import set_prior, unseen_places
 from estimators.gap.hypotheses.noise_effects import fit_effect
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
@@ -92,3 +92,26 @@ def test_how_long_coloured_noise_remembers_is_fitted_between_the_grid_and_beyond
         held["tau_s"] += abs(float(vars(fitted.effect)["tau_s"]) - tau_s) < 1.96 * fitted.widths["tau_s"]
     assert held["tau_s"] >= binom.ppf(1e-5, 40, 0.93)
     assert held["sigma_V"] >= binom.ppf(1e-5, 120, 0.93)
+
+
+def test_coloured_noise_is_the_floor_where_nothing_shows_that() -> None:
+    """Of one sensor or of both, as large as the floor that neighbouring readings show: what a named noise gains, the
+    floor gains as well, and the odds are those of the priors, some 40 to one; three nats are left in all of 8 draws."""
+    run, arm = recorded(1), Arm.a465()
+    floor = estimated_floor(run, arm)
+    sigma = np.sqrt([channel.variance for channel in floor])
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        added = gauss_markov(run.t, 5.0, rng.standard_normal((len(run), 6))) * sigma
+        noisy = replace(run, accelerometer=run.accelerometer + added[:, :3])
+        if seed % 2:
+            noisy = replace(noisy, magnetometer=run.magnetometer + added[:, 3:])
+        data = set_up(noisy, floor, arm)
+        candidates = all_candidates(data)
+        prior, scanner = set_prior(candidates, unseen_places(data, ()), data, {}), Scanner.of(data)
+        given, nothing = (NoiseState(), scanner), Search(scanner, candidates, prior).fine(())
+        named = [each for each in Noises(prior, (), at_rest=True).beyond(given, nothing) if each.state.labels]
+        found = Noises(prior, (), at_rest=False).as_floor(given, nothing)
+        assert found[-1].state.labels == ()
+        assert found[-1].log_mass > max(each.log_mass for each in named) + 3.0
+        assert Noises(prior, (), at_rest=True).as_floor(given, nothing) == []

@@ -92,3 +92,16 @@ def test_the_step_of_a_coarse_converter_has_the_width_that_its_levels_show() -> 
     assert std is not None
     assert 1e-7 < std < 1e-4
     assert abs(found.effect.strengths[0] - 0.8123457) < 6.0 * std
+
+
+def test_a_coarse_converter_is_found_beside_a_clipped_range() -> None:
+    """Clipped behind the converter, at a level that is none of its own."""
+    rng, converter = np.random.default_rng(8), EFFECTS["adc_quantisation"]
+    own = readings(rng.standard_normal((COUNT, 6)), 20.0 * np.sin(np.linspace(0.0, 60.0, COUNT))[:, None], 0.8)
+    clipped = replace(own, values=np.minimum(own.values, [18.1, *[np.inf] * 5]), step=np.full(6, 1e-3))
+    found = converter.examined(clipped, "acquisition")
+    assert found is not None
+    assert found.effect.strengths[0] == pytest.approx(0.8, rel=1e-9)
+    level = EFFECTS["saturation"].examined(clipped, "accel1")
+    assert level is not None
+    assert level.effect.strengths == pytest.approx(18.1)

@@ -26,13 +26,15 @@ from rig.effects import EFFECTS, Effect, Kind
 Array = NDArray[np.float64]
 
 #: Steps of the grid of amplitudes, and their ratio: fine enough to tell the strength from.
-_STEPS, _RATIO = 24, 1.25
+_STEPS, _RATIO = 40, 1.25
 #: Log evidence of a noise effect, by what a discrepancy leaves, from which on both are weighed at once.
 _PROMISING: Final = -1.0
 #: So many terms of the discrepancy, within so much of the likeliest; of each the directions that are seen best.
 _TERMS, _NEAR, _MOST = 3, 6.0, 256
 #: Of these, so many in memory at once.
 _AT_ONCE: Final = 64
+#: Steps of the noise's grid to either side of what is likeliest beside the discrepancy's mean.
+_WINDOW: Final = 7
 
 
 @dataclass(frozen=True)
@@ -136,11 +138,15 @@ def beside_other(
     less = replace(linear, left=linear.left - project(absorbed, taken))
     near = [each for each in terms[:_TERMS] if each.log_mass > terms[0].log_mass - _NEAR]
     for noise in noises:
-        if not any(each.log_mass > _PROMISING for each in weighed_terms(less, [noise.term])):
+        first = weighed_terms(less, [noise.term])
+        if not first or first[0].log_mass < _PROMISING:
             continue
-        tables = [weighed_with(linear, noise.term, each.term, absorbed) for each in near]
+        around = int(np.argmax(first[0].gains))
+        some = range(max(around - _WINDOW, 0), min(around + _WINDOW, _STEPS))
+        tables = [weighed_with(linear, noise.term, each.term, absorbed, some) for each in near]
         shares = np.array([each.term.log_prior + each.log_share for each in near])
-        strength = np.logaddexp.reduce(shares[:, None] + np.logaddexp.reduce(tables, axis=2), axis=0)
+        alone = float(np.logaddexp.reduce(shares + [np.logaddexp.reduce(each.gains) for each in near]))
+        strength = np.logaddexp.reduce(shares[:, None] + np.logaddexp.reduce(tables, axis=2), axis=0) - alone
         gains = np.logaddexp.reduce(tables, axis=1) - np.log(_STEPS)
         both = [replace(each, gains=own) for each, own in zip(near, gains, strict=True)]
         log_mass = noise.term.log_prior + total([each.log_mass for each in both])
@@ -148,28 +154,29 @@ def beside_other(
     return found
 
 
-def weighed_with(linear: Linear, noise: Term, other: Term, absorbed: Basis) -> Array:
+def weighed_with(linear: Linear, noise: Term, other: Term, absorbed: Basis, some: Sequence[int]) -> Array:
     """(amplitudes of the noise, of the other) log evidence of two terms at once beyond that of neither.
 
     Args:
         noise: of every sample, the calibration left in it. absorbed: the calibration's tangent.
+        some: of the noise's amplitudes; all others are hopeless.
     """
     columns = side_by_side(linear.left, linear.tangent)
-    some = np.argsort(-other.values)[:_MOST]
-    along, seen = noise.along(columns), other.along(columns)[some]
-    shared = np.empty((len(noise.values), len(some)))
-    for first in range(0, len(some), _AT_ONCE):
-        own = some[first : first + _AT_ONCE]
+    seen_best = np.argsort(-other.values)[:_MOST]
+    along, seen = noise.along(columns), other.along(columns)[seen_best]
+    shared = np.empty((len(noise.values), len(seen_best)))
+    for first in range(0, len(seen_best), _AT_ONCE):
+        own = seen_best[first : first + _AT_ONCE]
         unit = np.zeros((len(other.values), len(own)))
         unit[own, np.arange(len(own))] = 1.0
         made = project(other.errors.absorbed or absorbed, other.every_sample(other.made(unit)))
         shared[:, first : first + len(own)] = noise.along(made)
     precision, square = linear.precision(linear.averaged[1]), columns.T @ columns
     alone = float(linear.log_evidence(square[0, 0], square[1:, 1:], square[1:, 0], precision))
-    found = np.empty((len(noise.variances), len(other.variances)))
-    for index, (shrunk, determinant) in enumerate(zip(*noise.shrunk, strict=True)):
-        weight = shrunk[:, None]
-        core = np.diag(other.values[some]) - (shared * weight).T @ shared
+    found = np.full((len(noise.variances), len(other.variances)), -np.inf)
+    for index in some:
+        weight, determinant = noise.shrunk[0][index][:, None], noise.shrunk[1][index]
+        core = np.diag(other.values[seen_best]) - (shared * weight).T @ shared
         values, vectors = np.linalg.eigh(core)
         right = vectors.T @ (seen - (shared * weight).T @ along)
         ratio = np.outer(other.variances, np.maximum(values, 0.0))

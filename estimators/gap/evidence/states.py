@@ -186,29 +186,34 @@ def moved_floor(lefts: Sequence[Left], at_rest: bool, slower: bool = False) -> N
         at_rest: whether that was a recording at rest. Without, any spectrum may be the floor: see ``unseen_floor``.
         slower: whether it goes on below what that shows.
     """
-    places = [(number, column) for number, left in enumerate(lefts) for column in left.data.columns]
-    goes_on = any(going_on(lefts[number].data.floor, column, 0.0) for number, column in places)
+    places = [(left, column) for left in lefts for column in left.data.columns]
+    goes_on = any(going_on(left.data.floor, column, 0.0) for left, column in places)
     if slower and not goes_on:
         return None
-    coloured = any(remembers(lefts[number].data.floor, column) for number, column in places)
+    coloured = any(remembers(left.data.floor, column) for left, column in places)
     share = 0.0 if not goes_on else FLOOR_SLOWER if coloured else FLOOR_WALKS
     share = share if slower else 1.0 - share
-    steps, weight = [], float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
-    for number, column in places:
-        learned, own = (lefts[number].spectrum(column, way) for way in (False, slower))
-        point, _ = own.alone
-        before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
-        factor = np.sqrt(before / after)
-        if np.abs(np.log(factor)).max() < 1e-3:
-            continue
-        group = groups(lefts[number].data.count, 1)
-        full = np.concatenate([factor[:1], factor[group]])
-        steps.append(Step(column, full, in_time=False, part=number))
-        weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
-    if not steps:
-        return None
-    name = SLOWER if slower else "floor"
-    return NoiseState(name, (), tuple(steps), weight)
+    steps, price = _moved(lefts, slower)
+    weight = float(np.log(share * (FLOOR_MOVED if at_rest else 1.0 - FLOOR_UNSEEN)))
+    return NoiseState(SLOWER if slower else "floor", (), steps, weight + price) if steps else None
+
+
+def _moved(lefts: Sequence[Left], slower: bool = False) -> tuple[tuple[Step, ...], float]:
+    """Steps to the floor as the sweep says it is, and what its parameters cost."""
+    steps, weight = [], 0.0
+    for number, left in enumerate(lefts):
+        for column in left.data.columns:
+            learned, own = (left.spectrum(column, way) for way in (False, slower))
+            point, _ = own.alone
+            before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
+            factor = np.sqrt(before / after)
+            if np.abs(np.log(factor)).max() < 1e-3:
+                continue
+            group = groups(left.data.count, 1)
+            full = np.concatenate([factor[:1], factor[group]])
+            steps.append(Step(column, full, in_time=False, part=number))
+            weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
+    return tuple(steps), weight
 
 
 def unseen_floor(found: NoiseState) -> NoiseState:
@@ -219,9 +224,34 @@ def unseen_floor(found: NoiseState) -> NoiseState:
     Args:
         found: the spectrum, as steady noise without a name.
     """
-    raised = max(float(np.log(np.mean(step.factor**-2.0))) for step in found.steps)
     weight = found.log_weight - float(np.log(OTHER * OTHER_NOISE)) + float(np.log(FLOOR_UNSEEN))
-    return NoiseState(UNSEEN, (), found.steps, weight - 0.5 * (raised / FLOOR_RAISED) ** 2)
+    return NoiseState(UNSEEN, (), found.steps, weight + _log_raised(found.steps))
+
+
+def as_floor(state: NoiseState, given: NoiseState) -> NoiseState:
+    """Where no recording at rest shows the floor: what noise effects do beyond a given state may be that."""
+    further = state.steps[len(given.steps) :]
+    weight = state.log_weight + float(np.log(FLOOR_UNSEEN)) + _log_raised(further)
+    return NoiseState(UNSEEN, given.fitted, state.steps, weight, given.other)
+
+
+def refined(state: NoiseState, lefts: Sequence[Left]) -> NoiseState:
+    """A floor, the white part of which was learned as if there was no other, moved to where the sweep says it is.
+
+    Args:
+        lefts: of each recording, under the state.
+    """
+    steps, price = _moved(lefts)
+    return replace(state, steps=(*state.steps, *steps), log_weight=state.log_weight + price)
+
+
+def _log_raised(steps: Sequence[Step]) -> float:
+    """Log prior of a floor that is raised as much as steps raise the variance of a channel, of the most raised one."""
+    raised: dict[tuple[int, int], float] = {}
+    for step in steps:
+        place = step.column, step.part
+        raised[place] = raised.get(place, 0.0) + float(np.log(np.mean(step.factor**-2.0)))
+    return -0.5 * (max(raised.values(), default=0.0) / FLOOR_RAISED) ** 2
 
 
 def named(lefts: Sequence[Left], without: Sequence[str], given: NoiseState) -> list[NoiseState]:
@@ -233,7 +263,7 @@ def named(lefts: Sequence[Left], without: Sequence[str], given: NoiseState) -> l
             continue
         steps = tuple(step for each in fitted.every for step in each.steps(lefts[each.part].data))
         weight = given.log_weight + sum(_cost(each) for each in fitted.every)
-        found.append(NoiseState("", (*given.fitted, fitted), (*given.steps, *steps), weight, given.other))
+        found.append(NoiseState(given.name, (*given.fitted, fitted), (*given.steps, *steps), weight, given.other))
     return found
 
 

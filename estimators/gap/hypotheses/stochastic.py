@@ -84,11 +84,16 @@ class FittedNoise:
         return f"{self.effect.name}@{self.effect.where}"
 
     def steps(self, data: WhitenedData) -> tuple[Step, ...]:
-        """What whitens this noise too, on its data."""
+        """What whitens this noise too, on its data; of all recordings where it is of all."""
         factor = 1.0 / np.sqrt(1.0 + self.added)
-        touched = [column for column in data.columns if np.any(factor[:, column] != 1.0)]
+        own = [(self.part, slice(None))]
+        if self.part == EVERY:
+            own = list(enumerate(data.stretches[: len(data.parts)]))
         return tuple(
-            Step(column, np.ascontiguousarray(factor[:, column]), self.in_time, self.part) for column in touched
+            Step(column, np.ascontiguousarray(factor[rows, column]), self.in_time, number)
+            for number, rows in own
+            for column in data.columns
+            if np.any(factor[rows, column] != 1.0)
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
@@ -12,10 +13,12 @@ from estimators.gap.evidence.laplace import Linear, linearised
 from estimators.gap.evidence.refine import Refit, at
 from estimators.gap.evidence.states import (
     NoiseState,
+    as_floor,
     left_of,
     moved_floor,
     named,
     pieces_of,
+    refined,
     under_steps,
     unnamed,
     unseen_floor,
@@ -25,6 +28,9 @@ from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import Left
 from estimators.gap.search.explanation import Explanation, Member
+
+#: Log odds by which one more part of a floor must be better.
+_BETTER: Final = 1.0
 
 #: A state of the noise, and the scanner under it.
 Given = tuple[NoiseState, Scanner]
@@ -65,13 +71,14 @@ class Noises:
         states = named(lefts, self.without, given[0])
         if not given[0].name:
             states += self._unnamed(given[0], lefts)
-        return self._promised(given, each, data, each.linear, states)
+        found = self._promised(given, each, data, each.linear, states)
+        return found if given[0].name else found + self.as_floor(given, each)
 
     def again(self, given: Given, each: Explanation) -> list[Promise]:
         """Floors, and noise without a name, beyond a given state: beside an explanation found under another one."""
         data, linear = on_data(given[1].fine.data, each)
         lefts = left_of(data, Explained(data.absorbed, linear.left))
-        return self._promised(given, each, data, linear, self._unnamed(given[0], lefts))
+        return self._promised(given, each, data, linear, self._unnamed(given[0], lefts)) + self.as_floor(given, each)
 
     def beside_fewer(self, one: Promise) -> list[Promise]:
         """The same state, learned anew beside ever fewer causes as long as that is likelier: beside a cause that does
@@ -114,6 +121,27 @@ class Noises:
         steady = None if self.at_rest else unnamed(lefts, steady=True)
         states = [unnamed(lefts), None if steady is None else unseen_floor(steady)]
         return [state for state in states if state is not None]
+
+    def as_floor(self, given: Given, each: Explanation) -> list[Promise]:
+        """Where nothing shows the floor, ever one more of the noise effects, as a part of that."""
+        if self.at_rest:
+            return []
+        found: list[Promise] = []
+        state, (data, linear) = given[0], on_data(given[1].fine.data, each)
+        own = data, linear
+        while True:
+            lefts = left_of(own[0], Explained(own[0].absorbed, own[1].left))
+            parts = named(lefts, self.without, state)
+            if found:
+                parts.append(refined(state, lefts))
+            promised = self._promised(given, each, data, linear, [as_floor(part, given[0]) for part in parts])
+            likeliest = max(range(len(parts)), key=lambda index: promised[index].log_mass, default=-1)
+            if likeliest < 0 or (found and promised[likeliest].log_mass < found[-1].log_mass + _BETTER):
+                break
+            found.append(promised[likeliest])
+            state = parts[likeliest]
+            own = on_data(data.stepped(state.steps[len(given[0].steps) :]), each)
+        return found
 
     def _promised(
         self, given: Given, each: Explanation, data: WhitenedData, linear: Linear, states: Sequence[NoiseState]

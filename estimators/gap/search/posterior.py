@@ -132,6 +132,11 @@ class _Weighing:
     def best(self) -> float:
         return self.leading.log_mass
 
+    def best_under(self, state: NoiseState) -> float:
+        """The same of what has the same named noise: with more of that, every set of effects may be likelier."""
+        own = [each.log_mass for each in self.hypotheses.values() if each.state.labels == state.labels]
+        return max(own, default=-np.inf)
+
     def beside_other(self, state: NoiseState) -> list[Explanation]:
         """The explanation that is likeliest under a state of the noise beside a discrepancy, if there is one."""
         own = [each for each in self.hypotheses.values() if each.state is state and each.terms]
@@ -146,6 +151,11 @@ class _Weighing:
         if key not in self.hypotheses or self.hypotheses[key].log_mass < hypothesis.log_mass:
             self.hypotheses[key] = hypothesis
 
+    def promised(self, one: Promise) -> None:
+        """A state of the noise beside the explanation that it was learned beside."""
+        alone = one.log_mass + (0.0 if one.state.other else float(np.log1p(-OTHER)))
+        self.enter(Hypothesis(one.explanation, one.state, (), alone))
+
     def enter_nameless(self, each: Explanation, state: NoiseState, discrepancies: Discrepancies) -> None:
         """An explanation beside discrepancies."""
         changes = {
@@ -153,8 +163,7 @@ class _Weighing:
             for index, member in enumerate(each.members)
         }
         nameless = self.known(each, state) + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
-        alike = [one.log_mass for one in self.hypotheses.values() if one.state.labels == state.labels]
-        least = max(alike, default=-np.inf) - _FAR - nameless
+        least = self.best_under(state) - _FAR - nameless
         if terms := weighed(each.linear, discrepancies, changes, least):
             found = Hypothesis(each, state, tuple(terms[:_KEPT]), nameless + total([term.log_mass for term in terms]))
             self.enter(found)
@@ -204,17 +213,42 @@ class _Weighing:
         if deep:  # what a discrepancy alone comes to tells how far sets of effects are worth following
             self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough, self.without)
             self._beside([search.fine(())], state, search, discrepancies)
+            self._under_common(state)
             target = self.best - state.log_weight - search.fine(()).log_mass
         found = search.run(seeds, deep, target)
         for each in found:
             alone = self.known(each, state) + (0.0 if state.other else float(np.log1p(-OTHER)))
             self.enter(Hypothesis(each, state, (), alone))
         # where something without a name leads by far, causes can be there beside it, if not without it
-        if self.known(found[0], state) > self.best - _FAR or (self.leading.terms and self.leading.state is state):
-            self._beside(
-                found, state, search, discrepancies or Discrepancies.of(search.data, search.rough, self.without)
-            )
+        best = self.best_under(state)
+        near = self.known(found[0], state) > best - _FAR or (self.leading.terms and self.leading.state is state)
+        if near or deep:  # of a floor that is far off, what leads: something else may be beside it
+            discrepancies = discrepancies or Discrepancies.of(search.data, search.rough, self.without)
+            self._beside(found if near else found[:1], state, search, discrepancies)
         return found
+
+    def _under_common(self, floor: NoiseState) -> None:
+        """Sets of effects where noise that all channels share is far likelier than none: searched as if each channel
+        had noise of that size by itself, and weighed as what it is."""
+        assert self.discrepancies is not None
+        data = self.scanner.fine.data
+        for _ in range(_OUTWARDS):
+            leading = self.leading
+            if not leading.state.fitted or 0.5 * leading.state.fitted[-1].gain < _FAR:
+                return
+            steps = [step for fitted in leading.state.fitted for step in fitted.steps(data)]
+            given = tuple(leading.state.drawn)
+            search = Search(self.scanner.stepped(steps), self.candidates, self.prior, self.progress, given=given)
+            alone = self.hypotheses.get((leading.state.labels, floor.name, False, False))
+            target = -np.inf if alone is None else leading.log_mass - alone.log_mass
+            for each in search.run(_seeds(leading.explanation), False, target)[:_BESIDE]:
+                prior = self.prior.log_set([member.drawn for member in each.members])
+                there = around(data, each.data.pipeline) if each.members else data
+                moved = Explanation(each.members, there, prior, fine=True)
+                self.enter_common(Hypothesis(moved, floor, (), self.known(moved, floor) + float(np.log1p(-OTHER))))
+            if self.leading is leading:
+                return
+            self.enter_nameless(self.leading.explanation, floor, self.discrepancies)
 
     def _beside(
         self, found: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
@@ -269,6 +303,8 @@ def explain(
     work = _Weighing(scanner, candidates, prior, without, at_rest, progress, common_noises(data, without))
     noises = Noises(prior, without, at_rest)
     floor = NoiseState()
+    for promise in noises.as_floor((floor, scanner), Search(scanner, candidates, prior).fine(())):
+        work.promised(promise)  # how likely that is tells how far sets of effects are worth following
     found = work.weigh(floor, scanner, (), deep=True)
     tried: set[tuple[str, tuple[str, ...]]] = set()
     frontier = [(floor, scanner, found)]
@@ -287,7 +323,8 @@ def explain(
             if likeliest.log_mass > work.best - _FAR:
                 states += noises.beside_fewer(likeliest)
         frontier = []
-        reached = work.best  # before what the states promise is entered
+        # before what the states promise is entered
+        reached = max(each.log_mass for each in work.hypotheses.values() if tried or each.state is floor)
         best: dict[tuple[str, tuple[str, ...]], Promise] = {}
         for one in states:
             kind = one.state.name, one.state.labels
@@ -295,8 +332,7 @@ def explain(
             if anew and (kind not in best or best[kind].log_mass < one.log_mass):
                 best[kind] = one
         for one in states:
-            alone = one.log_mass + (0.0 if one.state.other else float(np.log1p(-OTHER)))
-            work.enter(Hypothesis(one.explanation, one.state, (), alone))
+            work.promised(one)
         for kind, one in sorted(best.items(), key=lambda item: -item[1].log_mass):
             same = one.explanation.key == work.leading.explanation.key and not work.leading.terms
             if len(frontier) >= 2 or one.log_mass < work.best - (_CLOSE if same else _FAR):
