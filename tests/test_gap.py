@@ -22,6 +22,7 @@ from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.score import Explained, evidence
+from estimators.gap.report.by_channel import MAY_BE_FLOOR
 from estimators.gap.search.beam import _alike
 from rig.effects import EFFECTS, make_effect
 from rig.errors import RefusedFit, RigError
@@ -242,3 +243,11 @@ def test_causes_are_searched_beside_a_clock_that_jitters() -> None:
             ("hysteresis", "mag1"),
             ("timing_jitter", "acquisition"),
         }
+
+
+def test_noise_that_may_be_the_floor_is_said_not_to_be_told() -> None:
+    few = [name for name in EFFECTS if name not in ("noise_coloured", "noise_excess", "timing_jitter", "joint_scale")]
+    rig = small()
+    for rest, expected in ((None, {"noise_coloured", "noise_excess"}), (rig.simulate_locked(0), set())):
+        found = estimators.diagnose(rig.simulate(0), locked=rest, without=few)
+        assert {each["effect"] for each in found.cannot_tell if each["why"] == MAY_BE_FLOOR} == expected

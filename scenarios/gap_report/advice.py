@@ -6,6 +6,7 @@ from typing import Final
 
 from estimators.gap.choices import and_words, parted
 from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.report.by_channel import MAY_BE_FLOOR
 from estimators.gap.report.separation import rivals
 from scenarios.gap_report.words import alike_words, cause_title, place_words
 
@@ -49,7 +50,7 @@ def _no_gap(diagnosis: Diagnosis) -> list[str]:
     steps = ["Use the model with this calibration: nothing has to be added to the simulator."]
     if diagnosis.remainder.could_hide_snr is not None:
         steps.append("Where smaller gaps matter than this recording can show, record for longer.")
-    if diagnosis.cannot_tell:
+    if any(each["why"] != MAY_BE_FLOOR for each in diagnosis.cannot_tell):
         steps.append(
             "Where one of the effects that this recording cannot show is likely on the rig, record a maneuver that "
             "moves other joints."

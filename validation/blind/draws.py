@@ -75,6 +75,11 @@ def places_of(effect: type[Effect], setting: Setting) -> list[str]:
     """The places where the effect shows in a setting."""
     if setting.laboratory.wanders:
         return list(effect.places_on(setting.ideal))
+    return places_on_sweep(effect)
+
+
+def places_on_sweep(effect: type[Effect]) -> list[str]:
+    """The places where the effect shows on the paper's sweep."""
     hidden = [where for name, where, _ in ABSORBED if name == effect.name] + (
         ["joint4"] if effect.name == "axis_misalignment" else []
     )

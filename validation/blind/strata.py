@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.effects import EFFECTS, Kind, Stage
 from rig.errors import RigError
-from validation.blind.draws import ABSORBED
+from validation.blind.draws import ABSORBED, places_on_sweep
 from validation.blind.forms import FORMS
 from validation.blind.laboratories import LABORATORIES
 from validation.blind.mechanics import MECHANISMS
@@ -149,7 +149,7 @@ def _deck(stratum: str, laboratories: list[str], rng: np.random.Generator) -> li
     if stratum in ("two", "several", "strong and weak"):
         return [_some(stratum, laboratory, index, rng) for index, laboratory in enumerate(laboratories)]
     if stratum == "two places":
-        names = [name for name in _moving("sweep") if len(EFFECTS[name].places) > 1]
+        names = [name for name in _moving("sweep") if len(places_on_sweep(EFFECTS[name])) > 1]
         return [(name, name) for name in (str(each) for each in rng.permutation(names * count)[:count])]
     if stratum == "one joint":
         names = [name for name in _moving("sweep") if EFFECTS[name].stage is Stage.TRANSMISSION]

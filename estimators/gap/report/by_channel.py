@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Channel
+from estimators.gap.evidence.common import is_common
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from estimators.gap.search.posterior import Posterior
 from rig.channels import CHANNELS
-from rig.effects import EFFECTS, Effect
+from rig.effects import EFFECTS, Effect, Kind
 
 Array = NDArray[np.float64]
 
+#: Why noise of single channels cannot be told where nothing shows the floor.
+MAY_BE_FLOOR: Final = "no recording at rest tells it from the noise floor"
 #: What is less, of the floor, is a difference of numbers that are equal but for rounding.
 _NO_GAP: Final = 1e-6
 
@@ -90,8 +93,15 @@ def _channel(
     return Channel(sigma, rms_before, gap_before, rms_after, gap_after, closed)
 
 
-def cannot_tell(posterior: Posterior, data: WhitenedData, without: Sequence[str]) -> tuple[dict[str, str], ...]:
-    """The effects that the recording cannot show: those the calibration absorbs, and those it has no data for."""
+def cannot_tell(
+    posterior: Posterior, data: WhitenedData, without: Sequence[str], at_rest: bool, named: Sequence[str]
+) -> tuple[dict[str, str], ...]:
+    """The effects that the recording cannot show: those the calibration absorbs, those that may be the floor, and those
+    it has no data for.
+
+    Args:
+        at_rest: whether every floor was learned at rest. named: effects that are told all the same.
+    """
     shown = {(each.effect.name, each.where) for each in posterior.candidates}
     why = "the calibration absorbs it on this maneuver"
     found = [
@@ -100,10 +110,15 @@ def cannot_tell(posterior: Posterior, data: WhitenedData, without: Sequence[str]
         if (name, where) not in shown
     ]
     for effect in EFFECTS.values():
-        lacking = data.lacking(effect)
-        if lacking and effect.name not in without:
+        if effect.name in without:
+            continue
+        if lacking := data.lacking(effect):
             found += [
                 {"effect": effect.name, "where": where, "why": f"the recording lacks {lacking}"}
                 for where in effect.places_on(data.base)
+            ]
+        elif not at_rest and effect.kind is Kind.NOISE and not is_common(effect) and effect.name not in named:
+            found += [
+                {"effect": effect.name, "where": where, "why": MAY_BE_FLOOR} for where in effect.places_on(data.base)
             ]
     return tuple(found)

@@ -129,7 +129,7 @@ def conclude(
         closed_on="held-out blocks",
         remainder=remainder,
         calibration_shift=calibration_shift(recordings, settled, effects, floors) if effects and not quiet else {},
-        cannot_tell=by_channel.cannot_tell(posterior, data, without),
+        cannot_tell=by_channel.cannot_tell(posterior, data, without, not estimated, [cause.effect for cause in causes]),
         next=None,
         floor=" and ".join(dict.fromkeys(sources)),
         names={} if data.base.arm is None else data.base.arm.place_names,

@@ -104,8 +104,8 @@ class Noises:
         prior = self.prior.log_set([*one.given[0].drawn, *(member.drawn for member in members)])
         data = one.explanation.data if refitted is None else refitted.data
         each = Explanation(members, data, prior, fine=True, refitted=refitted)
-        again = self.again(one.given, each)
-        return next((promise for promise in again if promise.state.name == one.state.name), None)
+        again = [promise for promise in self.again(one.given, each) if promise.state.name == one.state.name]
+        return max(again, key=lambda promise: promise.log_mass, default=None)
 
     def nameless(self, given: Given, each: Explanation, data: WhitenedData, linear: Linear) -> list[Promise]:
         """Noise without a name beside an explanation; ``data`` and ``linear`` as ``on_data`` gives them."""
