@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from estimators.gap.data.projection import project
 from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
@@ -128,9 +129,10 @@ class Noises:
             return []
         found: list[Promise] = []
         state, (data, linear) = given[0], on_data(given[1].fine.data, each)
-        own = data, linear
+        own, left = data, linear.left
+        unexplained = data.residual - data.change([fit.effect for fit in each.fits])
         while True:
-            lefts = left_of(own[0], Explained(own[0].absorbed, own[1].left))
+            lefts = left_of(own, Explained(own.absorbed, left))
             parts = named(lefts, self.without, state)
             if found:
                 parts.append(refined(state, lefts))
@@ -140,7 +142,8 @@ class Noises:
                 break
             found.append(promised[likeliest])
             state = parts[likeliest]
-            own = on_data(data.stepped(state.steps[len(given[0].steps) :]), each)
+            own = data.stepped(state.steps[len(given[0].steps) :])
+            left = project(own.absorbed, own.whiten(unexplained))
         return found
 
     def _promised(
