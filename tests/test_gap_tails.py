@@ -9,6 +9,7 @@ import pytest
 
 from estimators.gap.floor.rounded import rounded_floor
 from rig.effects import EFFECTS, Readings
+from rig.effects.converter import lattice_step
 from rig.effects.tails import beside_neighbours, drawn_in, scale_of, student, tails_of, variance_beside_neighbours
 
 COUNT = 6000
@@ -105,3 +106,9 @@ def test_a_coarse_converter_is_found_beside_a_clipped_range() -> None:
     level = EFFECTS["saturation"].examined(clipped, "accel1")
     assert level is not None
     assert level.effect.strengths == pytest.approx(18.1)
+
+
+@pytest.mark.parametrize("levels", [3, 4, 5, 9])
+def test_few_levels_have_a_step(levels: int) -> None:
+    """As of a coarse converter at rest."""
+    assert lattice_step(np.repeat(0.8 * np.arange(levels), 50)) == pytest.approx(0.8, rel=1e-12)

@@ -284,9 +284,10 @@ def lattice_step(values: Array, grid: float = 0.0) -> float:
 def _lattice(values: Array, grid: float) -> tuple[float, float]:
     """``lattice_step``, and its standard deviation by how the levels scatter about it, no less than rounding."""
     levels = np.unique(values)
-    if len(levels) > 0.7 * len(values) or len(levels) < 5:
+    if len(levels) > 0.7 * len(values) or len(levels) < 3:
         return 0.0, 0.0
-    levels = levels[1:-1]  # where a channel is clipped need not be on it
+    if len(levels) > 4:
+        levels = levels[1:-1]  # where a channel is clipped need not be on it
     differences = np.diff(levels)
     smallest = float(np.mean(differences[differences < 1.5 * differences.min()]))
     numbers = np.concatenate([[0.0], np.cumsum(np.round(differences / smallest))])
