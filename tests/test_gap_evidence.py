@@ -17,7 +17,7 @@ from estimators.gap.evidence.common import beside, beside_other, common_noises, 
 from estimators.gap.evidence.discrepancy import Discrepancies, weighed, weighed_terms
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.jumps import best, roughly
-from estimators.gap.evidence.laplace import Linear, _width
+from estimators.gap.evidence.laplace import Linear, _shape
 from estimators.gap.evidence.refine import Fitted
 from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
 from estimators.gap.evidence.terms import Errors, blocks_term
@@ -72,6 +72,21 @@ def test_the_strength_of_an_error_that_all_channels_share_is_found(data: Whitene
     assert tried == {name for name, effect in EFFECTS.items() if is_common(effect)}
 
 
+def test_what_an_error_does_to_means_is_what_it_does_to_their_readings(data: WhitenedData) -> None:
+    """Jitter of single readings, averaged: the squares of 832 means and more, each a sum of two, to five standard
+    deviations; and the slope at their middle to a hundredth."""
+    jitter = make_effect("timing_jitter", {"where": "acquisition", "sigma_s": 1e-3})
+    means = data.averaged(2).pointwise()
+    (found,) = [each for each in common_noises(means, ()) if each.effect.name == "timing_jitter"]
+    moved = jitter.apply(data.base, np.random.default_rng(4)).volts - data.base.volts
+    added = moved[: 2 * means.count].reshape(means.count, 2, -1).mean(axis=1)
+    promised = 1e-6 * found.response[:, :, 0] ** 2
+    ratio = np.sum(added**2, axis=0) / np.sum(promised, axis=0)
+    spread = np.sqrt(2.0 * np.sum(promised**2, axis=0)) / np.sum(promised, axis=0)
+    assert np.all(np.abs(ratio - 1.0) < 5.0 * spread + 0.01)
+    assert found.single == pytest.approx(2.0, rel=1e-9)
+
+
 def test_a_floor_that_nothing_at_rest_shows_costs_what_it_is_raised_by() -> None:
     """Normal in the log of the variance: one standard deviation costs half a nat."""
 
@@ -110,14 +125,40 @@ def test_a_tone_is_expected_anywhere_in_its_band(data: WhitenedData, name: str) 
     bands = candidate.effect.bands
     band = sum(high - low for low, high in bands) if bands else 0.5 / data.interval_s
     fit = Fitted(candidate, np.ones(1), {})
-    width_Hz = _width(fit, "freq_Hz", item.typical, data) * item.typical
+    width_Hz = float(_shape(fit, item, data)[1][0]) * item.typical
     assert 1.0 / (np.sqrt(2.0 * np.pi) * width_Hz) == pytest.approx(1.0 / band, rel=1e-12)
-    assert _width(fit, "at_s", 1.0, data) == 1.0
+    (phase,) = [each for each in candidate.effect.parameters() if each.name == "phase_rad"]
+    assert (_shape(fit, phase, data)[1] == 1.0).all()
     if not bands:  # of several recordings the one in which it acts says how fast it was read, single samples counted
         beside = SimpleNamespace(parts=[data, SimpleNamespace(samples=4, interval_s=2.0)])
         second = Fitted(replace(candidate, effect=only_in(candidate.effect, 1)), np.ones(1), {})
-        expected = _width(fit, "freq_Hz", 1.0, data) * 2.0 * data.interval_s
-        assert _width(second, "freq_Hz", 1.0, beside) == pytest.approx(expected, rel=1e-12)  # type: ignore[arg-type]
+        expected = _shape(fit, item, data)[1] * 2.0 * data.interval_s
+        assert _shape(second, item, beside)[1] == pytest.approx(expected, rel=1e-12)  # type: ignore[arg-type]
+
+
+def test_a_shape_is_expected_among_those_that_are_searched(data: WhitenedData) -> None:
+    """Normal about the middle of an even grid, its highest density one over the grid's range; and in the logarithm of a
+    geometric one, beyond its ends too."""
+    dipole = next(each for each in all_candidates(data) if each.effect.name == "base_dipole")
+    (place,) = [each for each in dipole.effect.parameters() if each.name == "position_m"]
+    axes = dipole.effect.ranges(data.base)["position_m"]
+    middle = np.array([0.5 * (axis[0] + axis[-1]) for axis in axes])
+    steps = np.array([axis[1] - axis[0] for axis in axes])
+    for off in (0.0, 1.3, -2.0):  # the last two beyond the grid's ends
+        away, width = _shape(Fitted(dipole, np.array([1e-4, 0.0, 0.0, *middle + off]), {}), place, data)
+        assert away * place.typical == pytest.approx(np.full(3, -off), abs=1e-12)
+        density = 1.0 / (np.sqrt(2.0 * np.pi) * width * place.typical)
+        assert density == pytest.approx(1.0 / (steps * [len(axis) for axis in axes]), rel=1e-9)
+    warm = next(each for each in all_candidates(data) if each.effect.name == "bias_warmup")
+    (tau,) = [each for each in warm.effect.parameters() if each.name == "tau_s"]
+    for index in (
+        2,
+        4,
+    ):  # one step from the middle each: ln 2 of the value, to the second difference of a geometric grid
+        away, width = _shape(Fitted(warm, np.array([1e-3, 0.0, 0.0, tau.grid[index]]), {}), tau, data)
+        size = tau.grid[index] / tau.typical
+        assert away == pytest.approx((3 - index) * 0.75 * size, rel=1e-9)
+        assert width == pytest.approx(len(tau.grid) * 0.75 * size / np.sqrt(2.0 * np.pi), rel=1e-9)
 
 
 def test_a_tone_that_means_would_hide_is_taken_out_of_the_channels_that_it_moves(arm: Arm) -> None:

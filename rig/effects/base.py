@@ -294,6 +294,11 @@ class Effect(ABC):
         return [dict(zip(grids, values, strict=True)) for values in itertools.product(*grids.values())]
 
     @classmethod
+    def ranges(cls, signals: Signals) -> dict[str, tuple[Array, ...]]:
+        """Of each shape that is searched on a grid, the values of each of its components, in order."""
+        return {item.name: (np.asarray(item.grid, dtype=float),) for item in cls.parameters() if len(item.grid) > 1}
+
+    @classmethod
     def spanning(cls) -> list[dict[str, Value]]:
         """The shapes whose effects together span, to first order, those of all values of the spanned parameters."""
         spans = {item.name: item.spanned for item in cls.parameters() if item.spanned}

@@ -89,14 +89,19 @@ class BaseDipole(Effect):
     @classmethod
     @override
     def searched(cls, signals: Signals) -> list[dict[str, Value]]:
-        path = signals.position[:: max(1, len(signals) // 256)]
-        low, high = path.min(axis=0) - DIPOLE_REACH, path.max(axis=0) + DIPOLE_REACH
-        counts = np.ceil((high - low) / DIPOLE_STEP).astype(int) + 1
-        axes = [np.linspace(low[axis], high[axis], counts[axis]) for axis in range(3)]
-        points = np.array(list(itertools.product(*axes)))
+        path = _thinned(signals)
+        points = np.array(list(itertools.product(*cls.ranges(signals)["position_m"])))
         nearest = np.sum((path - points[:, None]) ** 2, axis=2).min(axis=1)
         kept = points[nearest > DIPOLE_CLEARANCE**2]
         return [{"position_m": tuple(float(x) for x in point)} for point in kept]
+
+    @classmethod
+    @override
+    def ranges(cls, signals: Signals) -> dict[str, tuple[Array, ...]]:
+        path = _thinned(signals)
+        low, high = path.min(axis=0) - DIPOLE_REACH, path.max(axis=0) + DIPOLE_REACH
+        counts = np.ceil((high - low) / DIPOLE_STEP).astype(int) + 1
+        return {"position_m": tuple(np.linspace(low[axis], high[axis], counts[axis]) for axis in range(3))}
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
@@ -105,6 +110,11 @@ class BaseDipole(Effect):
         squared = np.maximum(np.sum(way**2, axis=1), _NEAREST**2)[:, None]
         along = (way @ moment)[:, None]
         return with_field(signals, (3.0 * way * along / squared - moment) / squared**1.5)
+
+
+def _thinned(signals: Signals) -> Array:
+    """(m, 3) [m] places on the sensor's path."""
+    return signals.position[:: max(1, len(signals) // 256)]
 
 
 @register

@@ -51,18 +51,20 @@ class Latency(Effect):
 class TimingJitter(Effect):
     """Each reading is taken a little off its time: at t_j + e_j, e_j independent and normal with sigma_s.
 
-    It shows as noise in proportion to how fast an input changes: sigma_s |dx/dt|. 1-10 ms where a desktop computer
-    keeps the time, less by far where the board does; a guess.
+    It shows as noise in proportion to how fast a reading changes: sigma_s |dx/dt|; what is read off its time is what a
+    slow sensor makes of the input. 1-10 ms where a desktop computer keeps the time, less by far where the board does; a
+    guess.
     """
 
     name = "timing_jitter"
-    stage = Stage.INPUT
+    stage = Stage.VOLTS
     kind = Kind.NOISE
     places = ("acquisition",)
     adds_in_time = True
 
     sigma_s: float = parameter("s", 5e-3, lower=0.0, upper=5.0)
 
+    @override
     def response(self, base: Signals, pipeline: Pipeline) -> Array:
         """(n, 6, 1) [recorded unit/s]: the slope of the readings; all channels are read at the same wrong time."""
         return np.gradient(base.volts, base.t, axis=0)[:, :, None]
@@ -72,4 +74,4 @@ class TimingJitter(Effect):
         if self.sigma_s == 0.0:
             return signals
         at = signals.t + self.sigma_s * rng.standard_normal(len(signals))
-        return replace(signals, inputs=shifted(signals.t, signals.inputs, at))
+        return replace(signals, volts=shifted(signals.t, signals.volts, at))

@@ -18,9 +18,8 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.discrepancy import Weighed, total, weighed_terms
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.terms import Errors, Term, blocks_term
-from estimators.gap.floor.channel_noise import sigmas
 from estimators.gap.hypotheses.sources import Source
-from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
+from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, variances
 from rig.effects import EFFECTS, Effect, Kind
 
 Array = NDArray[np.float64]
@@ -33,6 +32,8 @@ _PROMISING: Final = -1.0
 _TERMS, _NEAR, _MOST = 3, 6.0, 256
 #: Of these, so many in memory at once.
 _AT_ONCE: Final = 64
+#: Frequencies at which what whitening does to white errors is averaged.
+_FREQUENCIES: Final = 512
 #: Steps of the noise's grid to either side of what is likeliest beside the discrepancy's mean.
 _WINDOW: Final = 7
 
@@ -42,13 +43,17 @@ class CommonNoise:
     """A noise effect with one error for all channels, at a shape, and its term.
 
     Attributes:
-        effect: at strength one. response: (n, 6, r) of the readings. floor: (n, 6) of these, single [recorded unit].
+        effect: at strength one.
+        response: (n, 6, r) of the readings that are compared: single ones, or means. floor: (n, 6) [recorded unit] of
+            the same, of errors that are white.
+        single: (n,) by how much a single reading's error varies more than a mean's.
         term: of the discrepancy that it is.
     """
 
     effect: Effect
     response: Array
     floor: Array
+    single: Array
     term: Term
 
     def tested(self, found: Weighed) -> FittedNoise:
@@ -71,7 +76,7 @@ class CommonNoise:
             spread=np.array([deviation]),
             added=raw / self.floor**2,
             in_time=True,
-            gap=np.sqrt(raw.mean(axis=0)),
+            gap=np.sqrt((raw * self.single[:, None]).mean(axis=0)),
             part=EVERY,
         )
 
@@ -85,7 +90,10 @@ def common_noises(data: WhitenedData, without: Sequence[str]) -> list[CommonNois
             continue
         for shape in effect.searched(data.base):
             probe = effect.from_mapping({"where": effect.places[0], **shape})
-            response = _of_parts(data, [probe.response(part.base, part.pipeline) for part in data.parts])
+            ratios = [single / of_mean for single, of_mean in (variances(probe, part) for part in data.parts)]
+            parts = list(zip(data.parts, ratios, strict=True))
+            own = [probe.response(part.base, part.pipeline) / np.sqrt(ratio) for part, ratio in parts]
+            response = _of_parts(data, own)
             series = (response / floor[:, :, None] * data.weights[:, :, None]).transpose(2, 1, 0)[:, data.columns]
             if not series.any():
                 continue
@@ -94,7 +102,8 @@ def common_noises(data: WhitenedData, without: Sequence[str]) -> list[CommonNois
             source = Source(effect.name, series, "noise")
             share, every = -float(np.log(len(effect.searched(data.base)))), slice(0, len(series))
             term = blocks_term(Errors.of([source]), source, every, min(pieces, data.count), share)
-            found.append(CommonNoise(probe, response, floor, replace(term, steps=_STEPS, ratio=_RATIO)))
+            single = _of_parts(data, [np.full(part.count, ratio) for part, ratio in parts])
+            found.append(CommonNoise(probe, response, floor, single, replace(term, steps=_STEPS, ratio=_RATIO)))
     return found
 
 
@@ -106,9 +115,10 @@ def _of_parts(data: WhitenedData, values: Sequence[Array], beyond: float = 0.0) 
 
 
 def _floor(member: WhitenedData) -> Array:
-    """(n, 6) [recorded unit]; infinite where a channel is not there."""
-    sigma = sigmas(member.whiteners)
-    sigma = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, np.inf)
+    """(n, 6) [recorded unit] what whitening makes one of, of errors that are white; infinite without the channel."""
+    frequency = np.linspace(0.0, 0.5, _FREQUENCIES)
+    gain = np.array([np.mean(whitener.response(frequency)) for whitener in member.whiteners])
+    sigma = np.where(np.isfinite(gain) & (gain > 0.0), 1.0 / np.sqrt(np.maximum(gain, 1e-300)), np.inf)
     return np.broadcast_to(sigma, (member.count, len(sigma)))
 
 

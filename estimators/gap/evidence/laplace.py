@@ -2,8 +2,8 @@
 
 Laplace's approximation about the refit, in whitened coordinates with the calibration's tangent projected out, which is
 the restricted likelihood (Harville, Biometrika 61, 1974). Strengths are normal about zero with a scale of their own for
-each effect, averaged over a grid; of an effect with one strength an axis, all act or one alone. Shapes are normal about
-what was fitted, one typical size wide.
+each effect, averaged over a grid; of an effect with one strength an axis, all act or one alone. Shapes are normal among
+the values that are searched; where none are, about what was fitted, one typical size wide.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from estimators.gap.data.stack import part_of
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.refine import Fitted, Refit
 from estimators.gap.hypotheses.prior import ONE_AXIS, scales
+from rig.effects.parameters import Parameter
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,8 @@ _UNFELT: Final = 1e-9
 _FULL: Final = 64
 #: By what the prior precision of strengths grows where another one of their effect acts alone.
 _ALONE: Final = 1e6
+#: One over the density of a normal number of width one, where it is highest.
+_NORMAL: Final = float(np.sqrt(2.0 * np.pi))
 
 #: The scale of an effect's strengths, the number of the one that acts alone (None: all act), and its log prior.
 _Way = tuple[float, int | None, float]
@@ -48,6 +51,7 @@ class Linear:
         owner: (p,) the number of the effect.
         searched: logarithm of how many fixed shapes were as likely, less those that fit as well.
         by_axis: (p,) True for strengths of which one may act alone.
+        away: (p,) prior mean of shapes less the fitted value; None: nothing.
     """
 
     left: Array
@@ -58,6 +62,7 @@ class Linear:
     owner: NDArray[np.intp]
     searched: float = 0.0
     by_axis: NDArray[np.bool_] | None = None
+    away: Array | None = None
 
     @cached_property
     def gram(self) -> Array:
@@ -90,7 +95,7 @@ class Linear:
     @cached_property
     def pull(self) -> Array:
         """(p,) prior mean less the fitted value."""
-        return np.where(self.strength, -self.point, 0.0)
+        return np.where(self.strength, -self.point, 0.0 if self.away is None else self.away)
 
     def posterior(
         self, precision: Array, gram: Array | None = None, moment: Array | None = None
@@ -192,19 +197,40 @@ def linearised(refitted: Refit, searched: float = 0.0) -> Linear:
     left, tangent = (project(data.absorbed, each) for each in (refitted.left, refitted.columns))
     point = np.concatenate([fit.values / fit.scale for fit in fits])
     strength = np.concatenate([np.full(item.size, item.strength) for fit in fits for item in fit.free])
-    width = np.concatenate(
-        [np.full(item.size, _width(fit, item.name, item.typical, data)) for fit in fits for item in fit.free]
-    )
+    shapes = [_shape(fit, item, data) for fit in fits for item in fit.free]
+    away, width = (np.concatenate(each) for each in zip(*shapes, strict=True))
     owner = np.concatenate([np.full(len(fit.values), index, dtype=np.intp) for index, fit in enumerate(fits)])
     by_axis = np.concatenate([np.full(item.size, item.by_axis) for fit in fits for item in fit.free])
-    return Linear(left, tangent, point, strength.astype(bool), width, owner, searched, by_axis.astype(bool))
+    return Linear(left, tangent, point, strength.astype(bool), width, owner, searched, by_axis.astype(bool), away)
 
 
-def _width(fit: Fitted, name: str, typical: float, data: WhitenedData) -> float:
-    """Prior width of a shape, in typical sizes; of a tone's frequency such that its density is one over its band."""
-    if name != "freq_Hz" or not fit.candidate.effect.tone:
-        return 1.0
-    bands = fit.candidate.effect.bands
-    own = data.parts[part_of(fit.candidate.effect) or 0]
-    band = sum(high - low for low, high in bands) if bands else 0.5 * own.samples / own.interval_s
-    return float(band / np.sqrt(2.0 * np.pi) / typical)
+def _shape(fit: Fitted, item: Parameter, data: WhitenedData) -> tuple[Array, Array]:
+    """Prior mean less the fitted value, and prior width, of a parameter's components in typical sizes.
+
+    A shape that is searched on a grid is normal in the grid's steps, about its middle, with the density of its values
+    there; a tone's frequency has a density of one over its band.
+    """
+    effect = fit.candidate.effect
+    nothing = np.zeros(item.size)
+    if item.name == "freq_Hz" and effect.tone:
+        own = data.parts[part_of(effect) or 0]
+        band = sum(high - low for low, high in effect.bands) if effect.bands else 0.5 * own.samples / own.interval_s
+        return nothing, nothing + band / _NORMAL / item.typical
+    grids = () if item.strength else effect.ranges(data.base).get(item.name, ())
+    if not grids:
+        return nothing, nothing + 1.0
+    fitted = np.atleast_1d(np.asarray(getattr(fit.effect, item.name), dtype=float))
+    places = [_place(own, grid) for own, grid in zip(fitted, grids, strict=True)]
+    away = [(0.5 * (len(grid) - 1) - place) * step for (place, step), grid in zip(places, grids, strict=True)]
+    width = [len(grid) * step / _NORMAL for (_, step), grid in zip(places, grids, strict=True)]
+    return np.array(away) / item.typical, np.array(width) / item.typical
+
+
+def _place(value: float, grid: Array) -> tuple[float, float]:
+    """Where a value is in a grid, in its steps, beyond its ends too; and the step there."""
+    step = np.gradient(grid)
+    index = float(np.interp(value, grid, np.arange(len(grid))))
+    own = float(np.interp(value, grid, step))
+    if not grid[0] <= value <= grid[-1]:
+        index += (value - grid[0 if value < grid[0] else -1]) / own
+    return index, own

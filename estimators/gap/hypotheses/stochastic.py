@@ -215,12 +215,10 @@ def _by_frequency(probe: Effect, left: Left, columns: Sequence[int]) -> tuple[Fi
     group = groups(data.count, _TAKEN)
     many = np.bincount(group)
     units = _units_by_frequency(probe, data, {column: left.response(column) for column in columns})
-    recorded = max(data.count, _DENSE)
-    every = probe.added_spectrum(np.arange(1, recorded) / (2.0 * recorded), data.interval_s / data.samples)
     fits = {
         column: left.spectrum(column).added(np.bincount(group, units[column][_TAKEN:]) / many) for column in columns
     }
-    return fits, units, dict.fromkeys(columns, float(np.mean(every)))
+    return fits, units, dict.fromkeys(columns, variances(probe, data)[0])
 
 
 def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: bool) -> Spectrum:
@@ -275,6 +273,14 @@ def _of_means(probe: Effect, data: WhitenedData, frequency: Array) -> Array:
     response = (np.sin(np.pi * frequency)[:, None] / (samples * np.sin(np.pi * folds))) ** 2
     spectrum = probe.added_spectrum(folds.ravel(), data.interval_s / samples).reshape(folds.shape)
     return np.asarray(np.mean(spectrum * response, axis=1))
+
+
+def variances(probe: Effect, data: WhitenedData) -> tuple[float, float]:
+    """The variance of a single reading's error at strength one, and that of a mean's."""
+    recorded = max(data.count, _DENSE)
+    frequency = np.arange(1, recorded) / (2.0 * recorded)
+    single = float(np.mean(probe.added_spectrum(frequency, data.interval_s / data.samples)))
+    return single, single if data.samples == 1 else float(np.mean(_of_means(probe, data, frequency)))
 
 
 def _likeliest(powers: Sequence[Array], units: Sequence[Array], floor_samples: Array) -> tuple[float, float, float]:
