@@ -50,7 +50,7 @@ def beside_a_warmup(seed: int, locked: Recording, *effects: Effect) -> tuple[Pro
     search = Search(scanner, own, prior)
     (members,) = search.additions(search.fine(()), 1)
     noises = Noises(prior, (), at_rest=True)
-    promises = noises.again((NoiseState(), scanner), search.fine(members))
+    promises = noises.again([((NoiseState(), scanner), search.fine(members))])
     (one,) = [each for each in promises if each.state.name == SLOWER]
     return one, noises.beside_fewer(one)
 

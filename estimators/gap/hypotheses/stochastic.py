@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,9 +184,7 @@ def _units_in_time(probe: Effect, data: WhitenedData, columns: Sequence[int]) ->
 
 def _units_by_frequency(probe: Effect, data: WhitenedData, responses: Mapping[int, Array]) -> dict[int, Array]:
     """The same by cosine transform, where it has a spectrum; what lies below the lowest frequencies is as there."""
-    frequency = np.arange(data.count)[_TAKEN:] / (2.0 * data.count)
-    group = groups(data.count, _TAKEN)
-    own = _of_means(probe, data, np.bincount(group, frequency) / np.bincount(group))[group]
+    own = _of_groups(probe, data.samples, data.interval_s, data.count)[groups(data.count, _TAKEN)]
     units = {column: own * response for column, response in responses.items()}
     return {column: np.concatenate([unit[:1].repeat(_TAKEN), unit]) for column, unit in units.items()}
 
@@ -218,7 +217,7 @@ def _by_frequency(probe: Effect, left: Left, columns: Sequence[int]) -> tuple[Fi
     fits = {
         column: left.spectrum(column).added(np.bincount(group, units[column][_TAKEN:]) / many) for column in columns
     }
-    return fits, units, dict.fromkeys(columns, variances(probe, data)[0])
+    return fits, units, dict.fromkeys(columns, variances(probe, data.samples, data.interval_s, data.count)[0])
 
 
 def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: bool) -> Spectrum:
@@ -263,24 +262,40 @@ def _named(data: WhitenedData, column: int, count: int) -> Array:
     return share
 
 
-def _of_means(probe: Effect, data: WhitenedData, frequency: Array) -> Array:
-    """The effect's spectrum in means of several samples: folded, after the averaging's own response."""
-    samples = data.samples
+def _of_means(probe: Effect, samples: int, interval_s: float, frequency: Array) -> Array:
+    """The effect's spectrum in means of several samples: folded, after the averaging's own response.
+
+    Args:
+        interval_s: between means. frequency: [cycles a mean].
+    """
     if samples == 1:
-        return probe.added_spectrum(frequency, data.interval_s)
+        return probe.added_spectrum(frequency, interval_s)
     folds = (frequency[:, None] + np.arange(samples)) / samples
     folds = np.minimum(folds, 1.0 - folds)  # (m, samples) cycles a sample, up to the half
     response = (np.sin(np.pi * frequency)[:, None] / (samples * np.sin(np.pi * folds))) ** 2
-    spectrum = probe.added_spectrum(folds.ravel(), data.interval_s / samples).reshape(folds.shape)
+    spectrum = probe.added_spectrum(folds.ravel(), interval_s / samples).reshape(folds.shape)
     return np.asarray(np.mean(spectrum * response, axis=1))
 
 
-def variances(probe: Effect, data: WhitenedData) -> tuple[float, float]:
-    """The variance of a single reading's error at strength one, and that of a mean's."""
-    recorded = max(data.count, _DENSE)
+@lru_cache(maxsize=64)
+def _of_groups(probe: Effect, samples: int, interval_s: float, count: int) -> Array:
+    """The same at the mean frequency of each group of cosines."""
+    group = groups(count, _TAKEN)
+    frequency = np.bincount(group, np.arange(_TAKEN, count) / (2.0 * count)) / np.bincount(group)
+    found = _of_means(probe, samples, interval_s, frequency)
+    found.setflags(write=False)  # every caller has the same
+    return found
+
+
+@lru_cache(maxsize=64)
+def variances(probe: Effect, samples: int, interval_s: float, count: int) -> tuple[float, float]:
+    """The variance of a single reading's error at strength one, and that of a mean's; of so many means."""
+    recorded = max(count, _DENSE)
     frequency = np.arange(1, recorded) / (2.0 * recorded)
-    single = float(np.mean(probe.added_spectrum(frequency, data.interval_s / data.samples)))
-    return single, single if data.samples == 1 else float(np.mean(_of_means(probe, data, frequency)))
+    single, means = (
+        float(np.mean(_of_means(probe, many, interval_s * many / samples, frequency))) for many in (1, samples)
+    )
+    return single, means
 
 
 def _likeliest(powers: Sequence[Array], units: Sequence[Array], floor_samples: Array) -> tuple[float, float, float]:

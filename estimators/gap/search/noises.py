@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
+
 from estimators.gap.data.projection import project
 from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
@@ -13,6 +15,7 @@ from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.laplace import Linear, linearised
 from estimators.gap.evidence.refine import Refit, at
 from estimators.gap.evidence.states import (
+    UNSEEN,
     NoiseState,
     as_floor,
     left_of,
@@ -32,6 +35,8 @@ from estimators.gap.search.explanation import Explanation, Member
 
 #: Log odds by which one more part of a floor must be better.
 _BETTER: Final = 1.0
+#: Beside so many explanations the parts of a floor that nothing shows are learned.
+_BESIDE: Final = 4
 
 #: A state of the noise, and the scanner under it.
 Given = tuple[NoiseState, Scanner]
@@ -75,38 +80,57 @@ class Noises:
         found = self._promised(given, each, data, each.linear, states)
         return found if given[0].name else found + self.as_floor(given, each)
 
-    def again(self, given: Given, each: Explanation) -> list[Promise]:
-        """Floors, and noise without a name, beyond a given state: beside an explanation found under another one."""
+    def again(self, every: Sequence[tuple[Given, Explanation]]) -> list[Promise]:
+        """Floors, and noise without a name, beyond given states: beside explanations found under other ones.
+
+        Of floors that nothing shows the parts are learned beside those that leave least to noise without a name.
+        """
+        found = [self._again(given, each) for given, each in every]
+        likeliest = sorted(range(len(found)), key=lambda index: -_best(found[index]))[:_BESIDE]
+        return [promise for own in found for promise in own] + [
+            promise for index in likeliest for promise in self.as_floor(*every[index])
+        ]
+
+    def _again(self, given: Given, each: Explanation) -> list[Promise]:
         data, linear = on_data(given[1].fine.data, each)
         lefts = left_of(data, Explained(data.absorbed, linear.left))
-        return self._promised(given, each, data, linear, self._unnamed(given[0], lefts)) + self.as_floor(given, each)
+        return self._promised(given, each, data, linear, self._unnamed(given[0], lefts))
 
     def beside_fewer(self, one: Promise) -> list[Promise]:
         """The same state, learned anew beside ever fewer causes as long as that is likelier: beside a cause that does
         what the noise does, it was learned as if the noise were not there."""
         found: list[Promise] = []
         while one.explanation.members:
-            members = one.explanation.members
-            tried = [self._same(one, members[:index] + members[index + 1 :]) for index in range(len(members))]
-            less = max((each for each in tried if each), key=lambda each: each.log_mass, default=one)
-            if less.log_mass <= one.log_mass:
+            members, name = one.explanation.members, one.state.name
+            sets = [members[:index] + members[index + 1 :] for index in range(len(members))]
+            less = self._least([self._without(one, each) for each in sets], name)
+            if less is None or less.log_mass <= one.log_mass:
                 break
             refitted = converged(less.explanation.fits, one.given[1].fine.data)
             pairs = zip(less.explanation.members, refitted.fits, strict=True)
-            fresh = self._same(one, tuple(replace(member, fit=fit) for member, fit in pairs), refitted)
+            again = self._without(one, tuple(replace(member, fit=fit) for member, fit in pairs), refitted)
+            fresh = self._least([again], name)
             if fresh is None or fresh.log_mass <= one.log_mass:
                 break
             one = fresh
             found.append(one)
         return found
 
-    def _same(self, one: Promise, members: tuple[Member, ...], refitted: Refit | None = None) -> Promise | None:
-        """A state of that name beside other causes, as they are or as they were refitted."""
+    def _without(
+        self, one: Promise, members: tuple[Member, ...], refitted: Refit | None = None
+    ) -> tuple[Given, Explanation]:
+        """Other causes, as they are or as they were refitted, beside what a state goes beyond."""
         prior = self.prior.log_set([*one.given[0].drawn, *(member.drawn for member in members)])
         data = one.explanation.data if refitted is None else refitted.data
-        each = Explanation(members, data, prior, fine=True, refitted=refitted)
-        again = [promise for promise in self.again(one.given, each) if promise.state.name == one.state.name]
-        return max(again, key=lambda promise: promise.log_mass, default=None)
+        return one.given, Explanation(members, data, prior, fine=True, refitted=refitted)
+
+    def _least(self, every: Sequence[tuple[Given, Explanation]], name: str) -> Promise | None:
+        """The likeliest state of that name beside any of these."""
+        found = [[one for one in self._again(*each) if one.state.name == name] for each in every]
+        if name == UNSEEN:
+            likeliest = max(range(len(found)), key=lambda index: _best(found[index]))
+            found.append(self.as_floor(*every[likeliest]))
+        return max((one for own in found for one in own), key=lambda one: one.log_mass, default=None)
 
     def nameless(self, given: Given, each: Explanation, data: WhitenedData, linear: Linear) -> list[Promise]:
         """Noise without a name beside an explanation; ``data`` and ``linear`` as ``on_data`` gives them."""
@@ -158,6 +182,10 @@ class Noises:
             weight = state.log_weight + determinant
             found.append(Promise(under.averaged[0] + prior + weight, replace(state, log_weight=weight), given, each))
         return found
+
+
+def _best(found: Sequence[Promise]) -> float:
+    return max((one.log_mass for one in found), default=-np.inf)
 
 
 def on_data(data: WhitenedData, each: Explanation) -> tuple[WhitenedData, Linear]:

@@ -310,7 +310,7 @@ def explain(
     frontier = [(floor, scanner, found)]
     again = [((floor, scanner), each) for each in _far_from_it(work, noises, found[0])]
     for _ in range(_ROUNDS):
-        states = [promise for given, each in again for promise in noises.again(given, each)]
+        states = noises.again(again)
         again = []
         for given, given_scanner, explanations in frontier:
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
