@@ -146,6 +146,10 @@ class _Weighing:
         """Log mass without a discrepancy, but for its own prior."""
         return explanation.log_mass + state.log_weight
 
+    def alone(self, each: Explanation, state: NoiseState) -> Hypothesis:
+        """An explanation without a discrepancy."""
+        return Hypothesis(each, state, (), self.known(each, state) + _nothing_else(state))
+
     def enter(self, hypothesis: Hypothesis) -> None:
         key = hypothesis.labels, hypothesis.state.name, bool(hypothesis.terms), hypothesis.state.other
         if key not in self.hypotheses or self.hypotheses[key].log_mass < hypothesis.log_mass:
@@ -153,8 +157,7 @@ class _Weighing:
 
     def promised(self, one: Promise) -> None:
         """A state of the noise beside the explanation that it was learned beside."""
-        alone = one.log_mass + (0.0 if one.state.other else float(np.log1p(-OTHER)))
-        self.enter(Hypothesis(one.explanation, one.state, (), alone))
+        self.enter(Hypothesis(one.explanation, one.state, (), one.log_mass + _nothing_else(one.state)))
 
     def enter_nameless(self, each: Explanation, state: NoiseState, discrepancies: Discrepancies) -> None:
         """An explanation beside discrepancies."""
@@ -201,6 +204,7 @@ class _Weighing:
         scanner = self.scanner.stepped(floor.steps)
         data = around(scanner.fine.data, each.explanation.data.pipeline)
         moved = replace(each.explanation, data=data, refitted=None)
+        self.enter(self.alone(moved, floor))
         self.enter_nameless(moved, floor, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.without))
 
     def weigh(
@@ -217,8 +221,7 @@ class _Weighing:
             target = self.best - state.log_weight - search.fine(()).log_mass
         found = search.run(seeds, deep, target)
         for each in found:
-            alone = self.known(each, state) + (0.0 if state.other else float(np.log1p(-OTHER)))
-            self.enter(Hypothesis(each, state, (), alone))
+            self.enter(self.alone(each, state))
         # where something without a name leads by far, causes can be there beside it, if not without it
         best = self.best_under(state)
         near = self.known(found[0], state) > best - _FAR or (self.leading.terms and self.leading.state is state)
@@ -245,7 +248,7 @@ class _Weighing:
                 prior = self.prior.log_set([member.drawn for member in each.members])
                 there = around(data, each.data.pipeline) if each.members else data
                 moved = Explanation(each.members, there, prior, fine=True)
-                self.enter_common(Hypothesis(moved, floor, (), self.known(moved, floor) + float(np.log1p(-OTHER))))
+                self.enter_common(self.alone(moved, floor))
             if self.leading is leading:
                 return
             self.enter_nameless(self.leading.explanation, floor, self.discrepancies)
@@ -267,7 +270,7 @@ class _Weighing:
             if each.key in done:
                 continue
             done.add(each.key)
-            self.enter_common(Hypothesis(each, state, (), self.known(each, state) + float(np.log1p(-OTHER))))
+            self.enter_common(self.alone(each, state))
             self.enter_nameless(each, state, discrepancies)
             if queue:
                 continue
@@ -352,6 +355,11 @@ def explain(
     work.move_floor()
     weighed_all = tuple(sorted(work.hypotheses.values(), key=lambda one: -one.log_mass))
     return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
+
+
+def _nothing_else(state: NoiseState) -> float:
+    """log probability that beside a state of the noise there is nothing without a name; noise without one says it."""
+    return 0.0 if state.other else float(np.log1p(-OTHER))
 
 
 def _near(found: Sequence[Explanation]) -> list[Explanation]:
