@@ -62,8 +62,15 @@ def sample_times(duration_s: float, rate_Hz: float) -> Array:
     Raises:
         RigError: so many samples do not fit into the memory that may be taken.
     """
-    samples = duration_s * rate_Hz
-    check_fits(
-        samples * _BYTES_A_SAMPLE, f"duration_s {duration_s:g} s at rate_Hz {rate_Hz:g} Hz, {samples:.6g} samples"
-    )
+    check_samples(duration_s, rate_Hz)
     return np.arange(round(duration_s * rate_Hz)) / rate_Hz
+
+
+def check_samples(duration_s: float, rate_Hz: float, what: str = "duration_s") -> None:
+    """Refuse a motion that could not be simulated; ``what`` states its duration, for the message.
+
+    Raises:
+        RigError: so many samples do not fit into the memory that may be taken.
+    """
+    samples = duration_s * rate_Hz
+    check_fits(samples * _BYTES_A_SAMPLE, f"{what} {duration_s:g} s at rate_Hz {rate_Hz:g} Hz, {samples:.6g} samples")

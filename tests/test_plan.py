@@ -256,6 +256,11 @@ def test_causes_are_told_apart_better_than_by_the_first_draws(monkeypatch: pytes
     [
         (("--seconds", "-1"), "--seconds: found -1"),
         (("--seconds", "3"), "do not fit into it"),
+        (("--seconds", "0.1", "--kind", "sweep"), "--seconds: found 0.1, expected more, or parameters left out"),
+        (("--seconds", "1e-300", "--kind", "sweep"), "--seconds: found 1e-300, expected 0.01, the time of a sample"),
+        (("--seconds", "1e12"), "--seconds 1e+12 s at rate_Hz 100 Hz, 1e+14 samples: takes 5.46e+04 TiB of memory"),
+        (("--seconds", "inf"), "--seconds inf s"),
+        (("--seconds", "nan"), "--seconds: found nan"),
         (("--seconds", "60", "--weight", "speed=1"), "unknown --weight 'speed'"),
         (("--seconds", "60", "--weight", "field=x"), "expected field=W"),
         (("--seconds", "60", "--box", "1,2"), "expected six numbers"),
@@ -271,6 +276,7 @@ def test_wrong_calls_are_refused(
     monkeypatch.setattr(poses, "_CLIMBS", 10)
     monkeypatch.setattr(poses, "_COUNTS", (8,))
     monkeypatch.setattr(poses, "_CANDIDATES", 60)
+    monkeypatch.setattr(sweeps, "_BETTERED", 1)
     assert message in rig.refused("plan", *options, "-o", tmp_path / "p.toml")
     assert not (tmp_path / "p.toml").exists()
 

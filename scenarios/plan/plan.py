@@ -22,6 +22,7 @@ from rig.maneuver import FourierSweep, StaticPoses, TorusSweep
 from rig.maneuver.fitting import slide_numbers
 from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
+from rig.trajectory import check_samples
 from scenarios.bound import noise_of
 from scenarios.isolability import shown_by
 from scenarios.plan.poses import WORTHLESS, PosePlan, PoseSearch
@@ -201,13 +202,14 @@ def make_plan(
         progress: called with the share done.
 
     Raises:
-        RigError: no arm, no noise, too little time or room.
+        RigError: no arm, no noise, too little time or room, or too much time to be simulated.
     """
     arm = base.rig.arm
     if arm is None:
         raise RigError(f"scenario {base.name}: has no arm, expected one that a maneuver can be planned for, or --arm")
-    if not 0.0 < seconds < np.inf:
-        raise RigError(f"--seconds: found {seconds:g}, expected a positive time")
+    if not seconds >= 1.0 / _RATE_HZ:
+        raise RigError(f"--seconds: found {seconds:g}, expected {1.0 / _RATE_HZ:g}, the time of a sample, or more")
+    check_samples(seconds, _RATE_HZ, "--seconds")
     criteria = criteria_of(base, weights)
     height = table_m if table_m is not None or arm.is_a465 else 0.0
     clearance = Clearance.of(arm, height, boxes, margin_m)

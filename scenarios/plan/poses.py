@@ -31,7 +31,7 @@ _CLIMBS: Final = 2500
 _STEPS: Final = (0.6, 0.3, 0.12, 0.04)
 #: Joints stay so far within their limits, of their range.
 _WITHIN: Final = 0.98
-#: The criterion of poses that do not fit into the time.
+#: The criterion of poses, or a sweep, that do not fit into the time.
 FAR: Final = 1e3
 #: Errors of so many times the reference's are not worth showing.
 WORTHLESS: Final = 100.0

@@ -21,7 +21,7 @@ from rig.maneuver.fitting import slide_numbers
 from rig.maneuver.fourier_sweep import series
 from rig.threads import one_blas_thread
 from rig.trajectory import JointTrajectory
-from scenarios.plan.poses import WORTHLESS, PoseSearch
+from scenarios.plan.poses import FAR, WORTHLESS, PoseSearch
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -93,7 +93,7 @@ class SweepSearch:
         """The best sweep in this time.
 
         Raises:
-            RigError: no sweep that was drawn is free of contacts.
+            RigError: no sweep that was drawn is free of contacts, or the time is too short for any to tell something.
         """
         with one_blas_thread():
             drawn = sorted(self.drawn(seconds, _DRAWN), key=lambda each: each[0])[:_BETTERED]
@@ -102,7 +102,13 @@ class SweepSearch:
                 found.append(self._bettered(values, seconds))
                 if progress is not None:
                     progress((done + 1) / len(drawn))
-            return min(found, key=lambda each: each.worst)
+        best = min(found, key=lambda each: each.worst)
+        if best.worst >= FAR:
+            raise RigError(
+                f"--seconds: found {seconds:g}, expected more, or parameters left out with --weight NAME=0: no sweep of"
+                f" arm {self.arm.name} tells all of them in it"
+            )
+        return best
 
     def plan(self, values: Array, seconds: float) -> SweepPlan:
         """A sweep with what it is worth."""
