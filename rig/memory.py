@@ -15,6 +15,8 @@ from rig.errors import RigError, shown
 #: The limit in bytes, for this process and those that it starts.
 VARIABLE: Final = "RIG_MEMORY"
 _elsewhere: ContextVar[str | None] = ContextVar("memory that is stated elsewhere", default=None)
+#: Where the user of this command can state it, in words.
+WHERE: Final[ContextVar[str]] = ContextVar("where memory can be stated", default=VARIABLE)
 _SHARE: Final = 0.5
 _SMALL: Final = 64 << 20  # always there [bytes]
 _UNKNOWN: Final = 4 << 30  # left, on a system that does not say [bytes]
@@ -72,8 +74,8 @@ def check_fits(size: float, what: str) -> None:
     """
     if not size <= _SMALL and not size <= (limit := limit_bytes()):
         raise RigError(
-            f"{what}: takes {written(size)} of memory, expected {written(limit)} at most: state more with --memory or"
-            f" {VARIABLE}, or ask for less"
+            f"{what}: takes {written(size)} of memory, expected {written(limit)} at most: state more with"
+            f" {WHERE.get()}, or ask for less"
         )
 
 

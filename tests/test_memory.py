@@ -66,9 +66,20 @@ def test_a_scenario_is_not_larger_than_memory(rig: Rig, tmp_path: Path, monkeypa
         assert "at rate_Hz 100 Hz" in line
     monkeypatch.setenv(VARIABLE, "1G")  # and so put back afterwards
     Path("small.toml").write_text(SMALL.replace("duration_s = 60.0", "duration_s = 6000.0"))
-    assert "of memory, expected 64 MiB at most" in rig.refused(
+    assert "of memory, expected 64 MiB at most: state more with --memory or RIG_MEMORY," in rig.refused(
         "sweep", "small.toml", "-o", "run.parquet", "--memory", "64M"
     )
+
+
+@pytest.mark.parametrize("command", [("bound", "long.toml"), ("plan", "--seconds", "1e12", "-o", "plan.toml")])
+def test_a_command_without_the_option_names_the_variable(
+    rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("long.toml").write_text(SMALL.replace("duration_s = 60.0", "duration_s = 1e9"))
+    rig.refused("sweep", "long.toml", "-o", "run.parquet")  # a command before it that has the option
+    line = rig.refused(*command)
+    assert "at most: state more with RIG_MEMORY, or ask for less" in line
 
 
 def test_a_file_is_refused_by_its_row_count(long: Path, monkeypatch: pytest.MonkeyPatch) -> None:

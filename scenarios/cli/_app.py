@@ -9,6 +9,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import copy_context
 from importlib import import_module
 from typing import Any, Final, NoReturn
 
@@ -151,7 +152,8 @@ def run(arguments: Sequence[str], group: click.Group = cli, program: str = "rig"
     """
     memory = os.environ.get(VARIABLE)
     try:
-        status = group.main(list(arguments), prog_name=program, standalone_mode=False)
+        # In a context of its own: what options set is of this command alone.
+        status = copy_context().run(group.main, list(arguments), prog_name=program, standalone_mode=False)
         with _ending():
             sys.stdout.flush()
         return status if isinstance(status, int) else DONE

@@ -17,7 +17,7 @@ import click
 from rig.documents import plain
 from rig.errors import RigError, nearest, shown, unknown_name
 from rig.files import check_not_input, check_writable
-from rig.memory import VARIABLE, parsed
+from rig.memory import VARIABLE, WHERE, parsed
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -84,6 +84,7 @@ def memory_option(command: Command) -> Command:
     """``--memory``: what may be taken, by this process and those that it starts."""
 
     def state(context: click.Context, option: click.Parameter, value: str | None) -> None:
+        WHERE.set(f"--memory or {VARIABLE}")
         if value is not None:
             parsed(value, "--memory")
             os.environ[VARIABLE] = value
