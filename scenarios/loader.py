@@ -144,13 +144,13 @@ def _environment(table: Table) -> tuple[Environment, FieldUnit | None]:
     earth = table.sub("earth")
     own = replace(table, values=_without(table.values, ["earth"]))
     stated = build(EnvironmentTable, own, also=("earth",))
-    if "earth" not in table.values:
-        return _checked(own, stated.environment), stated.magnetic_field_unit
-    for key in own.values:
+    for key in own.values if "earth" in table.values else ():
         if key.startswith("magnetic_") or key in ("gravity_direction", "gravity_phi_deg", "gravity_psi_deg"):
             raise table.error(f"{key}: found beside [{earth.name}], which states it, expected one or the other")
-    built = build(EarthTable, earth)
-    return _checked(earth, lambda: built.environment(stated.environment())), "G"
+    rest = _checked(own, stated.environment)
+    if "earth" not in table.values:
+        return rest, stated.magnetic_field_unit
+    return _checked(earth, partial(build(EarthTable, earth).environment, rest)), "G"
 
 
 def _acquisition(table: Table, sensors: Mapping[str, SensorTable]) -> Acquisition:

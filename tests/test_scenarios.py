@@ -31,6 +31,7 @@ RENK_TABLE_10 = {
 }
 RENK_TABLE_2 = {1: (0.1, 2.45, -89.0, 2.0), 2: (0.15, 2.55, 1.0, 93.5), 3: (0.095, 2.3, -3.75, 358.0)}
 
+EARTH = "[environment.earth]\nnorth_G = 1\neast_G = 1\ndown_G = 1\n"
 SMALL = """
 [maneuver]
 kind = "torus-sweep"
@@ -304,6 +305,16 @@ def test_a_urdf_is_found_beside_the_scenario(tmp_path: Path) -> None:
             r"\[environment\] magnetic_field: found beside \[environment\.earth\]",
         ),
         (("[maneuver]", "[environment.earth]\nnorth_G = 1\n[maneuver]"), r"\[environment\.earth\] east_G: is missing"),
+        (("[maneuver]", "[environment.erth]\nnorth_G = 1\n[maneuver]"), r"\[environment\.erth\], .*'earth'"),
+        (("[maneuver]", "[environment]\nearth = 3\n[maneuver]"), r"\[environment\] earth: found 3, expected a table"),
+        (
+            ("[maneuver]", f"[environment]\ngravity_m_s2 = -1\n{EARTH}[maneuver]"),
+            r"my\.toml: \[environment\] gravity_m_s2: found -1\.0, expected a positive number",
+        ),
+        (
+            ("[maneuver]", f"{EARTH.replace('1', '0')}[maneuver]"),
+            r"my\.toml: \[environment\.earth\] north_G, east_G, down_G: found a field of zero",
+        ),
         (("[maneuver]", '[arm]\nmodel = "a456"\n[maneuver]'), r"\[arm\] unknown model 'a456': .*\(nearest: 'a465'\)$"),
         (("[maneuver]", '[arm]\ntip = "imu"\n[maneuver]'), r"\[arm\] file: is missing, expected the arm's file"),
         (("[maneuver]", '[arm]\nfile = "no.urdf"\ntip = "imu"\n[maneuver]'), r"\[arm\] no\.urdf: no such file"),
