@@ -10,7 +10,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -132,6 +132,21 @@ def check_not_input(output: Path, *inputs: Path | None) -> None:
         with suppress(OSError, ValueError):
             if given is not None and os.path.samefile(given, output):
                 raise RigError(f"{output}: is the file {given} that is read, expected another name for the output")
+
+
+def check_different(paths: Iterable[Path]) -> None:
+    """Refuse to count what is read twice.
+
+    Raises:
+        RigError: one of ``paths`` is the file or folder of an earlier one, by whatever name.
+    """
+    found: dict[str, Path] = {}
+    for path in paths:
+        real = os.path.realpath(path)
+        if real in found:
+            again = "is given twice" if path == found[real] else f"is the same as {found[real]}"
+            raise RigError(f"{path}: {again}, expected each once")
+        found[real] = path
 
 
 def child(folder: Path, name: Any, where: str) -> Path:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from rig.files import check_different
 from scenarios.cli._options import (
     PATH,
     RECORDING_SUFFIXES,
@@ -115,6 +116,7 @@ def calibrate(
     from rig.errors import RigError, one_line
 
     several = without_locked(runs)
+    check_different(several)
     run = several[0]
     if output is not None:
         check_output(output, (".json",), *several, locked, arm_file)

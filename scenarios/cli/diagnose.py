@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.errors import RigError, one_line, unknown_name
+from rig.files import check_different
 from scenarios.cli._app import debugging
 from scenarios.cli._options import (
     PATH,
@@ -113,6 +114,8 @@ def diagnose(
         raise RigError("--rig: found with --together or --calibration, expected one recording by itself")
     if together and cluster is not None:
         raise RigError("--together: found --cluster, expected one of them: it is one diagnosis, made here")
+    if together:
+        check_different(chosen)
     if together and len(chosen) == 1:
         raise RigError(f"--together: found one recording, {chosen[0]}, expected several")
     _check(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.channels import ACCELEROMETER, SENSORS
+from rig.files import check_different
 from scenarios.cli._options import (
     PATH,
     RECORDING_SUFFIXES,
@@ -85,6 +86,7 @@ def import_(
       rig import bag.mcap --base-frame base_link --tool-frame imu_link -o run.parquet
       rig import log.csv --at 42.28,-83.74,260 --date 2026-11-22 -o run.parquet
     """
+    check_different(logs)
     if output is not None:
         check_output(output, RECORDING_SUFFIXES, *logs, map_file, arm_file)
     from contextlib import ExitStack
