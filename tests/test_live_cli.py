@@ -238,6 +238,25 @@ def test_wrong_calls_are_a_line_and_leave_nothing(
     assert sorted(path.name for path in here.iterdir()) == before
 
 
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ("", "nothing"),
+        ("\n\n# a comment\n", "nothing"),
+        ("t_s,mag1_uT,mag2_uT,mag3_uT\n", "the names of columns and no reading"),
+        ("t_s,mag1_uT,mag2_uT,mag3_uT\n0,a,b,c\n", "1 broken line and no reading"),
+    ],
+)
+def test_a_file_without_a_reading_says_what_it_has(here: Path, rig: Rig, content: str, found: str) -> None:
+    (here / "empty.csv").write_text(content)
+    before = sorted(path.name for path in here.iterdir())
+    result = rig("live", "empty.csv", "--idle", "0.2")
+    assert result.status == 2
+    line = f"rig: empty.csv: found {found}, expected readings under the names of their columns"
+    assert result.err.splitlines()[-1] == line
+    assert sorted(path.name for path in here.iterdir()) == before
+
+
 @pytest.mark.parametrize("form", ["csv", "json"])
 def test_a_mapping_says_what_the_columns_are(here: Path, rig: Rig, form: str) -> None:
     run = by_hand(20.0)

@@ -177,8 +177,16 @@ def live(source: str, output: Path | None, as_json: bool, **given: Any) -> None:
         made = session.close()
     del displays
     if made is None:
-        raise RigError(f"{source}: nothing came")
+        raise RigError(f"{source}: found {_nothing(session)}, expected readings under the names of their columns")
     _finish(session, made, cal, plan, as_json)
+
+
+def _nothing(session: Session) -> str:
+    """What came instead of a reading."""
+    reader = session.feed.reader
+    if reader.broken:
+        return f"{reader.broken} broken line{'s' if reader.broken > 1 else ''} and no reading"
+    return "nothing" if reader.layout is None else "the names of columns and no reading"
 
 
 def _plan(source: str, given: dict[str, Any]) -> Plan:
