@@ -176,6 +176,26 @@ def test_urdf_that_is_no_serial_arm_is_refused(
     assert not caplog.records  # the message is all there is to read
 
 
+@pytest.mark.parametrize(
+    ("pairs", "message"),
+    [
+        (["root a", "a b", "b c", "c tip", "tip finger", "finger root"], "form a loop"),
+        (["root root", "a a", "b b", "c c", "tip tip", "finger finger"], "form a loop"),
+        (["root a", "a b", "b c", "c a"], "link 'a' hangs on 2 joints"),
+    ],
+    ids=["a ring", "each link its own", "a ring at the end of an arm"],
+)
+def test_a_loop_has_no_end(tmp_path: Path, pairs: list[str], message: str) -> None:
+    path = write_urdf(tmp_path, joints(*(f"j{number} continuous {pair} {AXIS}" for number, pair in enumerate(pairs))))
+    with pytest.raises(RigError, match=message):
+        Arm.from_urdf(path)
+
+
+def test_a_urdf_without_a_link(tmp_path: Path) -> None:
+    with pytest.raises(RigError, match="has no link: expected a tree with one root link"):
+        Arm.from_urdf(write_urdf(tmp_path, "<robot name='r'/>"))
+
+
 def test_missing_urdf(tmp_path: Path) -> None:
     with pytest.raises(RigError, match="no such file"):
         Arm.from_urdf(tmp_path / "none.urdf", "tip")

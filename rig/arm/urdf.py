@@ -134,13 +134,18 @@ def _only_tip(robot: Any, path: Path) -> str:
     Of the links fixed to each other there, one with the name of a flange, else the one that the joint moves.
 
     Raises:
-        RigError: nothing moves, or the joints branch off before there is an arm.
+        RigError: no link, every link hangs on another, nothing moves, or the joints branch off before there is an arm.
     """
     children: dict[str, list[Any]] = {}
     for joint in robot.joints:
         children.setdefault(str(joint.parent), []).append(joint)
     carried = {str(joint.child) for joint in robot.joints}
-    last, moved = next((str(link.name) for link in robot.links if str(link.name) not in carried), ""), 0
+    links = [str(link.name) for link in robot.links]
+    root = next((link for link in links if link not in carried), None)
+    if root is None:
+        what = "its joints form a loop, in which every link hangs on another" if links else "has no link"
+        raise RigError(f"{path}: {what}: expected a tree with one root link")
+    last, moved = root, 0
     while True:
         together, onward = [last], []
         for link in together:  # grows
