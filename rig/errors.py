@@ -33,6 +33,10 @@ class RefusedFit(RigError):
     exit_status = 1
 
 
+class LeftOut(UserWarning):
+    """A part of the input is missing, and what was asked for goes on without it: the command line says it in a line."""
+
+
 def one_line(text: str, limit: int = LONGEST_MESSAGE) -> str:
     """A text as one printable line: white space is one space, and what cannot be shown is written as ``\\x1b``.
 

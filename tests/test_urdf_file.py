@@ -10,7 +10,7 @@ from recording_examples import example
 from rig.arm import Arm
 from rig.arm.urdf_file import drawable_urdf
 from rig.errors import RigError
-from scenarios.cli import _app
+from scenarios.cli import _app, show
 
 SECRET = "solid secret of this machine\n"
 STL = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n"
@@ -81,10 +81,23 @@ def test_a_view_holds_no_foreign_file(
     example().write("run.parquet")
     assert _app.run(["view", "run.parquet", "--arm", str(urdf), "--tip", "l6", "-o", "run.rrd"]) == 0
     complaint = capsys.readouterr().err
-    assert "left out a mesh that is not the URDF's own" in complaint
+    assert complaint.startswith(f"rig: {urdf}: {len(FOREIGN)} meshes are left out: '/etc/passwd': ")
     view = Path("run.rrd").read_bytes()
     assert SECRET.encode() not in view
     assert b"root:" not in view
+
+
+def test_a_mesh_that_is_missing_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("own.urdf").write_text(arm_with("none.stl"))
+    example().write("run.parquet")
+    monkeypatch.setattr(show, "_draw_diagnosis", lambda run, diagnosis, arm, target: None)
+    for more in ((), ("--diagnosis", "found.json")):
+        assert _app.run(["view", "run.parquet", "--arm", "own.urdf", "-o", "run.rrd", *more]) == 0
+        complaint = capsys.readouterr().err.splitlines()
+        assert complaint.count("rig: own.urdf: a mesh is left out: 'none.stl': no such file") == 1
 
 
 BAD = {

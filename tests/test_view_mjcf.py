@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +15,7 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
+from rig.errors import LeftOut
 from rig.recording import Metadata, Recording
 from scenarios.colours import VERMILLION, rgb
 from scenarios.view import write_view
@@ -112,6 +116,23 @@ def test_colours_are_the_geoms_own_or_the_materials(arm: Arm, recording: Recordi
     assert rod["colors"] == [[0x00FF00FF]]
     normals = np.array(skin["vertex_normals"][0])
     assert np.linalg.norm(normals, axis=1) == pytest.approx(np.ones(len(normals)), abs=1e-6)
+
+
+def test_an_arm_whose_meshes_and_textures_are_missing_keeps_its_colours(tmp_path: Path) -> None:
+    path = tmp_path / "torn.xml"
+    torn = ARM.replace('vertex="0 0 0  .1 0 0  0 .2 0  0 0 .3"', 'file="none.stl"')
+    torn = torn.replace(
+        'rgba="1 0 0 1"/>', 'rgba="1 0 0 1" texture="wood"/><texture name="wood" type="2d" file="none.png"/>'
+    )
+    path.write_text(torn.replace('name="hull" type="sphere"', 'name="hull" type="sphere" material="red"'))
+    with pytest.warns(LeftOut, match=r"torn\.xml: meshes are missing, the arm is drawn without: .*none\.stl"):
+        arm = Arm.from_mjcf(path)
+    hull = arm.model.geom("hull")
+    assert arm.model.mat_rgba[hull.matid[0]].tolist() == [1.0, 0.0, 0.0, 1.0]
+    # To a user of the command line, whom a library's warnings do not reach, it is a line.
+    call = ["-m", "scenarios.cli", "bound", "ann-arbor", "--arm", "torn.xml", "--maneuver", "static-poses"]
+    done = subprocess.run([sys.executable, *call], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert re.fullmatch(r"rig: torn\.xml: meshes are missing, .*none\.stl.*\n", done.stderr)
 
 
 def test_a_link_at_fault_is_painted(arm: Arm) -> None:

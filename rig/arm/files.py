@@ -12,7 +12,7 @@ import numpy as np
 
 from rig.arm.chain import joints_of, site_names
 from rig.documents import check_ordinary
-from rig.errors import RigError, nearest
+from rig.errors import LeftOut, RigError, nearest
 
 _ROOT: Final = re.compile(rb"<\s*(robot|mujoco)\b")
 _BEGINNING: Final = 1 << 16  # bytes in which a file says what it is
@@ -124,10 +124,13 @@ def _compiled(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
     except ValueError as error:
         if "opening file" not in str(error):
             raise
-        warnings.warn(f"{file}: meshes are missing, the arm is drawn without: {_line(error)}", stacklevel=4)
-    for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]:
+        words = f"{file}: meshes are missing, the arm is drawn without: {_line(error)}"
+        warnings.warn(words, LeftOut, stacklevel=4)
+    for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH or geom.meshname]:
         spec.delete(geom)
-    for item in [*spec.meshes, *spec.skins, *spec.materials, *spec.textures]:
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for item in [*spec.meshes, *spec.skins, *spec.textures]:
         spec.delete(item)
     spec.compiler.boundmass = spec.compiler.boundinertia = 1e-9
     return spec.compile()

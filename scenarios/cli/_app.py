@@ -15,7 +15,7 @@ from typing import Any, Final, NoReturn
 
 import click
 
-from rig.errors import LONGEST_MESSAGE, RigError, nearest, one_line, shown
+from rig.errors import LONGEST_MESSAGE, LeftOut, RigError, nearest, one_line, shown
 from rig.memory import VARIABLE
 from rig.patience import is_stuck
 from scenarios.cli import _signals
@@ -195,6 +195,8 @@ def main(group: click.Group = cli, program: str = "rig") -> NoReturn:
     os.environ["MPLBACKEND"] = "agg"  # pictures are files: no window of the user's choice is opened, or fails to be
     if not debugging():  # what a library has to say to its programmer is not for the user
         warnings.simplefilter("ignore")
+        warnings.simplefilter("once", LeftOut)
+        warnings.showwarning = _tell
         logging.getLogger().addHandler(logging.NullHandler())
         os.environ.setdefault("RUST_LOG", "off")  # rerun's own log of what is reported anyway
     try:
@@ -231,6 +233,10 @@ def _bug(error: Exception) -> int:
         raise error
     what = f"{type(error).__name__}: {one_line(str(error), 150)}"
     return _fail(f"this is a bug in rig, not in your call: {what} (RIG_DEBUG=1 shows where)", BUG)
+
+
+def _tell(message: Warning | str, *where: Any, **more: Any) -> None:
+    _fail(str(message), DONE)
 
 
 def _fail(message: str, status: int) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.errors import RigError, one_line, unknown_name
+from rig.errors import RigError, in_short, one_line, unknown_name
 from scenarios.cli._options import (
     PATH,
     arm_options,
@@ -153,6 +153,8 @@ def view(
     target = output if output is not None else Path(mkdtemp(prefix="rig-view-")) / f"{run.stem}.rrd"
     try:
         arm = chosen_arm(arm_file, tip)
+        if arm is not None and arm.urdf is not None:
+            _tell_left_out(arm.urdf)
         if diagnosis is None:
             _draw(run, calibration, arm, target)
         else:
@@ -229,8 +231,6 @@ def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) ->
     from estimators import Calibration
 
     found = _fitted(run, recording, arm) if calibration is None else Calibration.read(calibration)
-    if arm is not None and arm.urdf is not None:
-        _tell_left_out(arm.urdf)
     from scenarios.view import write_view
 
     with progress_bar(f"drawing {run}"):
@@ -243,8 +243,8 @@ def _tell_left_out(urdf: Path) -> None:
 
     left_out = drawable_urdf(urdf)[1]
     if left_out:
-        more = f" and {len(left_out) - 1} more" if len(left_out) > 1 else ""
-        click.echo(one_line(f"{urdf}: left out a mesh that is not the URDF's own: {left_out[0]}{more}"), err=True)
+        what = "a mesh is" if len(left_out) == 1 else f"{len(left_out)} meshes are"
+        click.echo(one_line(f"rig: {urdf}: {what} left out: {in_short(left_out)}"), err=True)
 
 
 def _fitted(run: Path, recording: Recording, arm: Arm | None) -> Calibration | None:
