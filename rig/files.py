@@ -101,13 +101,18 @@ def check_writable(target: Path) -> None:
         if target.is_dir():
             raise RigError(f"{target}: is a folder, expected the name of a file to write")
         if not target.parent.is_dir():
-            raise RigError(f"{target}: folder {target.parent} does not exist")
+            found = "is a file" if target.parent.exists() else "does not exist"
+            raise RigError(f"{target}: folder {target.parent} {found}")
         if target.exists() and not target.is_file():
             raise RigError(f"{target}: is no ordinary file, expected the name of a file to write")
     except (OSError, ValueError) as error:  # a name too long, or one with a zero in it
         raise RigError(f"{target}: cannot be written: {getattr(error, 'strerror', None) or error}") from error
-    if not os.access(target.parent, os.W_OK):
-        raise RigError(f"{target}: folder {target.parent} cannot be written to")
+    _check_access(target, target.parent)
+
+
+def _check_access(target: Path, folder: Path) -> None:
+    if not os.access(folder, os.W_OK):
+        raise RigError(f"{target}: folder {folder} cannot be written to")
 
 
 def write_text(path: str | os.PathLike[str], text: str, mode: int | None = None) -> None:
@@ -186,10 +191,12 @@ def own_folder(path: Path, linked: bool = False) -> Path:
 
 @contextmanager
 def made_folder(path: Path, linked: bool = True) -> Iterator[Path]:
-    """A folder as of ``own_folder``; what was made for it and is still empty when the block fails is removed."""
+    """A folder as of ``own_folder`` that can be written to; what was made for it and is still empty when the block
+    fails is removed."""
     missing = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
-        yield own_folder(path, linked)
+        _check_access(path, own_folder(path, linked))
+        yield path
     except BaseException:
         for folder in missing:
             with suppress(OSError):  # not empty, or never made

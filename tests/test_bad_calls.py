@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -40,3 +41,53 @@ def test_a_file_is_not_taken_twice(here: Path, rig: Rig, command: tuple[str, ...
     assert line.startswith(f"rig: {Path(again)}: is ")
     assert line.endswith("expected each once")
     assert not list(here.glob("out*"))
+
+
+#: Every command that writes, up to the name of what it writes.
+WRITERS = {
+    "demo": ("demo", "-o", "out/"),
+    "sweep": ("sweep", "small.toml", "-o", "out/run.parquet"),
+    "import": ("import", "run.csv", "-o", "out/run.parquet"),
+    "import, its mapping": ("import", "run.csv", "--map", "out/map.toml"),
+    "calibrate": ("calibrate", "run.csv", "-o", "out/cal.json"),
+    "calibrate, its picture": ("calibrate", "run.csv", "--coverage", "out/seen.png"),
+    "apply": ("apply", "cal.json", "run.csv", "-o", "out/run.csv"),
+    "compare": ("compare", "cal.json", "cal.json", "-o", "out/errors.png"),
+    "view": ("view", "run.csv", "-o", "out/run.rrd"),
+    "effects": ("effects", "backlash", "-o", "out/backlash.png"),
+    "diagnose": ("diagnose", "run.csv", "--out", "out/"),
+    "diagnose, its rig": ("diagnose", "run.csv", "--save-scenario", "out/rig.toml"),
+    "bound": ("bound", "small.toml", "-o", "out/bound.png"),
+    "plan": ("plan", "--seconds", "60", "-o", "out/plan.toml"),
+    "plan, its path": ("plan", "--seconds", "60", "-o", "plan.toml", "--csv", "out/plan.csv"),
+    "noise": ("noise", "run.csv", "-o", "out/noise.png"),
+    "live": ("live", "run.csv", "-o", "out/run.parquet"),
+    "live, its calibration": ("live", "run.csv", "-o", "live.parquet", "--cal", "out/cal.json"),
+    "export": ("export", "cal.json", "--to", "c", "-o", "out/cal.h"),
+    "study consistency": ("study", "consistency", "small.toml", "-o", "out/"),
+    "study subsets": ("study", "subsets", "run.csv", "-o", "out/"),
+}
+
+
+@pytest.mark.parametrize("call", WRITERS.values(), ids=WRITERS)
+def test_a_folder_that_may_only_be_read(
+    here: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch, call: tuple[str, ...]
+) -> None:
+    """Said before any work, of which the standard output would tell."""
+    Path("out").mkdir()
+    access = os.access
+    monkeypatch.setattr(
+        os, "access", lambda path, mode: access(path, mode) and (Path(path).name, mode) != ("out", os.W_OK)
+    )
+    line = rig.refused(*call)
+    assert line.startswith(f"rig: {call[-1].rstrip('/')}")
+    assert "out cannot be written to" in line
+    assert not list(Path("out").iterdir())
+
+
+@pytest.mark.parametrize("call", WRITERS.values(), ids=WRITERS)
+def test_a_file_is_no_folder_to_write_to(here: Path, rig: Rig, call: tuple[str, ...]) -> None:
+    Path("out").write_text("a file")
+    line = rig.refused(*call)
+    assert line.startswith(f"rig: {call[-1].rstrip('/')}: ")
+    assert Path("out").read_text() == "a file"

@@ -108,13 +108,14 @@ def import_(
     given, there = _mapping(
         map_file, {key: value for key, value in options.items() if value is not None}, gravity, field
     )
+    if map_file is not None and not there:
+        check_output(map_file, (".toml",), *logs)
     given, place = _placed(given, at, date)
     arm = chosen_arm(arm_file, tip)
     with progress_bar(f"importing {logs[0]}"):
         found = import_logs(logs, given if there else None, arm, given)
     with ExitStack() as both_or_none:
         if map_file is not None and not there:
-            check_output(map_file, (".toml",), *logs)
             words = f"Of {', '.join(log.name for log in logs)}: confirm or change."
             write_text(both_or_none.enter_context(atomic_path(map_file)), found.mapping.to_toml([words]))
         if output is not None:
