@@ -49,6 +49,8 @@ _COMMANDS: Final = {
 
 #: What click says of a text that is no number.
 _NO_NUMBER: Final = re.compile(r"(?<=: )('.*') is not a valid (integer|float)(?: range)?", re.DOTALL)
+#: And of a number beyond its range.
+_BEYOND: Final = re.compile(r"(?<=: )(\S+) is not in the range (\S+)\.$")
 SETTINGS: Final = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -266,6 +268,6 @@ def _number_wanted(said: re.Match[str]) -> str:
 def _usage(error: click.ClickException) -> str:
     command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "rig"
     hint = f"; see {command} --help"
-    message = _NO_NUMBER.sub(_number_wanted, error.format_message())
+    message = _NO_NUMBER.sub(_number_wanted, _BEYOND.sub(r"found \1, expected a number \2", error.format_message()))
     message = one_line(message, LONGEST_MESSAGE - len(hint)).rstrip(".")
     return f"{message[:1].lower()}{message[1:]}{hint}"

@@ -50,6 +50,9 @@ class FiniteNumber(click.FloatRange):
         return found
 
 
+POSITIVE: Final = FiniteNumber(min=0.0, min_open=True)
+
+
 def json_option(command: Command) -> Command:
     """``--json``: one JSON document on stdout, and nothing else there."""
     return click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout, for machines.")(command)

@@ -12,7 +12,7 @@ import click
 
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
-from scenarios.cli._options import Command, FiniteNumber
+from scenarios.cli._options import POSITIVE, Command
 
 if TYPE_CHECKING:
     from estimators import Calibration
@@ -23,7 +23,7 @@ def stated_options(command: Command) -> Command:
     """``--gravity`` and ``--field``, ``--at`` and ``--date``."""
     gravity = click.option(
         "--gravity",
-        type=FiniteNumber(min=0, min_open=True),
+        type=POSITIVE,
         metavar="M_S2",
         help="Its magnitude; else the recording's.",
     )

@@ -14,7 +14,7 @@ from rig.files import check_different
 from scenarios.cli._app import debugging
 from scenarios.cli._options import (
     PATH,
-    FiniteNumber,
+    POSITIVE,
     arm_options,
     check_output,
     chosen_arm,
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 @click.option("--save-scenario", "saved", type=PATH, metavar="F.toml", help="Write the improved rig, for rig sweep.")
 @click.option(
     "--minutes",
-    type=FiniteNumber(min=0.0, min_open=True),
+    type=POSITIVE,
     metavar="M",
     help="For the next maneuver; as long as RUN by default.",
 )

@@ -17,8 +17,10 @@ import click
 from rig.errors import RigError
 from scenarios.cli._options import (
     PATH,
+    POSITIVE,
     RECORDING_SUFFIXES,
     Choice,
+    FiniteNumber,
     arm_options,
     check_output,
     chosen_arm,
@@ -117,20 +119,22 @@ def _connected(text: str) -> socket.socket:
 @click.option("--resume", is_flag=True, help="Go on with what an interrupted session has left of -o RUN.")
 @click.option("--columns", metavar="NAMES", help="Of lines without a header, with commas; - for those to pass over.")
 @click.option("--map", "mapping", type=PATH, metavar="MAP", help="What the columns are: a mapping of rig import.")
-@click.option("--rate", type=float, metavar="HZ", help="Of lines without a time.")
-@click.option("--gravity", type=float, metavar="M_S2", help="Gravity's magnitude, where the stream does not say it.")
-@click.option("--field", type=float, metavar="F", help="The magnetic field's, in the unit wanted; relative otherwise.")
+@click.option("--rate", type=POSITIVE, metavar="HZ", help="Of lines without a time.")
+@click.option("--gravity", type=POSITIVE, metavar="M_S2", help="Gravity's magnitude, where the stream does not say it.")
+@click.option("--field", type=POSITIVE, metavar="F", help="The magnetic field's, in the unit wanted; else relative.")
 @click.option("--to", default="0.1%", metavar="P%", help="Enough is: every 95 % interval within ±P %; 0.1% by default.")
-@click.option("--forget", type=float, metavar="SECONDS", help="Only the last SECONDS count.")
+@click.option("--forget", type=POSITIVE, metavar="SECONDS", help="Only the last SECONDS count.")
 @click.option("--parameters", type=Choice(("6", "9")), default="9", help="Without the attitude; 9 by default.")
 @click.option("--without-pose", is_flag=True, help="Calibrate without the attitude, though poses come.")
 @click.option("--guide", metavar="NAME", help="Show a procedure step by step; 'list' lists them.")
 @click.option("--keep-going", is_flag=True, help="Do not stop when it is enough.")
-@click.option("--seconds", type=float, metavar="S", help="Stop after so much of the stream's time.")
-@click.option("--idle", type=float, metavar="S", help="Stop when nothing comes for so long; of a file 3 s by default.")
+@click.option("--seconds", type=POSITIVE, metavar="S", help="Stop after so much of the stream's time.")
+@click.option("--idle", type=POSITIVE, metavar="S", help="Stop when nothing comes so long; of a file 3 s by default.")
 @click.option("--calibration", type=PATH, metavar="CAL", help="Watch this calibration instead: alarms when it fails.")
-@click.option("--alarms", type=float, default=1.0, metavar="N", help="False alarms a day at most; 1 by default.")
-@click.option("--learn", type=float, default=60.0, metavar="S", help="The noise's memory is learnt so long; 60 s.")
+@click.option("--alarms", type=POSITIVE, default=1.0, metavar="N", help="False alarms a day at most; 1 by default.")
+@click.option(
+    "--learn", type=FiniteNumber(min=0.0), default=60.0, metavar="S", help="The noise's memory is learnt so long; 60 s."
+)
 @arm_options
 @click.option("--view/--no-view", default=False, help="Show it in the rerun viewer.")
 @click.option("--view-file", type=PATH, metavar="F.rrd", help="Write what the viewer would show.")
@@ -194,10 +198,6 @@ def _plan(source: str, given: dict[str, Any]) -> Plan:
     from estimators.live import Options
     from scenarios.live.session import Plan
 
-    for name in ("rate", "gravity", "field", "forget", "seconds", "idle", "alarms"):
-        value = given[name]
-        if value is not None and not 0.0 < value < float("inf"):
-            raise RigError(f"--{name}: found {value:g}, expected a positive number")
     is_file = source != "-" and ":" not in source
     idle = given["idle"] if given["idle"] is not None else _FILE_IDLE_S if is_file else None
     known = None if given["calibration"] is None else Calibration.read(given["calibration"])
@@ -215,7 +215,7 @@ def _plan(source: str, given: dict[str, Any]) -> Plan:
         idle,
         given["seconds"],
         given["alarms"],
-        max(given["learn"], 0.0),
+        given["learn"],
     )
 
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.errors import RigError
 from scenarios.cli._options import (
     PATH,
+    POSITIVE,
     Choice,
     FiniteNumber,
     arm_options,
@@ -50,11 +50,11 @@ if TYPE_CHECKING:
     metavar="EFFECT@PLACE|all",
     help="Plan to tell these causes apart, or as many as can be, instead of to calibrate.",
 )
-@click.option("--table", "table_m", type=float, metavar="Z", help="Height of a table in the base frame [m].")
+@click.option("--table", "table_m", type=FiniteNumber(), metavar="Z", help="Height of a table in the base frame [m].")
 @click.option("--box", "boxes", multiple=True, metavar="x,y,z,X,Y,Z", help="What stands around: two corners [m].")
-@click.option("--margin", "margin_m", type=FiniteNumber(min=0.0), default=0.01, show_default=True, help="[m]")
-@click.option("--speed", type=float, metavar="DEG/S", help="At most so much in every joint.")
-@click.option("--acceleration", type=float, metavar="DEG/S²", help="At most so much in every joint.")
+@click.option("--margin", "margin_m", type=FiniteNumber(min=0.0, max=1.0), default=0.01, show_default=True, help="[m]")
+@click.option("--speed", type=POSITIVE, metavar="DEG/S", help="At most so much in every joint.")
+@click.option("--acceleration", type=POSITIVE, metavar="DEG/S²", help="At most so much in every joint.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the search.")
 @json_option
 def plan(
@@ -100,9 +100,6 @@ def plan(
     from scenarios.loader import load
     from scenarios.plan.plan import make_plan, trajectory_csv
 
-    for name, most in (("speed", speed), ("acceleration", acceleration)):
-        if most is not None and not 0.0 < most < math.inf:
-            raise RigError(f"--{name}: found {most:g}, expected a positive number")
     base = on_arm(load(scenario), arm_file, tip, None)
     with progress_bar("planning") as progress:
         found = make_plan(
@@ -142,6 +139,8 @@ def plan(
 
 
 _STEMS = ("sensitivity", "offset", "axis", "field")
+#: The criterion of a plan that fits into the time must stay below that of one that does not.
+_HEAVIEST = 100.0
 
 
 def _weights(given: tuple[str, ...]) -> dict[str, float]:
@@ -162,8 +161,8 @@ def _weights(given: tuple[str, ...]) -> dict[str, float]:
             found[name] = float(number)
         except ValueError:
             found[name] = -1.0
-        if not 0.0 <= found[name] < float("inf"):
-            raise RigError(f"--weight: found {text!r}, expected {name}=W with a number that is not negative")
+        if not 0.0 <= found[name] <= _HEAVIEST:
+            raise RigError(f"--weight: found {text!r}, expected {name}=W with a number from 0 to {_HEAVIEST:g}")
     return found
 
 
