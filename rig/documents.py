@@ -8,11 +8,12 @@ import os
 import re
 import stat
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from rig.errors import RigError, nearest, one_line
+from rig.errors import RigError, nearest, one_line, shown
 
 #: A document of this project is far smaller [bytes].
 LARGEST_DOCUMENT: Final = 16 << 20
@@ -77,7 +78,7 @@ def read_json(path: str | os.PathLike[str], expected: str, largest: int = LARGES
 
 
 def parse_json(text: str | bytes, where: str, expected: str = "JSON") -> Any:
-    """JSON with finite numbers only.
+    """JSON with finite numbers only, and each key of an object once.
 
     Args:
         text: UTF-8 where it is bytes.
@@ -85,12 +86,16 @@ def parse_json(text: str | bytes, where: str, expected: str = "JSON") -> Any:
         expected: what it should be, for messages.
 
     Raises:
-        RigError: not JSON, nested too deep, or a number beyond the floating-point range.
+        RigError: not JSON, nested too deep, a key twice, or a number beyond the floating-point range.
     """
     if isinstance(text, bytes):
         text = _decoded(text, where, expected)
     try:
-        return json.loads(text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_integer)
+        return json.loads(
+            text, object_pairs_hook=_once, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_integer
+        )
+    except _TwiceError as error:
+        raise RigError(f"{where}: key {error} occurs twice in one object, expected once") from error
     except RecursionError as error:
         raise RigError(f"{where}: is not JSON that can be read: nested too deep, expected {expected}") from error
     except ValueError as error:
@@ -162,6 +167,17 @@ def _leaves(content: Any) -> Iterator[Any]:
             left.extend(value)
         else:
             yield value
+
+
+class _TwiceError(Exception):
+    """A key, of which one value would have been lost."""
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise _TwiceError(shown(next(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)))
+    return found
 
 
 def _refuse_constant(name: str) -> Any:

@@ -91,3 +91,10 @@ def test_a_file_is_no_folder_to_write_to(here: Path, rig: Rig, call: tuple[str, 
     line = rig.refused(*call)
     assert line.startswith(f"rig: {call[-1].rstrip('/')}: ")
     assert Path("out").read_text() == "a file"
+
+
+@pytest.mark.parametrize("text", ['{"a": 1, "b": {"c": 2, "c": 2}}', '[{"c": 1, "d": 2, "c": 3}]'])
+def test_a_key_that_is_there_twice_is_no_choice_of_ours(rig: Rig, here: Path, text: str) -> None:
+    Path("twice.json").write_text(text)
+    line = rig.refused("export", "twice.json", "--to", "c")
+    assert line == "rig: twice.json: key 'c' occurs twice in one object, expected once"
