@@ -68,7 +68,7 @@ def check_ordinary(file: Path, expected: str) -> None:
 
 
 def read_text(path: str | os.PathLike[str], expected: str, largest: int = LARGEST_DOCUMENT) -> str:
-    """A UTF-8 text file; as ``read_bytes``, and RigError where it is no such text."""
+    """A UTF-8 text file, without a byte order mark; as ``read_bytes``, and RigError where it is no such text."""
     return _decoded(read_bytes(path, expected, largest), str(path), expected)
 
 
@@ -152,7 +152,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 def _decoded(content: bytes, where: str, expected: str) -> str:
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8-sig")  # some editors put a mark of the byte order first
     except UnicodeDecodeError as error:
         raise RigError(f"{where}: not UTF-8 text (byte {error.start}), expected {expected}") from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 from pathlib import Path
 
@@ -98,3 +99,22 @@ def test_a_key_that_is_there_twice_is_no_choice_of_ours(rig: Rig, here: Path, te
     Path("twice.json").write_text(text)
     line = rig.refused("export", "twice.json", "--to", "c")
     assert line == "rig: twice.json: key 'c' occurs twice in one object, expected once"
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text(rig: Rig, here: Path) -> None:
+    Path("marked.toml").write_bytes(codecs.BOM_UTF8 + SMALL.encode())
+    assert "600 samples" in rig.done("sweep", "marked.toml", "-o", "out.csv")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (SMALL.encode("utf-16"), "is UTF-16 text, expected a CSV file in UTF-8"),
+        ("t_s,accel1_\xb5V\n".encode("latin-1"), "not UTF-8 text (byte 11 of a line at its beginning), expected CSV"),
+        (b"t_s,accel1_V,accel2_V,accel3_V\n" + 2**21 * b"9", "has a row of more than 524288 bytes, expected numbers"),
+    ],
+    ids=["UTF-16", "Latin-1", "a row without end"],
+)
+def test_a_table_of_another_kind(rig: Rig, here: Path, content: bytes, message: str) -> None:
+    Path("other.csv").write_bytes(content)
+    assert rig.refused("check", "other.csv") == f"rig: other.csv: {message}"

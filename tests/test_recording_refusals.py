@@ -150,7 +150,7 @@ BAD_METADATA = [
     ('{"gravity_m_s2": NaN}', "NaN is not JSON"),
     ("{", "metadata: is not JSON"),
     ("[" * 100_000, "metadata: is not JSON"),
-    (b"\xff", "is not a whole"),
+    (b"\xff", "byte "),
 ]
 
 

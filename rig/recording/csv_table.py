@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import os
 import re
@@ -104,6 +105,8 @@ class CsvTable:
                     line, expected, cells = found.groups()
                     what = f"found {cells} cells{_row(line)}, expected {expected}"
                     raise RigError(f"{self.path}: is truncated or damaged: {what}") from error
+                if "straddling object" in str(error):
+                    raise RigError(f"{self.path}: has a row of more than {_BLOCK} bytes, expected numbers") from error
                 if "Empty CSV" in str(error):  # nothing but blank lines
                     raise RigError(f"{self.path}: has no samples") from error
                 raise
@@ -134,9 +137,15 @@ def open_csv(path: Path) -> CsvTable:
 
 def _line(file: BinaryIO, path: Path) -> str:
     line = file.readline(_LONGEST_LINE)
+    if line.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise RigError(f"{path}: is UTF-16 text, expected a CSV file in UTF-8")
     if len(line) == _LONGEST_LINE or b"\0" in line:
         raise RigError(f"{path}: is not a CSV file: no line of column names at its beginning")
-    return line.decode("utf-8").rstrip("\r\n")
+    try:
+        return line.decode("utf-8").rstrip("\r\n")
+    except UnicodeDecodeError as error:
+        where = f"byte {error.start} of a line at its beginning"
+        raise RigError(f"{path}: not UTF-8 text ({where}), expected CSV") from error
 
 
 def _rows_written(metadata: str) -> int | None:
