@@ -118,3 +118,16 @@ def test_a_byte_order_mark_is_no_part_of_a_text(rig: Rig, here: Path) -> None:
 def test_a_table_of_another_kind(rig: Rig, here: Path, content: bytes, message: str) -> None:
     Path("other.csv").write_bytes(content)
     assert rig.refused("check", "other.csv") == f"rig: other.csv: {message}"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--draws", "1000000000000"), "draws: 1000000000000 with 25 counts, 3e+14 fits: takes 5.46e+04 TiB of memory"),
+        (("--counts", "1000000000"), "counts: found 1000000000 from 100 samples, expected two or more, from"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_a_study_that_nobody_could_wait_for(here: Path, rig: Rig, options: tuple[str, ...], message: str) -> None:
+    assert message in rig.refused("study", "consistency", "small.toml", "-o", "study", *options)
+    assert not Path("study").exists()

@@ -14,6 +14,7 @@ from estimators.known_angle.model import METHODS, Method, SensorParameters
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.effects import Kind
 from rig.errors import RigError, unknown_name
+from rig.memory import check_fits
 from scenarios.loader import from_toml
 from scenarios.scenario import Scenario
 from scenarios.studies.increments import Increments
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 #: enough to be fitted together quickly.
 _ORDERS_DRAWN: Final = 20
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 5, 100
+#: Of the table that a study ends with: a fit of each of two sensors, of some 20 coordinates.
+_BYTES_A_ROW: Final = 200
 #: The fewest samples: some more than the 18 parameters of a separate fit.
 _FEWEST: Final = 24
 
@@ -71,6 +74,8 @@ class Settings:
             for item in given:
                 if item not in choices:
                     raise unknown_name(what, item, choices)
+        rows = self.draws * len(self.counts) * len(self.noise_factors) * len(self.methods) * len(self.orders)
+        check_fits(float(rows) * _BYTES_A_ROW, f"draws: {self.draws} with {len(self.counts)} counts, {rows:.6g} fits")
         for name in ("noise_factors", "methods", "orders"):
             values = getattr(self, name)
             if len(set(values)) < len(values):
@@ -104,10 +109,10 @@ class Settings:
         text = scenario.to_toml()
         samples = len(_expected(text, scenario.name).rotations)
         if isinstance(counts, int):
-            if counts < 2 or first >= samples:
+            if not 2 <= counts <= samples or first >= samples:
                 raise RigError(
                     f"counts: found {counts} from {first} samples, expected two or more, from fewer than the"
-                    f" {samples} that the scenario has"
+                    f" {samples} that the scenario has, and not more than these"
                 )
             numbers = np.unique(np.round(np.geomspace(first, samples, counts)).astype(int)).tolist()
         else:
