@@ -131,3 +131,20 @@ def test_a_table_of_another_kind(rig: Rig, here: Path, content: bytes, message: 
 def test_a_study_that_nobody_could_wait_for(here: Path, rig: Rig, options: tuple[str, ...], message: str) -> None:
     assert message in rig.refused("study", "consistency", "small.toml", "-o", "study", *options)
     assert not Path("study").exists()
+
+
+def test_a_line_of_json_without_end_is_a_broken_line(here: Path, rig: Rig) -> None:
+    good = '{"t_s": %s, "mag1_uT": 1.0, "mag2_uT": 2.0, "mag3_uT": 3.0}'
+    deep = '{"t_s": ' + 5000 * "["
+    for lines in ([deep], [deep, good % 0, deep, *(good % number for number in range(1, 40))]):
+        Path("lines.jsonl").write_text("\n".join(lines) + "\n")
+        result = rig("live", "lines.jsonl", "-o", f"{len(lines)}.csv", "--idle", "0.2")
+        assert result.status == (2 if len(lines) == 1 else 1)  # 40 equal readings tell nothing
+        assert "broken line" in result.err
+        assert "bug" not in result.err
+
+
+def test_no_stream_is_enough_for_an_interval_of_nothing(here: Path, rig: Rig) -> None:
+    assert "--to: found '1e-300', expected a share such as 0.1% or 0.001, 1e-09 or more" in rig.refused(
+        "live", "run.csv", "-o", "live.parquet", "--to", "1e-300"
+    )

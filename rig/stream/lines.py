@@ -192,7 +192,7 @@ class LineReader:
     def _begin_json(self, line: bytes, rest: bytes) -> bytes:
         try:
             content = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             self._spoilt(line)
             return rest
         if set(content) == {"rig"}:
@@ -290,7 +290,7 @@ class LineReader:
             if len(cells) == len(self.layout.names):
                 values = dict(zip(self.layout.names, cells, strict=True))
                 return [float(values[name]) for name in self.layout.wanted]
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             pass
         self._spoilt(line)
         return None

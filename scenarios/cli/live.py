@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 #: A file that does not grow for so long is taken to be whole [s].
 _FILE_IDLE_S: Final = 3.0
+_LEAST_SHARE: Final = 1e-9
 
 
 @click.command(short_help="A recording as a stream of lines.")
@@ -226,8 +227,8 @@ def _share(text: str) -> float:
         value = float(number.rstrip("% ")) * (0.01 if percent else 1.0)
     except ValueError:
         value = 0.0
-    if not 0.0 < value < 1.0:
-        raise RigError(f"--to: found {text!r}, expected a share such as 0.1% or 0.001")
+    if not _LEAST_SHARE <= value < 1.0:
+        raise RigError(f"--to: found {text!r}, expected a share such as 0.1% or 0.001, {_LEAST_SHARE:g} or more")
     return value
 
 
