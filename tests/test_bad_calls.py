@@ -148,3 +148,8 @@ def test_no_stream_is_enough_for_an_interval_of_nothing(here: Path, rig: Rig) ->
     assert "--to: found '1e-300', expected a share such as 0.1% or 0.001, 1e-09 or more" in rig.refused(
         "live", "run.csv", "-o", "live.parquet", "--to", "1e-300"
     )
+
+
+def test_a_start_beyond_all_numbers(here: Path, rig: Rig) -> None:
+    line = rig.refused("calibrate", "run.csv", "--method", "ellipsoid", "--start", "1e-300,1e300")
+    assert line.startswith("rig: run.csv: accelerometer: start: found gain [1.0")

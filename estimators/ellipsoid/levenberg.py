@@ -86,7 +86,7 @@ def levenberg_marquardt(
         name: for messages.
 
     Raises:
-        RigError: a start of another shape.
+        RigError: a start of another shape, or far beyond the readings.
         RefusedFit: the search does not converge, or not to an ellipsoid.
     """
     pairs = parameters - 3
@@ -111,6 +111,12 @@ def levenberg_marquardt(
         return np.column_stack([*columns, -2.0 * field @ inner])
 
     begin = np.concatenate([packed(np.asarray(np.linalg.inv(first_gain)))[:pairs], first_offset])
+    with np.errstate(over="ignore", invalid="ignore"):
+        if not np.isfinite(residuals(begin)).all():
+            raise RigError(
+                f"{name}: start: found gain {np.diag(first_gain).tolist()} and offset {first_offset.tolist()}, expected"
+                " some nearer to the sensor's: from these the readings are beyond all numbers"
+            )
     found = least_squares(residuals, begin, jacobian, method="lm", x_scale="jac", max_nfev=_EVALUATIONS)
     inner, offset = inverse_gain(found.x), found.x[pairs:]
     if (np.linalg.eigvalsh(inner) < 0.0).all():
