@@ -153,3 +153,9 @@ def test_no_stream_is_enough_for_an_interval_of_nothing(here: Path, rig: Rig) ->
 def test_a_start_beyond_all_numbers(here: Path, rig: Rig) -> None:
     line = rig.refused("calibrate", "run.csv", "--method", "ellipsoid", "--start", "1e-300,1e300")
     assert line.startswith("rig: run.csv: accelerometer: start: found gain [1.0")
+
+
+@pytest.mark.parametrize("offset", ["nan", "-inf", "soon"])
+def test_an_offset_of_a_clock_is_a_number(here: Path, rig: Rig, offset: str) -> None:
+    line = rig.refused("import", "run.csv", "--clock-offset", offset)
+    assert line == f"rig: --clock-offset: found '{offset}', expected a number of seconds or auto"

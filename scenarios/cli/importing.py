@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -134,9 +135,12 @@ def _offset(text: str | None) -> Any:
     from rig.errors import RigError
 
     try:
-        return float(text)
+        offset = float(text)
     except ValueError:
-        raise RigError(f"--clock-offset: found {text!r}, expected a number of seconds or auto") from None
+        offset = math.nan
+    if not math.isfinite(offset):
+        raise RigError(f"--clock-offset: found {text!r}, expected a number of seconds or auto")
+    return offset
 
 
 def _mapping(
