@@ -159,3 +159,9 @@ def test_a_start_beyond_all_numbers(here: Path, rig: Rig) -> None:
 def test_an_offset_of_a_clock_is_a_number(here: Path, rig: Rig, offset: str) -> None:
     line = rig.refused("import", "run.csv", "--clock-offset", offset)
     assert line == f"rig: --clock-offset: found '{offset}', expected a number of seconds or auto"
+
+
+def test_an_arm_without_a_body_suggests_none(here: Path, rig: Rig) -> None:
+    Path("none.xml").write_text("<mujoco><worldbody/></mujoco>")
+    line = rig.refused("bound", "small.toml", "--arm", "none.xml")
+    assert line.endswith("expected --tip NAME, the site or body that carries the sensor")

@@ -154,9 +154,10 @@ def _end(model: mujoco.MjModel, sites: list[str], file: Path) -> str:
     if body is not None:
         return body
     bodies = [model.body(index).name for index in range(model.nbody - 1, 0, -1) if model.body(index).name]
+    names = [*carried, *bodies][:10]
     raise RigError(
-        f"{file}: found no one end of the arm, expected --tip NAME, the site or body that carries the sensor, such as"
-        f" {', '.join([*carried, *bodies][:10])}"
+        f"{file}: found no one end of the arm, expected --tip NAME, the site or body that carries the sensor"
+        + (f", such as {', '.join(names)}" if names else "")
     )
 
 
