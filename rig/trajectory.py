@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import RigError
 from rig.memory import check_fits
 
 Array = NDArray[np.float64]
@@ -60,7 +61,7 @@ def sample_times(duration_s: float, rate_Hz: float) -> Array:
     """(n,) [s]: 0, 1/rate, .. with n = duration times rate; the end itself belongs to the next sample.
 
     Raises:
-        RigError: so many samples do not fit into the memory that may be taken.
+        RigError: no sample, or more than fit into the memory that may be taken.
     """
     check_samples(duration_s, rate_Hz)
     return np.arange(round(duration_s * rate_Hz)) / rate_Hz
@@ -70,7 +71,10 @@ def check_samples(duration_s: float, rate_Hz: float, what: str = "duration_s") -
     """Refuse a motion that could not be simulated; ``what`` states its duration, for the message.
 
     Raises:
-        RigError: so many samples do not fit into the memory that may be taken.
+        RigError: no sample, or more than fit into the memory that may be taken.
     """
     samples = duration_s * rate_Hz
-    check_fits(samples * _BYTES_A_SAMPLE, f"{what} {duration_s:g} s at rate_Hz {rate_Hz:g} Hz, {samples:.6g} samples")
+    where = f"{what} {duration_s:g} s at rate_Hz {rate_Hz:g} Hz"
+    check_fits(samples * _BYTES_A_SAMPLE, f"{where}, {samples:.6g} samples")
+    if round(samples) < 1:
+        raise RigError(f"{where}: found no sample, expected one or more")

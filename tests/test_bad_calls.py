@@ -165,3 +165,9 @@ def test_an_arm_without_a_body_suggests_none(here: Path, rig: Rig) -> None:
     Path("none.xml").write_text("<mujoco><worldbody/></mujoco>")
     line = rig.refused("bound", "small.toml", "--arm", "none.xml")
     assert line.endswith("expected --tip NAME, the site or body that carries the sensor")
+
+
+def test_a_maneuver_without_a_sample(here: Path, rig: Rig) -> None:
+    Path("slow.toml").write_text(SMALL.replace("duration_s = 60.0", "duration_s = 60.0\nrate_Hz = 1e-9"))
+    line = rig.refused("sweep", "slow.toml", "-o", "out.csv")
+    assert line == "rig: scenario slow: duration_s 60 s at rate_Hz 1e-09 Hz: found no sample, expected one or more"
