@@ -200,6 +200,7 @@ def _diagnosis() -> Schema:
     }
     optional: dict[str, Schema] = {
         "rig": table_of(ANY),
+        "at_least_one": list_of(object_of({"causes": list_of(_pair()), "probability": NUMBER})),
         ABOUT: of_class(About),
         CORRECTED: said(YES, "whether NAME.calibration.json was written"),
         ORIGIN: said(table_of(ANY), "version, files and options that it was made from"),

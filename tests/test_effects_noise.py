@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import effects_reference as reference
 import numpy as np
 import pytest
 from effects_rig import TIMES, made, pipeline, recording_for, signals, volts

@@ -82,6 +82,15 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
+class OneOf:
+    """Causes of which at least one is there, while none is established by itself: each (effect, place), the likeliest
+    first, and the probability that the explanation holds one of them."""
+
+    causes: tuple[tuple[str, str], ...]
+    probability: float
+
+
+@dataclass(frozen=True)
 class Channel:
     """One channel's gap [recorded unit]; None where it has none to state."""
 
@@ -119,6 +128,7 @@ class Diagnosis:
         posterior: of "nothing" beyond the floor, "known" causes alone, and something "other" with or without causes.
         omitted: the probability of the explanations that are not listed.
         hypotheses: the explanations, the likeliest first.
+        at_least_one: causes of which one at least is established, while none of them is by itself.
         causes: those of the likeliest explanation and those that are likely, the likeliest first; empty for no gap.
         channels: by name; over all recordings. by_recording: of several, by its name, each one's own.
         follows: shares of the gap by what it follows.
@@ -159,6 +169,7 @@ class Diagnosis:
     rig: Mapping[str, Any] | None = None
     calibration: Calibration | None = field(default=None, repr=False, compare=False)
     by_recording: Mapping[str, Mapping[str, Channel]] = field(default_factory=dict)
+    at_least_one: tuple[OneOf, ...] = ()
 
     @property
     def recording(self) -> str:
@@ -213,6 +224,10 @@ class Diagnosis:
                         "probability": one.probability,
                     }
                     for one in self.hypotheses
+                ],
+                "at_least_one": [
+                    {"causes": [list(each) for each in one.causes], "probability": one.probability}
+                    for one in self.at_least_one
                 ],
                 "causes": [self._cause(cause) for cause in self.causes],
                 "where": {
@@ -286,8 +301,12 @@ class Diagnosis:
         follows = " or ".join(_followed(each) for each in self.remainder.follows[:2])
         if other >= 0.5:
             text = f"something outside the catalogue is there (probability {chance(other)})"
-            return text + (f": {follows}" if follows else "")
+            return text + (f": {follows}" if follows else "") + self._one_of()
         return f"no explanation stands out: {self._alternatives() or 'none fits'}"
+
+    def _one_of(self) -> str:
+        named = (", ".join(cause_name(*each) for each in one.causes) for one in self.at_least_one)
+        return "".join(f"; at least one of {names} is there" for names in named)
 
     def _consequences(self) -> str:
         parts = []
@@ -378,20 +397,3 @@ def _size(name: str, estimate: Estimate) -> str:
     if estimate.unit == "rad":
         return f"{math.degrees(estimate.value):.3g} +- {math.degrees(estimate.std):.1g} deg"
     return f"{name} {estimate.value:.3g} +- {estimate.std:.1g} {estimate.unit}".rstrip()
-
-
-def pooled(each: Sequence[Mapping[str, Channel]], counts: Sequence[int] | None = None) -> Mapping[str, Channel]:
-    """Root mean squares over recordings with so many samples; all alike where that is not known."""
-    if len(each) == 1:
-        return each[0]
-    counts = [1] * len(each) if counts is None else counts
-    found = {}
-    for name in dict.fromkeys(name for one in each for name in one):
-        there = [(one[name], count) for one, count in zip(each, counts, strict=True) if name in one]
-        total = sum(count for _, count in there)
-        keys = ("noise_floor", "rms_before", "gap_before", "rms_after", "gap_after")
-        own = {key: math.sqrt(sum(count * getattr(one, key) ** 2 for one, count in there) / total) for key in keys}
-        told = any(one.closed is not None for one, _ in there) and own["gap_before"] > 0.0
-        closed = max(-1.0, 1.0 - (own["gap_after"] / own["gap_before"]) ** 2) if told else None
-        found[name] = Channel(**own, closed=closed)
-    return found

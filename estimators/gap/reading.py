@@ -16,9 +16,10 @@ from estimators.gap.diagnosis import (
     Estimate,
     Hypothesis,
     Number,
+    OneOf,
     Remainder,
-    pooled,
 )
+from estimators.gap.pooled import pooled
 from rig.documents import read_json
 from rig.errors import RigError, shown, unknown_name
 
@@ -64,6 +65,10 @@ def diagnosis_of(document: Any, where: str) -> Diagnosis:
         hypotheses=tuple(
             Hypothesis(_labels(each), bool(each.plain("other")), each.number("probability"))
             for each in top.items("hypotheses")
+        ),
+        at_least_one=tuple(
+            OneOf(_labels(each), each.number("probability"))
+            for each in (top.items("at_least_one") if "at_least_one" in top.content else ())
         ),
         causes=tuple(_cause(each) for each in top.items("causes")),
         channels=pooled(list(by_recording.values())),

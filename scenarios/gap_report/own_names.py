@@ -11,7 +11,7 @@ from estimators.gap.diagnosis import Diagnosis
 
 _JOINT = re.compile(r"\bjoint ?(\d+)\b")
 #: What of a diagnosis speaks of places.
-_SPEAKING = ("hypotheses", "causes", "follows", "remainder", "cannot_tell", "next", "warnings")
+_SPEAKING = ("hypotheses", "at_least_one", "causes", "follows", "remainder", "cannot_tell", "next", "warnings")
 
 
 def in_own_names(diagnosis: Diagnosis) -> Diagnosis:

@@ -26,6 +26,7 @@ from scenarios.gap_report.words import (
     grouped_untold,
     hidden_words,
     listed_words,
+    one_of_words,
     place_words,
     rig_words,
     share_words,
@@ -51,6 +52,7 @@ def explanations(diagnosis: Diagnosis) -> str:
             f"<p><b>{VERDICTS[diagnosis.verdict]}</b>: {escape(MEANINGS[diagnosis.verdict])}</p>",
             _figure(charts.posterior_bar(diagnosis), "Probability of each answer; the three add up to one."),
             _table(("explanation", "probability"), rows, numbers=(1,)),
+            *(f"<p>{escape(_sentence(words))}</p>" for words in one_of_words(diagnosis)),
             '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. Of what is '
             "said with a probability of .9, nine in ten should be true.</p>",
         ]

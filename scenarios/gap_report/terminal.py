@@ -26,6 +26,7 @@ from scenarios.gap_report.words import (
     hidden_words,
     left_words,
     listed_words,
+    one_of_words,
     place_words,
     posterior_words,
     rig_words,
@@ -139,6 +140,7 @@ def _recordings(diagnosis: Diagnosis) -> Table:
 
 def _lines(diagnosis: Diagnosis) -> list[str]:
     lines = [f"probability  {posterior_words(diagnosis)}"]
+    lines += [f"one of       {words}" for words in one_of_words(diagnosis)]
     follows = diagnosis.follows[:4]
     if follows:
         shares = (f"{place_words(str(each['variable']))} {percent(each['share'])}" for each in follows)

@@ -151,6 +151,15 @@ def explanation_words(hypothesis: Hypothesis) -> str:
     return and_words(causes) or ANSWERS["nothing"]
 
 
+def one_of_words(diagnosis: Diagnosis) -> list[str]:
+    """Of which causes one at least is there, each a sentence without its stop."""
+    return [
+        f"at least one of these is there, probability {chance(one.probability)}: "
+        + ", ".join(cause_title(*cause) for cause in one.causes)
+        for one in diagnosis.at_least_one
+    ]
+
+
 def listed_words(diagnosis: Diagnosis, shown: int) -> str:
     """What the first ``shown`` explanations leave out; empty where they are all."""
     rest = diagnosis.hypotheses[shown:]

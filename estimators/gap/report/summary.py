@@ -13,7 +13,7 @@ from estimators.gap.data.defects import Defect
 from estimators.gap.data.rebase import around
 from estimators.gap.data.stack import Stack
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, Remainder, pooled, verdict_of
+from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, OneOf, Remainder, verdict_of
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Weighed, weighed
 from estimators.gap.evidence.laplace import linearised
@@ -21,8 +21,10 @@ from estimators.gap.evidence.refine import at
 from estimators.gap.evidence.terms import every_along
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.stochastic import FittedNoise
+from estimators.gap.pooled import pooled
 from estimators.gap.report import by_channel, closed_shares, closure, marginal
 from estimators.gap.report.by_recording import of_several
+from estimators.gap.report.one_of import at_least_one
 from estimators.gap.report.p_values import defect_probability, doubts
 from estimators.gap.report.recorded_units import in_recorded_units
 from estimators.gap.report.shift import calibration_shift
@@ -80,7 +82,7 @@ def conclude(
     same = marginal.twins(posterior)
     places = marginal.places(posterior, same)
     doubted = doubts(posterior)
-    hypotheses, masses, omitted = _listed(posterior, places, same, certain, bool(nameless), doubted)
+    hypotheses, masses, omitted, one_of = _listed(posterior, places, same, certain, bool(nameless), doubted)
     leading = posterior.leading
     rng = np.random.default_rng(0)
     believed = _believed(leading, doubted.get(0))
@@ -135,6 +137,7 @@ def conclude(
         names={} if data.base.arm is None else data.base.arm.place_names,
         warnings=(warned,) if estimated else (),
         by_recording=dict(zip(names, channels, strict=True)) if len(names) > 1 else {},
+        at_least_one=one_of,
     ), effects
 
 
@@ -145,8 +148,9 @@ def _listed(
     certain: Mapping[tuple[str, str], float],
     nameless: bool,
     doubted: Mapping[int, Sequence[float]],
-) -> tuple[tuple[Hypothesis, ...], dict[str, float], float]:
-    """Hypotheses with twins and states of the floor merged; the three masses; the probability that is not listed."""
+) -> tuple[tuple[Hypothesis, ...], dict[str, float], float, tuple[OneOf, ...]]:
+    """Hypotheses with twins and states of the floor merged; the three masses; the probability that is not listed; and
+    causes of which one at least is there."""
     merged: dict[tuple[tuple[tuple[str, str], ...], bool], float] = {}
     defects = _subsets(list(certain.items()))
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
@@ -165,7 +169,10 @@ def _listed(
     ranked = sorted(merged.items(), key=lambda item: -item[1])
     listed = [Hypothesis(causes, other, mass / total) for (causes, other), mass in ranked if mass / total >= _LISTED]
     listed = listed[:_MOST]
-    return tuple(listed), masses, max(0.0, 1.0 - sum(one.probability for one in listed))
+    sets: dict[tuple[tuple[str, str], ...], float] = {}
+    for (causes, _), mass in merged.items():
+        sets[causes] = sets.get(causes, 0.0) + mass / total
+    return tuple(listed), masses, max(0.0, 1.0 - sum(one.probability for one in listed)), at_least_one(sets)
 
 
 def _believed(each: Weighing, doubted: Sequence[float] | None) -> list[tuple[str, float]]:

@@ -71,6 +71,15 @@ class Explanation:
         """What was fitted."""
         return [member.fit for member in self.members]
 
+    @property
+    def seeds(self) -> list[tuple[Member, ...]]:
+        """Where another search may start: the set, and what is left of it when one or all but one of its members go."""
+        members = self.members
+        found = [members]
+        found += [members[:index] + members[index + 1 :] for index in range(len(members))]
+        found += [(member,) for member in members]
+        return [seed for seed in found if seed]
+
     def own_change(self, index: int, data: WhitenedData) -> Array:
         """(n, 6) change of one effect in some data, beside the others."""
         effects = [fit.effect for fit in self.fits]

@@ -244,7 +244,7 @@ class _Weighing:
             search = Search(self.scanner.stepped(steps), self.candidates, self.prior, self.progress, given=given)
             alone = self.hypotheses.get((leading.state.labels, floor.name, False, False))
             target = -np.inf if alone is None else leading.log_mass - alone.log_mass
-            for each in search.run(_seeds(leading.explanation), False, target)[:_BESIDE]:
+            for each in search.run(leading.explanation.seeds, False, target)[:_BESIDE]:
                 prior = self.prior.log_set([member.drawn for member in each.members])
                 there = around(data, each.data.pipeline) if each.members else data
                 moved = Explanation(each.members, there, prior, fine=True)
@@ -345,7 +345,7 @@ def explain(
             tried.add(kind)
             given, below = one.given
             fresh = below.stepped(one.state.steps[len(given.steps) :])
-            found = work.weigh(one.state, fresh, _seeds(one.explanation), deep=False)
+            found = work.weigh(one.state, fresh, one.explanation.seeds, deep=False)
             frontier.append((one.state, fresh, found))
             if one.state.other or one.state.name == UNSEEN:  # learned beside worse causes, or one too many
                 again += [(one.given, each) for each in found]
@@ -385,18 +385,9 @@ def _far_from_it(work: _Weighing, noises: Noises, each: Explanation) -> list[Exp
         reached = promised
         scanner = work.scanner.stepped(raised(data, Explained(data.absorbed, linear.left)))
         search = Search(scanner, work.candidates, work.prior, work.progress, wide=True)
-        found += search.run(_seeds(each), deep=False)
+        found += search.run(each.seeds, deep=False)
         leading = max(search.found.values(), key=search.gained)
         if leading.key == each.key:
             break
         each = leading
     return found
-
-
-def _seeds(each: Explanation) -> list[tuple[Member, ...]]:
-    """A set and what is left of it when one or all but one of its members go."""
-    members = each.members
-    found = [members]
-    found += [members[:index] + members[index + 1 :] for index in range(len(members))]
-    found += [(member,) for member in members]
-    return [seed for seed in found if seed]
