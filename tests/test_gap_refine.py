@@ -14,7 +14,7 @@ from whitened_examples import recorded
 import scenarios
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.projection import Basis, project
-from estimators.gap.data.rebase import around, rebased, stepped
+from estimators.gap.data.rebase import rebased, stepped
 from estimators.gap.data.whitened import Columns, WhitenedData
 from estimators.gap.diagnosis import percent
 from estimators.gap.evidence import converge
@@ -216,7 +216,7 @@ def test_a_calibration_that_gets_worse_is_not_followed(arm: Arm, monkeypatch: py
         fresh = rebased(data, effects)
         off = np.zeros(data.tangent.shape[1])
         off[1] = 0.1 * (len(tried) + 1)  # the first channel's offset
-        tried.append(around(fresh, stepped(fresh.pipeline, off)))
+        tried.append(fresh.around(stepped(fresh.pipeline, off)))
         return tried[-1]
 
     monkeypatch.setattr(converge, "rebased", worse)

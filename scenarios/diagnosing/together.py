@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
-from estimators.gap.data.rebase import around
 from estimators.gap.data.stack import acting
 from estimators.gap.diagnose import Examined, examined
 from estimators.gap.report.separation import rivals
@@ -104,7 +103,7 @@ def residuals_of_each(found: Examined) -> list[GapResiduals]:
     effects = list(found.effects)
     after: Array | None = None
     if effects:
-        settled = around(data, found.settled)
+        settled = data.around(found.settled)
         after = settled.left_over(settled.residual - settled.change(effects))
     others = {cause.effect: cause for cause in found.diagnosis.leading if EFFECTS[cause.effect].kind is not Kind.MEAN}
     every = [effect for effect in diagnosed_effects(found.diagnosis) if effect.name in others]

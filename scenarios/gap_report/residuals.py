@@ -20,7 +20,6 @@ from estimators.gap.data.basefit import (
 )
 from estimators.gap.data.defects import find_defects, lattice, masked, relieved
 from estimators.gap.data.projection import Basis
-from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.floor.channel_noise import ChannelNoise
@@ -164,7 +163,7 @@ def _recalibrated(
         pipeline = fitted_pipeline(calibrate(corrected.select(whole), noise=noise, arm=data.base.arm), recording)
     except RigError:  # too little is left: the first calibration, then
         return data
-    return around(data, pipeline)
+    return data.around(pipeline)
 
 
 def with_noise(data: WhitenedData, causes: Sequence[Effect], after: Array) -> WhitenedData:

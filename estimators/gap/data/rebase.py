@@ -33,12 +33,7 @@ def rebased(data: WhitenedData, effects: Sequence[Effect]) -> WhitenedData:
     scale = np.sqrt(np.diag(gram))
     scale[scale == 0.0] = np.inf
     step = np.linalg.pinv(gram / np.outer(scale, scale), rcond=_FELT, hermitian=True) @ (moment / scale) / scale
-    return around(data, stepped(data.pipeline, step))
-
-
-def around(data: WhitenedData, pipeline: Pipeline) -> WhitenedData:
-    """The data with another calibration."""
-    return data.around(pipeline)
+    return data.around(stepped(data.pipeline, step))
 
 
 def stepped(pipeline: Pipeline, step: Array) -> Pipeline:

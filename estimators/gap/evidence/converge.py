@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.data.rebase import around, rebased
+from estimators.gap.data.rebase import rebased
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.refine import Fitted, Refit, refit
 
@@ -26,7 +26,7 @@ def converged(fits: Sequence[Fitted], data: WhitenedData, rough: WhitenedData | 
     """
     if rough is not None and rough is not data and all(fit.candidate.smooth for fit in fits):
         first = converged(fits, rough)
-        fits, data = first.fits, data if first.data is rough else around(data, first.data.pipeline)
+        fits, data = first.fits, data if first.data is rough else data.around(first.data.pipeline)
     found = refit(fits, data)
     least = np.inf
     for _ in range(_ROUNDS if found.fits else 0):

@@ -12,7 +12,6 @@ from scipy.special import ndtri
 
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.projection import project
-from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Closed
 from estimators.gap.evidence.laplace import Linear
@@ -22,7 +21,6 @@ from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import closure
 from estimators.gap.report.p_values import WAYS
 from estimators.gap.search.explanation import Explanation
-from estimators.gap.search.noises import on_data
 from estimators.gap.search.posterior import Hypothesis, Posterior
 
 Array = NDArray[np.float64]
@@ -44,13 +42,13 @@ def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Gene
         key = explanation.key, explanation.fine, len(explanation.data.steps)
         if key not in known:
             same = explanation.data.steps == floor.steps
-            known[key] = explanation.linear if same else on_data(floor, explanation)[1]
+            known[key] = explanation.linear if same else explanation.on(floor).linear
         return known[key]
 
     leading = posterior.leading.explanation
     own = under_floor(leading)
     if len(reported) < len(leading.members):
-        data = around(floor, leading.data.pipeline)
+        data = floor.around(leading.data.pipeline)
         change = project(data.absorbed, data.whiten(data.change([leading.fits[index].effect for index in reported])))
         own = replace(own, left=floor.whitened - change, tangent=own.tangent[:, np.isin(own.owner, reported)])
     fitted = floor.whitened - own.left
@@ -88,7 +86,7 @@ def shapes_apart(explanation: Explanation, floor: WhitenedData) -> list[Array]:
     that at its own, (k, m) whitened and with the calibration projected out."""
     if not any(member.widths for member in explanation.members):
         return []
-    data = around(floor, explanation.data.pipeline)
+    data = floor.around(explanation.data.pipeline)
     now = data.change([fit.effect for fit in explanation.fits])
     found = []
     for sets in zip(*(explanation.moved(float(by)) for by in _LIKELY), strict=True):
@@ -140,7 +138,8 @@ def by_cause(
     explanation = holder.explanation
     if len(explanation.fits) == 1 or (holder is posterior.leading and list(reported) == [index]):
         return closure.share(after, before)
-    data, linear = on_data(posterior.scanner.fine.data, explanation)
+    here = explanation.on(posterior.scanner.fine.data)
+    data, linear = here.data, here.linear
     mine = linear.owner == index
     deltas = closure.of_parameters(holder.moments, rng, len(before))[:, mine]
     own = replace(linear, tangent=linear.tangent[:, mine])

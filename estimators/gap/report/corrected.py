@@ -19,7 +19,7 @@ from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
 from estimators.gap.data.basefit import cleared
 from estimators.gap.data.projection import orthonormal
-from estimators.gap.data.rebase import around, stepped
+from estimators.gap.data.rebase import stepped
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import is_common
 from estimators.gap.evidence.converge import converged
@@ -73,7 +73,7 @@ def corrected_calibration(recording: Recording, data: WhitenedData, posterior: P
     centre = max(components, key=lambda each: each.weight).pipeline
     mean, covariance = mixed(components, centre)
     leading = posterior.leading.explanation
-    settled = around(data, leading.data.pipeline)
+    settled = data.around(leading.data.pipeline)
     change = settled.given_change + settled.change([fit.effect for fit in leading.fits])
     return _assembled(cleared(recording, change), data, stepped(centre, mean), covariance, source)
 
@@ -114,7 +114,7 @@ def _components(data: WhitenedData, posterior: Posterior) -> Iterator[Component]
     ][:_MOST]
     for hypothesis, probability in likely or [(posterior.leading, 1.0)]:
         for fits, at, share in _alternatives(hypothesis, posterior, probability):
-            own = around(data.stepped(_steps(hypothesis, data)), at.pipeline)
+            own = data.stepped(_steps(hypothesis, data)).around(at.pipeline)
             for weight, mean, covariance in _posteriors(hypothesis, fits, own, posterior):
                 yield Component(probability * share * weight, own.pipeline, mean, covariance)
 

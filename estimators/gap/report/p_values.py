@@ -14,7 +14,6 @@ from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.report import homogeneity
-from estimators.gap.search.noises import on_data
 from estimators.gap.search.posterior import Posterior
 
 #: Hypotheses that are looked at, by their probability.
@@ -63,7 +62,8 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
             )
         found[number] = known[id(explanation)]
         if noises := sorted(each.state.fitted, key=lambda fitted: fitted.label):
-            data, linear = on_data(posterior.scanner.fine.data, explanation)
+            here = explanation.on(posterior.scanner.fine.data)
+            data, linear = here.data, here.linear
             lefts = left_of(data, Explained(data.absorbed, linear.left))
             found[number] += tuple(
                 _probability(

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.defects import Defect
-from estimators.gap.data.rebase import around
 from estimators.gap.data.stack import Stack
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, OneOf, Remainder, verdict_of
@@ -105,7 +104,7 @@ def conclude(
     )
     causes = in_recorded_units(causes, recordings[0].units)
     kind = verdict_of(masses, hypotheses, causes)
-    settled = around(data, leading.explanation.data.pipeline) if effects else data
+    settled = data.around(leading.explanation.data.pipeline) if effects else data
     other = masses["other"] >= 0.5
     remainder = _remainder(posterior, nameless, other, rng)
     channels = by_channel.channels(data, settled, effects, noises, defects, floors, quiet, other, after)
@@ -199,7 +198,7 @@ def _at_every_sample(leading: Weighing, data: WhitenedData) -> list:  # type: ig
     fits = leading.explanation.fits
     if data.block == 1 or not fits:
         return fits
-    full = around(data.stepped(leading.explanation.data.steps), leading.explanation.data.pipeline)
+    full = data.stepped(leading.explanation.data.steps).around(leading.explanation.data.pipeline)
     return converged(fits, full).fits
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
-from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Weighed
@@ -170,7 +169,7 @@ class Search:
         key = parent.key, parent.fine, data is self.data
         if key not in self.explained:
             if data is self.data or all(member.fit.candidate.smooth for member in parent.members):
-                moved = data if not parent.members else around(data, parent.data.pipeline)
+                moved = data if not parent.members else data.around(parent.data.pipeline)
                 self.explained[key] = explained_by(parent.fits, moved)
             else:  # what needs single samples is not to be seen on means: it is summed up from these
                 means, fine = Means(self.data, self.rough), self._left(parent, self.data)
@@ -319,7 +318,7 @@ class Search:
         if key not in self.found:
             if rough is None or rough.fine:
                 return self._fitted(members, self.data)
-            moved = around(self.data, rough.data.pipeline)
+            moved = self.data.around(rough.data.pipeline)
             self.found[key] = replace(rough, data=moved, fine=True, refitted=None)
         return self.found[key]
 

@@ -71,6 +71,10 @@ class Explanation:
         """What was fitted."""
         return [member.fit for member in self.members]
 
+    def on(self, data: WhitenedData) -> Explanation:
+        """The same set as it was fitted, in other data, or under other noise."""
+        return replace(self, data=data.around(self.data.pipeline), refitted=None)
+
     @property
     def seeds(self) -> list[tuple[Member, ...]]:
         """Where another search may start: the set, and what is left of it when one or all but one of its members go."""

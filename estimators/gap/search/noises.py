@@ -9,11 +9,10 @@ from typing import Final
 import numpy as np
 
 from estimators.gap.data.projection import project
-from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
-from estimators.gap.evidence.laplace import Linear, linearised
-from estimators.gap.evidence.refine import Refit, at
+from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.refine import Refit
 from estimators.gap.evidence.states import (
     UNSEEN,
     NoiseState,
@@ -72,7 +71,7 @@ class Noises:
     def beyond(self, given: Given, each: Explanation) -> list[Promise]:
         """States beyond a given one, beside an explanation under that."""
         data = given[1].fine.data
-        data = around(data, each.data.pipeline) if each.members else data
+        data = data.around(each.data.pipeline) if each.members else data
         lefts = left_of(data, Explained(data.absorbed, each.linear.left))
         states = named(lefts, self.without, given[0])
         if not given[0].name:
@@ -92,9 +91,9 @@ class Noises:
         ]
 
     def _again(self, given: Given, each: Explanation) -> list[Promise]:
-        data, linear = on_data(given[1].fine.data, each)
-        lefts = left_of(data, Explained(data.absorbed, linear.left))
-        return self._promised(given, each, data, linear, self._unnamed(given[0], lefts))
+        here = each.on(given[1].fine.data)
+        lefts = left_of(here.data, Explained(here.data.absorbed, here.linear.left))
+        return self._promised(given, each, here.data, here.linear, self._unnamed(given[0], lefts))
 
     def beside_fewer(self, one: Promise) -> list[Promise]:
         """The same state, learned anew beside ever fewer causes as long as that is likelier: beside a cause that does
@@ -132,10 +131,10 @@ class Noises:
             found.append(self.as_floor(*every[likeliest]))
         return max((one for own in found for one in own), key=lambda one: one.log_mass, default=None)
 
-    def nameless(self, given: Given, each: Explanation, data: WhitenedData, linear: Linear) -> list[Promise]:
-        """Noise without a name beside an explanation; ``data`` and ``linear`` as ``on_data`` gives them."""
-        lefts = left_of(data, Explained(data.absorbed, linear.left))
-        return self._promised(given, each, data, linear, self._nameless(lefts))
+    def nameless(self, given: Given, here: Explanation) -> list[Promise]:
+        """Noise without a name beside an explanation in the data of the given state."""
+        lefts = left_of(here.data, Explained(here.data.absorbed, here.linear.left))
+        return self._promised(given, here, here.data, here.linear, self._nameless(lefts))
 
     def _unnamed(self, given: NoiseState, lefts: Sequence[Left]) -> list[NoiseState]:
         floors = [moved_floor(lefts, self.at_rest, slower) for slower in (False, True)]
@@ -152,7 +151,8 @@ class Noises:
         if self.at_rest:
             return []
         found: list[Promise] = []
-        state, (data, linear) = given[0], on_data(given[1].fine.data, each)
+        state, here = given[0], each.on(given[1].fine.data)
+        data, linear = here.data, here.linear
         own, left = data, linear.left
         unexplained = data.residual - data.change([fit.effect for fit in each.fits])
         while True:
@@ -186,9 +186,3 @@ class Noises:
 
 def _best(found: Sequence[Promise]) -> float:
     return max((one.log_mass for one in found), default=-np.inf)
-
-
-def on_data(data: WhitenedData, each: Explanation) -> tuple[WhitenedData, Linear]:
-    """An explanation, linearised under other noise than it was found with; and the data around it."""
-    data = around(data, each.data.pipeline)
-    return data, linearised(at(each.fits, data), each.linear.searched)

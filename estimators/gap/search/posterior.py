@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.rebase import around
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import CommonNoise, beside, beside_other, common_noises
 from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, total, weighed
@@ -28,7 +27,7 @@ from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.search import robust
 from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation, Member
-from estimators.gap.search.noises import Noises, Promise, on_data
+from estimators.gap.search.noises import Noises, Promise
 
 Array = NDArray[np.float64]
 
@@ -202,8 +201,7 @@ class _Weighing:
         if each.log_mass + self.best - max(plain, default=-np.inf) < self.best - _NEAR:
             return
         scanner = self.scanner.stepped(floor.steps)
-        data = around(scanner.fine.data, each.explanation.data.pipeline)
-        moved = replace(each.explanation, data=data, refitted=None)
+        moved = each.explanation.on(scanner.fine.data)
         self.enter(self.alone(moved, floor))
         self.enter_nameless(moved, floor, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.without))
 
@@ -246,8 +244,7 @@ class _Weighing:
             target = -np.inf if alone is None else leading.log_mass - alone.log_mass
             for each in search.run(leading.explanation.seeds, False, target)[:_BESIDE]:
                 prior = self.prior.log_set([member.drawn for member in each.members])
-                there = around(data, each.data.pipeline) if each.members else data
-                moved = Explanation(each.members, there, prior, fine=True)
+                moved = replace(each.on(data), log_prior=prior)
                 self.enter_common(self.alone(moved, floor))
             if self.leading is leading:
                 return
@@ -377,13 +374,13 @@ def _far_from_it(work: _Weighing, noises: Noises, each: Explanation) -> list[Exp
     found: list[Explanation] = []
     reached = work.best + _FAR
     for _ in range(_OUTWARDS):
-        data, linear = on_data(work.scanner.fine.data, each)
-        promises = noises.nameless((NoiseState(), work.scanner), each, data, linear)
+        here = each.on(work.scanner.fine.data)
+        promises = noises.nameless((NoiseState(), work.scanner), here)
         promised = max((one.log_mass for one in promises), default=-np.inf)
         if promised < reached:
             break
         reached = promised
-        scanner = work.scanner.stepped(raised(data, Explained(data.absorbed, linear.left)))
+        scanner = work.scanner.stepped(raised(here.data, Explained(here.data.absorbed, here.linear.left)))
         search = Search(scanner, work.candidates, work.prior, work.progress, wide=True)
         found += search.run(each.seeds, deep=False)
         leading = max(search.found.values(), key=search.gained)
