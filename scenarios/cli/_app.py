@@ -16,7 +16,7 @@ from typing import Any, Final, NoReturn
 import click
 
 from rig.errors import LONGEST_MESSAGE, LeftOut, RigError, nearest, one_line, shown
-from rig.memory import VARIABLE
+from rig.memory import VARIABLE, WHERE
 from rig.patience import is_stuck
 from scenarios.cli import _signals
 
@@ -155,7 +155,9 @@ def run(arguments: Sequence[str], group: click.Group = cli, program: str = "rig"
     memory = os.environ.get(VARIABLE)
     try:
         # In a context of its own: what options set is of this command alone.
-        status = copy_context().run(group.main, list(arguments), prog_name=program, standalone_mode=False)
+        own = copy_context()
+        own.run(WHERE.set, VARIABLE)
+        status = own.run(group.main, list(arguments), prog_name=program, standalone_mode=False)
         with _ending():
             sys.stdout.flush()
         return status if isinstance(status, int) else DONE
