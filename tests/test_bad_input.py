@@ -358,7 +358,10 @@ def test_a_diagnosis_whose_causes_are_not_those_of_its_explanation(bench: Bench)
         (["calibrate", "run.parquet", "--gravity", "nan"], "'--gravity': found 'nan', expected a finite number"),
         (["demo", "--seed", "x"], "'--seed': found 'x', expected a whole number"),
         (["sweep", "small.toml", "-o", "out.csv", "--noise", "x"], "'--noise': found 'x', expected a number"),
-        (["plan", "--seconds", "60", "-o", "out.toml", "--acceleration", "-3"], "found -3.0, expected a number x>0"),
+        (
+            ["plan", "--seconds", "60", "-o", "out.toml", "--acceleration", "-3"],
+            "'--acceleration': found -3.0, expected",
+        ),
         (["replay", "run.parquet", "--speed", "max", "--from", "1e9"], "has no sample from 1e+09 s to any time"),
     ],
 )

@@ -92,10 +92,7 @@ def test_a_shape_is_expected_among_those_that_are_searched(data: WhitenedData) -
         assert density == pytest.approx(1.0 / (steps * [len(axis) for axis in axes]), rel=1e-9)
     warm = next(each for each in all_candidates(data) if each.effect.name == "bias_warmup")
     (tau,) = [each for each in warm.effect.parameters() if each.name == "tau_s"]
-    for index in (
-        2,
-        4,
-    ):  # one step from the middle each: ln 2 of the value, to the second difference of a geometric grid
+    for index in (2, 4):  # a step from the middle each: of a grid that doubles, half the way to both neighbours
         away, width = _shape(Fitted(warm, np.array([1e-3, 0.0, 0.0, tau.grid[index]]), {}), tau, data)
         size = tau.grid[index] / tau.typical
         assert away == pytest.approx((3 - index) * 0.75 * size, rel=1e-9)

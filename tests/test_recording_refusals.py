@@ -150,22 +150,31 @@ BAD_METADATA = [
     ('{"gravity_m_s2": NaN}', "NaN is not JSON"),
     ("{", "metadata: is not JSON"),
     ("[" * 100_000, "metadata: is not JSON"),
-    (b"\xff", "byte "),
 ]
+
+
+def with_metadata(path: Path, encoded: bytes) -> Path:
+    """A recording whose metadata are these bytes."""
+    if path.suffix == ".parquet":
+        write_parquet(path, columns_of(example()), encoded)
+    else:
+        example().write(path)
+        path.write_bytes(b"# rig: " + encoded + b"\n" + path.read_bytes().split(b"\n", 1)[1])
+    return path
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize(("content", "complaint"), BAD_METADATA, ids=[complaint for _, complaint in BAD_METADATA])
 def test_bad_metadata(tmp_path: Path, suffix: str, content: Any, complaint: str) -> None:
-    text = content if isinstance(content, str | bytes) else json.dumps(content)
-    encoded = text if isinstance(text, bytes) else text.encode()
-    path = tmp_path / f"run{suffix}"
-    if suffix == ".parquet":
-        write_parquet(path, columns_of(example()), encoded)
-    else:
-        example().write(path)
-        path.write_bytes(b"# rig: " + encoded + b"\n" + path.read_bytes().split(b"\n", 1)[1])
-    assert complaint in refusal(path)
+    text = content if isinstance(content, str) else json.dumps(content)
+    assert complaint in refusal(with_metadata(tmp_path / f"run{suffix}", text.encode()))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "complaint"), [(".parquet", "is not a whole Parquet file"), (".csv", "not UTF-8 text (byte 7 of a line")]
+)
+def test_metadata_that_are_no_text(tmp_path: Path, suffix: str, complaint: str) -> None:
+    assert complaint in refusal(with_metadata(tmp_path / f"run{suffix}", b"\xff"))
 
 
 def test_files_that_are_no_recordings(tmp_path: Path) -> None:

@@ -90,13 +90,8 @@ def common_noises(data: WhitenedData, without: Sequence[str]) -> list[CommonNois
             continue
         for shape in effect.searched(data.base):
             probe = effect.from_mapping({"where": effect.places[0], **shape})
-            ratios = [
-                single / of_mean
-                for single, of_mean in (
-                    variances(probe, part.samples, part.interval_s, part.count) for part in data.parts
-                )
-            ]
-            parts = list(zip(data.parts, ratios, strict=True))
+            errors = [variances(probe, part.samples, part.interval_s, part.count) for part in data.parts]
+            parts = [(part, one / of_mean) for part, (one, of_mean) in zip(data.parts, errors, strict=True)]
             own = [probe.response(part.base, part.pipeline) / np.sqrt(ratio) for part, ratio in parts]
             response = _of_parts(data, own)
             series = (response / floor[:, :, None] * data.weights[:, :, None]).transpose(2, 1, 0)[:, data.columns]

@@ -102,20 +102,20 @@ class Noises:
         while one.explanation.members:
             members, name = one.explanation.members, one.state.name
             sets = [members[:index] + members[index + 1 :] for index in range(len(members))]
-            less = self._least([self._without(one, each) for each in sets], name)
+            less = self._likeliest([self._beside(one, each) for each in sets], name)
             if less is None or less.log_mass <= one.log_mass:
                 break
             refitted = converged(less.explanation.fits, one.given[1].fine.data)
             pairs = zip(less.explanation.members, refitted.fits, strict=True)
-            again = self._without(one, tuple(replace(member, fit=fit) for member, fit in pairs), refitted)
-            fresh = self._least([again], name)
+            again = self._beside(one, tuple(replace(member, fit=fit) for member, fit in pairs), refitted)
+            fresh = self._likeliest([again], name)
             if fresh is None or fresh.log_mass <= one.log_mass:
                 break
             one = fresh
             found.append(one)
         return found
 
-    def _without(
+    def _beside(
         self, one: Promise, members: tuple[Member, ...], refitted: Refit | None = None
     ) -> tuple[Given, Explanation]:
         """Other causes, as they are or as they were refitted, beside what a state goes beyond."""
@@ -123,7 +123,7 @@ class Noises:
         data = one.explanation.data if refitted is None else refitted.data
         return one.given, Explanation(members, data, prior, fine=True, refitted=refitted)
 
-    def _least(self, every: Sequence[tuple[Given, Explanation]], name: str) -> Promise | None:
+    def _likeliest(self, every: Sequence[tuple[Given, Explanation]], name: str) -> Promise | None:
         """The likeliest state of that name beside any of these."""
         found = [[one for one in self._again(*each) if one.state.name == name] for each in every]
         if name == UNSEEN:
