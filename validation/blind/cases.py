@@ -15,7 +15,7 @@ from scenarios.scenario import Scenario
 from validation.blind.draws import ABSORBED, BY_BEING_THERE, draw_effect, places_of
 from validation.blind.forms import FORMS
 from validation.blind.laboratories import LABORATORIES
-from validation.blind.likeness import ALIKE, TWIN, Likeness, likenesses
+from validation.blind.likeness import ALIKE, TWIN, Likeness, columns_at, likenesses
 from validation.blind.mechanics import MECHANISMS
 from validation.blind.mechanics.seen import see
 from validation.blind.outside import OUTSIDE
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 _DRAWS: Final = 40  # a draw that cannot have the wanted strength within its bounds is drawn again
 _GENTLE_S: Final = 2.0
 _TOO_WEAK: Final = 0.3  # of the wanted strength
+_SAME: Final = 1e-6  # of the largest singular value: two columns that do the same
 _APART: Final = 0.7  # two causes of a case keep so much of their signal beside each other
 
 
@@ -147,21 +148,35 @@ def _with_others(cause: TrueCause, found: list[Likeness]) -> TrueCause:
 
 
 def _beside(effects: list[Effect], causes: list[TrueCause], setting: Setting) -> list[TrueCause]:
-    """Several causes with what each of them adds beyond the others.
+    """Several causes with what each of them adds beyond all that the others could do at other strengths and phases.
 
     Raises:
-        RigError: they are too much alike to ask for all.
+        RigError: too much alike to ask for all: an eccentric joint does what its spring does, at another phase.
     """
-    parts = [setting.projection(setting.change((effect,))) for effect in effects]
+    freedoms = [setting.projection(_freedom(effect, setting)) for effect in effects]
     found = []
-    for index, cause in enumerate(causes):
-        others = np.stack([part for each, part in enumerate(parts) if each != index], axis=1)
-        left = parts[index] - others @ np.linalg.lstsq(others, parts[index], rcond=None)[0]
-        alone = float(np.linalg.norm(left) / np.linalg.norm(parts[index]))
+    for index, (effect, cause) in enumerate(zip(effects, causes, strict=True)):
+        part = setting.projection(setting.change((effect,)))
+        others = np.hstack([freedom for each, freedom in enumerate(freedoms) if each != index])
+        others = others[:, np.linalg.norm(others, axis=0) > 0.0]
+        others = others / np.linalg.norm(others, axis=0)
+        left = part - others @ np.linalg.lstsq(others, part, rcond=_SAME)[0]
+        alone = float(np.linalg.norm(left) / np.linalg.norm(part))
         if alone < _APART:
             raise RigError("the effects are too much alike")
         found.append(replace(cause, beyond=alone * cause.snr))
     return found
+
+
+def _freedom(effect: Effect, setting: Setting) -> Array:
+    """(n, 6, k) [V] what an effect could do with its shape, but for phases; as it is where no catalogue has it."""
+    if effect.name not in EFFECTS:
+        return setting.change((effect,))[..., None]
+    known = EFFECTS[effect.name]
+    spanned = {key for shape in known.spanning() for key in shape}
+    strengths = {each.name for each in known.parameters() if each.strength}
+    fixed = {key: value for key, value in asdict(effect).items() if key not in spanned | strengths}
+    return columns_at(known, fixed, setting)
 
 
 def _gap(effects: tuple[Effect, ...], setting: Setting) -> tuple[Array, Array]:

@@ -39,8 +39,8 @@ STRATA: Final = {
 }
 MECHANICS: Final = "mechanics"
 WITHHELD: Final = "withheld"
-#: On the one joint of the sweep that bends these are too much alike to make a case.
-_ALIKE: Final = {"joint_compliance", "joint_offset"}
+#: On one joint of the sweep any two of these are too much alike to make a case.
+_ALIKE: Final = {"joint_compliance", "joint_eccentricity", "joint_offset"}
 #: What the further strata hold, which are not drawn.
 FURTHER: Final = {
     MECHANICS: "a mechanism in MuJoCo, stepped",
@@ -153,7 +153,7 @@ def _deck(stratum: str, laboratories: list[str], rng: np.random.Generator) -> li
         return [(name, name) for name in (str(each) for each in rng.permutation(names * count)[:count])]
     if stratum == "one joint":
         names = [name for name in _moving("sweep") if EFFECTS[name].stage is Stage.TRANSMISSION]
-        pairs = [pair for pair in itertools.permutations(names, 2) if set(pair) != _ALIKE]
+        pairs = [pair for pair in itertools.permutations(names, 2) if not set(pair) <= _ALIKE]
         return [pairs[int(index)] for index in rng.integers(len(pairs), size=count)]
     if stratum == "known and outside":
         known, outside = _moving("sweep"), list(OUTSIDE)
