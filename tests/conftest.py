@@ -1,4 +1,4 @@
-"""What must hold before any test module is imported."""
+"""What must hold before any test module is imported, and what the tests of the command line begin with."""
 
 from __future__ import annotations
 
@@ -8,3 +8,29 @@ import os
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+from pathlib import Path
+
+import pytest
+from cli_support import SMALL, Rig
+
+
+@pytest.fixture
+def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
+    """The command line."""
+    return Rig(capfd)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, no checkout, with a scenario of the user's."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def swept(here: Path, rig: Rig) -> Path:
+    """The same with its recording, run.parquet and run.locked.parquet."""
+    rig.done("sweep", "small.toml", "-o", "run.parquet", "--locked")
+    return here

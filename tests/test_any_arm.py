@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yourdfpy
+from arm_files import IIWA, PANDA, UR5E, UR5E_NAMES, dh_pose, written
+from cli_support import Rig
 
 import estimators
 import scenarios
@@ -21,8 +23,6 @@ from rig.signals import Signals
 from scenarios.bound import bound_of
 from scenarios.comparison import compare
 from scenarios.loader import from_toml
-from tests.arm_files import IIWA, PANDA, UR5E, UR5E_NAMES, dh_pose, written
-from tests.cli_support import Rig
 
 ROUNDING = 1e-12  # of a chain of seven matrices
 ARMS = {"ur5e": UR5E, "panda": PANDA, "iiwa": IIWA}
@@ -216,11 +216,8 @@ def test_a_folder_with_a_model_and_its_scene(tmp_path: Path) -> None:
         Arm.from_file(folder)
 
 
-def test_a_clipped_motion_and_a_moving_noise_recording_are_told(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_clipped_motion_and_a_moving_noise_recording_are_told(tmp_path: Path, rig: Rig) -> None:
     """Two and a half times the sensitivity leaves the board's 5 V; a tumble is no noise."""
-    rig = Rig(capfd)
     text = scenarios.load("renk2005-accelerometer").to_toml()
     loud = scenarios.load("renk2005-accelerometer").rig.accelerometer
     assert loud is not None

@@ -13,17 +13,10 @@ from scenarios.loader import from_toml
 
 
 @pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working folder, with a scenario and a recording of it."""
-    monkeypatch.chdir(tmp_path)
-    Path("small.toml").write_text(SMALL)
+def here(here: Path) -> Path:
+    """The same with a recording."""
     from_toml(SMALL, "small.toml").simulate(0).write("run.csv")
-    return tmp_path
+    return here
 
 
 @pytest.mark.parametrize("again", ["run.csv", "./run.csv", "link.csv"])

@@ -55,11 +55,10 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, good: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Bench:
+def bench(here: Path, good: Path, rig: Rig) -> Bench:
     for path in good.iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
-    monkeypatch.chdir(tmp_path)
-    return Bench(tmp_path, Rig(capfd))
+        (here / path.name).write_bytes(path.read_bytes())
+    return Bench(here, rig)
 
 
 @pytest.mark.parametrize("command", READERS)

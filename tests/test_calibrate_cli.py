@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import SMALL, Rig
+from cli_support import Rig
 from matplotlib.image import imread
 
 import scenarios
@@ -16,20 +16,6 @@ from estimators import Calibration, noise_floor
 from rig.recording import read_recording
 
 ROOT = Path(__file__).parents[1]
-
-
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
-@pytest.fixture
-def swept(tmp_path: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A foreign folder with a scenario of the user's and its recording, run.parquet and run.locked.parquet."""
-    (tmp_path / "small.toml").write_text(SMALL)
-    monkeypatch.chdir(tmp_path)
-    rig.done("sweep", "small.toml", "-o", "run.parquet", "--locked")
-    return tmp_path
 
 
 def test_calibrate_prints_a_table_and_writes_the_contract(rig: Rig, swept: Path) -> None:

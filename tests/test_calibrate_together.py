@@ -167,8 +167,7 @@ def test_what_cannot_be_one_is_refused(sweep: Recording) -> None:
         estimators.calibrate([sweep, replace(sweep, name="b")], method="ellipsoid")
 
 
-def test_from_the_command_line(sweep: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rig = Rig(capsys)
+def test_from_the_command_line(sweep: Recording, tmp_path: Path, rig: Rig) -> None:
     half = len(sweep) // 2
     sweep.select(slice(0, half)).write(tmp_path / "a.parquet")
     sweep.select(slice(half, None)).write(tmp_path / "b.csv")

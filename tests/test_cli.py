@@ -48,26 +48,6 @@ COMMANDS = (
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A foreign folder with a scenario of the user's."""
-    (tmp_path / "small.toml").write_text(SMALL)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
-def swept(here: Path, rig: Rig) -> Path:
-    """The same with its recording, run.parquet and run.locked.parquet."""
-    rig.done("sweep", "small.toml", "-o", "run.parquet", "--locked")
-    return here
-
-
 def listed(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 

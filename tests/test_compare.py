@@ -8,25 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import SMALL, Rig
+from cli_support import Rig
 from diagnosed_recordings import backlash, recorded, scenario
 from scipy.special import chdtri
 
 from estimators import calibrate, noise_floor
 from rig.effects import make_effect
 from scenarios.comparison import apart, compare, compare_two
-
-
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "small.toml").write_text(SMALL)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def test_two_calibrations_of_one_rig_differ_as_their_covariances_say() -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import SMALL, Rig
+from cli_support import Rig
 from diagnosed_recordings import backlash, only, recorded, write_small
 
 import scenarios
@@ -29,18 +29,6 @@ from scenarios.workers import Workers
 
 KEYS = {"format", "recordings", "samples", "seconds", "verdict", "causes", "where", "closed", "remainder"}
 KEYS |= {"posterior", "omitted", "hypotheses", "calibration_shift", "cannot_tell", "next"}
-
-
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "small.toml").write_text(SMALL)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def listed(folder: Path | str) -> set[str]:

@@ -25,17 +25,6 @@ FEW = only("backlash", "joint_offset", "joint_scale", "noise_excess")
 WRONG = make_effect("joint_offset", {"where": "joint5", "offset_rad": 0.02})
 
 
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def fitted_to(effect: Effect) -> None:
     """A rig with this effect, as a file."""
     Path("fitted.toml").write_text(scenario().with_effects([effect]).to_toml())

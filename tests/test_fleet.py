@@ -28,14 +28,8 @@ FLEET = {"fleet.csv", "fleet.json", "fleet.html"}
 
 
 @pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
-@pytest.fixture
-def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def lab(here: Path) -> list[str]:
     """Two arms with two recordings each; the first arm has a backlash from its second recording on."""
-    monkeypatch.chdir(tmp_path)
     names = []
     for number, (serial, month, effects) in enumerate(
         [("A7", 1, []), ("A7", 2, [backlash()]), ("B1", 1, []), ("B1", 2, [])]

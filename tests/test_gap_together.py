@@ -151,8 +151,7 @@ def test_a_jump_is_found_in_its_recording() -> None:
     assert cause.evidence["b"] > 50.0
 
 
-def test_from_the_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    rig = Rig(capfd)
+def test_from_the_command_line(tmp_path: Path, rig: Rig) -> None:
     lash = make_effect("backlash", {"where": "joint5", "width_rad": 0.05})
     for seed, name in ((1, "a"), (2, "b")):
         recorded(lash, seed=seed).write(tmp_path / f"{name}.parquet")

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arm_files import UR5E_NAMES, written
+from bag_examples import write_bag
+from cli_support import Rig
 from rosbags.rosbag2 import StoragePlugin
 from scipy.spatial.transform import Rotation
 
@@ -20,18 +23,10 @@ from rig.recording import Recording, read_recording
 from scenarios.importing import Imported, Mapping, import_logs
 from scenarios.importing.mapping import Conventions, Stated, read_mapping
 from scenarios.importing.quantities import unit_word
-from tests.arm_files import UR5E_NAMES, written
-from tests.bag_examples import write_bag
-from tests.cli_support import Rig
 
 SHARED = Path(__file__).parents[2] / "shared"
 G_PER_VOLT = 1.0 / (0.1425 * 9.80665)  # the scenario's accelerometer, about 0.1425 V/(m/s^2)
 UT_PER_VOLT = 100.0 / 2.4
-
-
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arm_files import UR5E_NAMES, written
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -19,7 +20,6 @@ from rig.maneuver import TorusSweep
 from rig.recording import Recording
 from scenarios.importing import Imported, Mapping, import_logs
 from scenarios.importing.mapping import Conventions, Stated
-from tests.arm_files import UR5E_NAMES, written
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
 BASE_TURN = Rotation.from_euler("ZYX", [3.0, 0.2, -0.1])

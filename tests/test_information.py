@@ -31,11 +31,6 @@ from scenarios.plots.bound import bound_figure
 BOTH = pytest.mark.parametrize("method", METHODS)
 
 
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
 @BOTH
 def test_the_bound_is_that_of_the_papers_model_in_its_own_angles(method: Method) -> None:
     """Renk (14), (15) written out in angles, differentiated by central differences of 1e-6: truncation 1e-12 and

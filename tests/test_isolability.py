@@ -23,11 +23,6 @@ def sweep() -> EffectsBound:
     return isolability_of(scenarios.load("ann-arbor"))
 
 
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
 def of(found: Isolability, effect: str, where: str) -> int:
     return found.effects.index((effect, where))
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import SMALL, Rig
+from cli_support import Rig
 
 import estimators
 import scenarios
@@ -29,16 +29,10 @@ WAIT_S = 60.0
 
 
 @pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "small.toml").write_text(SMALL)
-    scenarios.load(str(tmp_path / "small.toml")).simulate(seed=0).write(tmp_path / "run.csv")
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+def here(here: Path) -> Path:
+    """The same with a recording."""
+    scenarios.load("./small.toml").simulate(seed=0).write("run.csv")
+    return here
 
 
 def by_hand(seconds: float = 120.0) -> Recording:

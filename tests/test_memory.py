@@ -21,11 +21,6 @@ LEAST = str(64 << 20)
 
 
 @pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
-@pytest.fixture
 def long(tmp_path: Path) -> Path:
     """20,000 samples by a tool whose quaternion changes sign at random."""
     rng = np.random.default_rng(1)
@@ -57,8 +52,7 @@ def test_what_the_machine_has_left_is_halved(monkeypatch: pytest.MonkeyPatch) ->
     assert limit_bytes() > 0
 
 
-def test_a_scenario_is_not_larger_than_memory(rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_scenario_is_not_larger_than_memory(rig: Rig, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for duration in ("1e9", "1e50"):
         Path("long.toml").write_text(SMALL.replace("duration_s = 60.0", f"duration_s = {duration}"))
         line = rig.refused("sweep", "long.toml", "-o", "run.parquet")
@@ -72,10 +66,7 @@ def test_a_scenario_is_not_larger_than_memory(rig: Rig, tmp_path: Path, monkeypa
 
 
 @pytest.mark.parametrize("command", [("bound", "long.toml"), ("plan", "--seconds", "1e12", "-o", "plan.toml")])
-def test_a_command_without_the_option_names_the_variable(
-    rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_command_without_the_option_names_the_variable(rig: Rig, here: Path, command: tuple[str, ...]) -> None:
     Path("long.toml").write_text(SMALL.replace("duration_s = 60.0", "duration_s = 1e9"))
     rig.refused("sweep", "long.toml", "-o", "run.parquet")  # a command before it that has the option
     line = rig.refused(*command)
@@ -138,8 +129,7 @@ def test_what_does_not_fit_is_averaged_or_cut(long: Path, monkeypatch: pytest.Mo
     assert len(whole_or_beginning(long, bytes_a_sample=(64 << 20) / 5000)[0]) == 1000  # a fifth, whatever else is taken
 
 
-def test_a_long_recording_is_thinned_with_a_word(rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_long_recording_is_thinned_with_a_word(rig: Rig, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = replace(scenarios.load("ann-arbor"), name="run").simulate(1)
     run.write("run.parquet")
     monkeypatch.setenv(VARIABLE, LEAST)

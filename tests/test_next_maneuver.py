@@ -45,11 +45,6 @@ OFFSET = {"where": "joint4", "offset_rad": 0.02}
 TWIST = {"effect": "axis_misalignment", "where": "joint1", "probability": 0.5}
 
 
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
 def recorded(effect: Effect) -> tuple[Scenario, Recording, Recording]:
     scenario = from_toml(SMALL, "small.toml").with_effects([effect])
     return scenario, scenario.simulate(0), scenario.simulate_locked(0)
@@ -183,8 +178,7 @@ def test_a_maneuver_of_the_family_keeps_within_limits_and_clear_of_the_table() -
         assert f"{each.duration_s / 60.0:.3g} minutes" in described(each)
 
 
-def test_the_command_writes_a_scenario_that_runs(rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_command_writes_a_scenario_that_runs(rig: Rig, here: Path) -> None:
     _, run, locked = recorded(make_effect("joint_offset", OFFSET))
     run.write("run.parquet")
     locked.write("run.locked.parquet")

@@ -53,11 +53,6 @@ def test_turns_about_three_axes_end_where_they_began() -> None:
         replace(maneuver, turn_s=0.0)
 
 
-@pytest.fixture
-def rig(capsys: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capsys)
-
-
 @pytest.fixture(scope="module")
 def tumbles(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("papers") / "tumble.parquet"

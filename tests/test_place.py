@@ -21,11 +21,6 @@ from rig.recording import read_recording
 AT = "42.28,-83.74,0"
 
 
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
 def somigliana(latitude_deg: float) -> float:
     """Normal gravity on the ellipsoid [m/s^2]: WGS 84 by NGA.STND.0036 (2014), equation (4-1), table 3.5."""
     square = math.sin(math.radians(latitude_deg)) ** 2

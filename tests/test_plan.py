@@ -42,11 +42,6 @@ def plan() -> Plan:
         return make_plan(scenarios.load("ann-arbor"), 60.0, seed=1, name="short")
 
 
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
 def test_it_stays_within_what_the_arm_may_do(plan: Plan) -> None:
     arm = Arm.a465()
     motion = plan.maneuver.trajectory()

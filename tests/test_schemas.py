@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cli_support import Rig
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 
@@ -26,14 +27,8 @@ from scenarios.isolability import isolability_of
 from scenarios.plan import poses
 from scenarios.plan.plan import make_plan
 from scenarios.scenario import Scenario
-from tests.cli_support import Rig
 
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
-
-
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
 
 
 @pytest.fixture(scope="module")

@@ -23,11 +23,6 @@ from rig.recording import Metadata, Recording
 RATE = 100.0
 
 
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
 def flicker_filter(count: int) -> np.ndarray:
     """Fractional integration of order one half: h_0 = 1, h_k = h_{k-1} (k - 1/2) / k (Kasdin 1995)."""
     k = np.arange(1, count)

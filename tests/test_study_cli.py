@@ -30,11 +30,6 @@ CONSISTENCY = ("study", "consistency", "small.toml", "-o", "st", "--draws", "30"
 CHOSEN = ("--method", "separate", "--order", "every-kth", "--order", "random")
 
 
-@pytest.fixture
-def rig(capfd: pytest.CaptureFixture[str]) -> Rig:
-    return Rig(capfd)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("cli")

@@ -121,12 +121,9 @@ def test_the_summary_counts_minutes_of_all_open_rigs() -> None:
     np.testing.assert_allclose(found.share(np.array([0.0, 7.0, 14.0])), [0.0, 1 / 3, 2 / 3])
 
 
-def test_the_study_goes_on_and_makes_its_page(
-    script: dict[int, tuple[bool, bool]], tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_study_goes_on_and_makes_its_page(script: dict[int, tuple[bool, bool]], tmp_path: Path, rig: Rig) -> None:
     script[2] = (False, True)
     command = ("study", "loop", "-o", str(tmp_path), "--rigs", "2", "--samples", "400", "--seed", "3", "--workers", "0")
-    rig = Rig(capfd)
     text = rig.done(*command)
     assert "proposed" in text
     page = (tmp_path / "loop.md").read_text()

@@ -65,11 +65,7 @@ def test_anchors_lie_on_the_joints_axes() -> None:
         np.testing.assert_allclose(arm.joint_anchors(q)[0, joint], arm.joint_anchors(turned)[0, joint], atol=1e-12)
 
 
-def test_only_a_diagnosis_of_that_recording_is_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    rig = Rig(capfd)
+def test_only_a_diagnosis_of_that_recording_is_shown(here: Path, rig: Rig) -> None:
     run, locked = recorded(backlash())
     run.write("small.parquet")
     locked.write("small.locked.parquet")
