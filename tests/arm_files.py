@@ -53,6 +53,11 @@ PANDA_LIMITS = [
 ]
 
 
+def random_angles(count: int, joints: int = 6, seed: int = 1, reach: float = 3.0) -> Array:
+    """(count, joints) [rad], evenly within ``reach`` of zero."""
+    return np.random.default_rng(seed).uniform(-reach, reach, (count, joints))
+
+
 def dh_pose(table: list[tuple[float, float, float]], q: Array) -> Array:
     """(4, 4) of the last frame, by the product of the standard convention's matrices."""
     pose = np.eye(4)

@@ -1,4 +1,4 @@
-"""What must hold before any test module is imported, and what the tests of the command line begin with."""
+"""What must hold before any test module is imported, and what many tests begin with."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ from pathlib import Path
 
 import pytest
 from cli_support import SMALL, Rig
+
+import scenarios
+from rig.arm import Arm
+from rig.recording import Recording
 
 
 @pytest.fixture
@@ -34,3 +38,15 @@ def swept(here: Path, rig: Rig) -> Path:
     """The same with its recording, run.parquet and run.locked.parquet."""
     rig.done("sweep", "small.toml", "-o", "run.parquet", "--locked")
     return here
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    """The A465."""
+    return Arm.a465()
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    """6,656 samples of both sensors on the A465, whose base is tilted."""
+    return scenarios.load("ann-arbor").simulate(seed=2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from directions import unit_vectors
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -23,13 +24,8 @@ def truth(parameters: int) -> Array:
     return np.array([*(gain[entry] for entry in ENTRIES[: parameters - 3]), *OFFSET])
 
 
-def sphere(rng: np.random.Generator, count: int) -> Array:
-    directions = rng.standard_normal((count, 3))
-    return np.asarray(directions / np.linalg.norm(directions, axis=1)[:, None])
-
-
 def hemisphere(rng: np.random.Generator, count: int) -> Array:
-    directions = sphere(rng, count)
+    directions = unit_vectors(rng, count)
     directions[:, 2] = np.abs(directions[:, 2])
     return directions
 
@@ -39,13 +35,6 @@ def cap(rng: np.random.Generator, count: int, half_angle_deg: float) -> Array:
     angle = rng.uniform(0.0, 2.0 * np.pi, count)
     sine = np.sqrt(1.0 - cosine**2)
     return np.column_stack([sine * np.cos(angle), sine * np.sin(angle), cosine])
-
-
-def cube() -> Array:
-    """The 26 directions to the faces, edges and corners of a cube."""
-    steps = (-1.0, 0.0, 1.0)
-    points = np.array([(x, y, z) for x in steps for y in steps for z in steps if x or y or z])
-    return np.asarray(points / np.linalg.norm(points, axis=1)[:, None])
 
 
 def linearised(directions: Array, gain: Array, noise: Array) -> tuple[Array, Array, Array]:

@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from directions import unit_vectors
 from numpy.typing import NDArray
 
 from estimators.known_angle.fit import SensorFit
@@ -73,12 +74,6 @@ def noiseless(base: Statistics, truth: SensorParameters) -> Statistics:
     """Exact statistics of readings without noise in the same poses."""
     theta = truth.coefficients
     return Statistics(base.count, base.gram, base.gram @ theta, theta.T @ base.gram @ theta)
-
-
-def unit_vectors(rng: np.random.Generator, count: int) -> Array:
-    """(count, 3) directions, evenly distributed."""
-    vectors = rng.standard_normal((count, 3))
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def random_truth(rng: np.random.Generator) -> SensorParameters:

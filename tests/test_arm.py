@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from arm_files import random_angles
 from numpy.typing import NDArray
 
 from rig.arm import Arm
@@ -27,15 +28,6 @@ A = (0.0, 0.3048, 0.0, 0.0, 0.0, 0.0)
 ALPHA = np.radians([90, 0, 90, -90, 90, 0])
 OFFSET = np.radians([0, 0, 90, 0, 0, 0])
 IMU_M = 0.030  # along z6
-
-
-@pytest.fixture(scope="module")
-def arm() -> Arm:
-    return Arm.a465()
-
-
-def random_angles(count: int, joints: int = 6, seed: int = 1) -> Array:
-    return np.random.default_rng(seed).uniform(-3, 3, (count, joints))
 
 
 def denavit_hartenberg(q: Array) -> tuple[Array, Array]:

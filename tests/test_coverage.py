@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from directions import CUBE, spread
 from numpy.typing import NDArray
 from scipy.stats import chisquare
 
@@ -26,16 +27,6 @@ from rig.recording import Recording
 from validation.plots.camps_directions import spherical
 
 Array = NDArray[np.float64]
-
-CUBE = np.array([row for row in product((-1.0, 0.0, 1.0), repeat=3) if any(row)])
-CUBE /= np.linalg.norm(CUBE, axis=1)[:, None]
-
-
-def spread(n: int, seed: int = 0) -> Array:
-    """Directions drawn evenly from the sphere."""
-    vectors = np.random.default_rng(seed).normal(size=(n, 3))
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
-
 
 # Cells
 
@@ -93,11 +84,6 @@ def test_fewer_than_two_cells_are_refused() -> None:
 
 
 # Directions
-
-
-@pytest.fixture(scope="module")
-def recording() -> Recording:
-    return scenarios.load("ann-arbor").simulate(seed=2)
 
 
 def test_the_angles_are_those_of_camps() -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 import pytest
+from directions import CUBE, spread
 from kinematic_examples import TRUTHS, sweep_rotations, sweep_statistics
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -23,16 +22,6 @@ from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
 
 Array = NDArray[np.float64]
-
-CUBE = np.array([row for row in product((-1.0, 0.0, 1.0), repeat=3) if any(row)])
-CUBE /= np.linalg.norm(CUBE, axis=1)[:, None]
-
-
-def spread(n: int, seed: int = 0) -> Array:
-    """Directions drawn evenly from the sphere."""
-    vectors = np.random.default_rng(seed).normal(size=(n, 3))
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
-
 
 # Information without attitude
 

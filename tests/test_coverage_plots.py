@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from matplotlib.collections import PolyCollection
 from numpy.typing import NDArray
 
 import estimators
-import scenarios
 from estimators.coverage import (
     SphereCells,
     coverage,
@@ -26,20 +24,6 @@ from scenarios.plots.coverage_cells import outlines
 from validation.plots.camps_directions import projection_figure, spherical
 
 Array = NDArray[np.float64]
-
-CUBE = np.array([row for row in product((-1.0, 0.0, 1.0), repeat=3) if any(row)])
-CUBE /= np.linalg.norm(CUBE, axis=1)[:, None]
-
-
-def spread(n: int, seed: int = 0) -> Array:
-    """Directions drawn evenly from the sphere."""
-    vectors = np.random.default_rng(seed).normal(size=(n, 3))
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
-
-
-@pytest.fixture(scope="module")
-def recording() -> Recording:
-    return scenarios.load("ann-arbor").simulate(seed=2)
 
 
 @pytest.fixture(scope="module")

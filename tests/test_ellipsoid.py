@@ -7,6 +7,7 @@ from typing import Any
 import ellipsoid_examples as example
 import numpy as np
 import pytest
+from directions import CUBE, unit_vectors
 from scipy.special import chdtrc
 
 from estimators.ellipsoid import EllipsoidFit, Start, fit_ellipsoid
@@ -37,7 +38,7 @@ def test_without_noise_it_is_exact(parameters: Any) -> None:
             turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
             gain = turn @ gain @ turn.T
         offset = rng.uniform(-3.0, 3.0, 3)
-        fit = fit_ellipsoid(example.sphere(rng, 60) @ gain + offset, parameters=parameters)
+        fit = fit_ellipsoid(unit_vectors(rng, 60) @ gain + offset, parameters=parameters)
         assert fit.gain == pytest.approx(gain, abs=1e-13)
         assert fit.offset == pytest.approx(offset, abs=1e-13)
         assert fit.noise.max() < 1e-7 * gain.max()
@@ -47,7 +48,7 @@ def test_without_noise_it_is_exact(parameters: Any) -> None:
 def test_units_and_magnitude_only_scale_the_answer() -> None:
     """Counts about 32,768 with 6,000 a field lose a digit to the offset: 1e-11 is 100 times their rounding."""
     rng = np.random.default_rng(2)
-    volts = readings_of(example.sphere(rng, 500), rng)
+    volts = readings_of(unit_vectors(rng, 500), rng)
     fit = fit_ellipsoid(volts)
     scaled = fit_ellipsoid(4000.0 * volts + 32768.0, 9.81)
     assert scaled.gain == pytest.approx(4000.0 / 9.81 * fit.gain, rel=1e-11, abs=1e-9)
@@ -61,7 +62,7 @@ def test_units_and_magnitude_only_scale_the_answer() -> None:
 
 def test_the_order_of_memory_does_not_matter() -> None:
     rng = np.random.default_rng(3)
-    readings = readings_of(example.sphere(rng, 9000), rng)
+    readings = readings_of(unit_vectors(rng, 9000), rng)
     assert fit_ellipsoid(np.asfortranarray(readings)).values == pytest.approx(fit_ellipsoid(readings).values, rel=1e-12)
     assert fit_ellipsoid(readings.tolist()).values.tolist() == fit_ellipsoid(readings).values.tolist()
 
@@ -70,7 +71,7 @@ def test_a_cycle_of_poses_does_not_fool_the_first_fit() -> None:
     """26 poses over and over: rows in equal steps would be of two or of one."""
     rng = np.random.default_rng(4)
     for repeats in (256, 512, 1300):
-        readings = readings_of(np.tile(example.cube(), (repeats, 1)), rng)
+        readings = readings_of(np.tile(CUBE, (repeats, 1)), rng)
         assert off_by(fit_ellipsoid(readings), example.truth(9)) < 5.0  # of 9 figures: 5e-6
 
 
@@ -78,7 +79,7 @@ def test_noise_of_each_channel_comes_from_the_residuals() -> None:
     """20,000 readings, 2,500 of which tell the channels' ratios: a variance to some 5 %, a deviation to 2.5 %."""
     rng = np.random.default_rng(5)
     noise = np.array([0.0085, 0.0068, 0.0117])
-    exact = readings_of(example.sphere(rng, 20_000))
+    exact = readings_of(unit_vectors(rng, 20_000))
     fit = fit_ellipsoid(exact + noise * rng.standard_normal(exact.shape))
     assert fit.noise == pytest.approx(noise, rel=0.13)
     assert not fit.noise_given
@@ -102,7 +103,7 @@ def test_outliers_are_left_out(share: float, count: int) -> None:
     """Disturbances of half the field, 37 times the noise. 5.5 standard deviations of nine figures: 3e-7 by chance; a
     disturbance that is no larger than noise stays in, so the spread is a little larger than stated (up to 7 %)."""
     rng = np.random.default_rng(7)
-    readings = readings_of(example.sphere(rng, count), rng)
+    readings = readings_of(unit_vectors(rng, count), rng)
     bad = rng.choice(count, round(share * count), replace=False)
     readings[bad] += 0.5 * rng.standard_normal((len(bad), 3))
     fit = fit_ellipsoid(readings)
@@ -126,7 +127,7 @@ def test_three_gross_readings_take_no_others_with_them(ratio: tuple[float, ...])
     noise = example.NOISE * np.array(ratio)
     lost = 0
     for _ in range(20):
-        directions = example.sphere(rng, 3000)
+        directions = unit_vectors(rng, 3000)
         readings = readings_of(directions) + noise * rng.standard_normal(directions.shape)
         readings[:3] += 0.7 * directions[:3] @ example.GAIN
         fit = fit_ellipsoid(readings)
@@ -138,8 +139,8 @@ def test_three_gross_readings_take_no_others_with_them(ratio: tuple[float, ...])
 
 def test_one_bad_reading_of_26_is_found() -> None:
     rng = np.random.default_rng(8)
-    readings = readings_of(example.cube(), rng)
-    readings[11] += 0.2 * example.cube()[11]
+    readings = readings_of(CUBE, rng)
+    readings[11] += 0.2 * CUBE[11]
     fit = fit_ellipsoid(readings)
     assert fit.dropped.outliers == 1
     assert fit.used is not None
@@ -148,7 +149,7 @@ def test_one_bad_reading_of_26_is_found() -> None:
 
 def test_repeated_and_zero_readings_are_left_out() -> None:
     rng = np.random.default_rng(9)
-    once = readings_of(example.sphere(rng, 300), rng)
+    once = readings_of(unit_vectors(rng, 300), rng)
     held = np.repeat(once, 3, axis=0)
     held = np.insert(held, [6, 399, 399], 0.0, axis=0)
     fit = fit_ellipsoid(held)
@@ -169,7 +170,7 @@ def test_repeated_and_zero_readings_are_left_out() -> None:
 def test_few_orientations_are_refused(poses: int, parameters: Any, noise: float) -> None:
     """However many samples of each, and however small the residual."""
     rng = np.random.default_rng(10 * poses + parameters)
-    readings = readings_of(np.repeat(example.sphere(rng, poses), 200, axis=0), rng, noise, parameters)
+    readings = readings_of(np.repeat(unit_vectors(rng, poses), 200, axis=0), rng, noise, parameters)
     with pytest.raises(RefusedFit) as refused:
         fit_ellipsoid(readings, parameters=parameters)
     message = str(refused.value)
@@ -182,7 +183,7 @@ def test_few_orientations_are_refused(poses: int, parameters: Any, noise: float)
 
 def test_one_reading_too_few_for_the_noise_is_refused_unless_it_is_given() -> None:
     rng = np.random.default_rng(11)
-    readings = readings_of(example.sphere(rng, 9), rng, 1e-6)
+    readings = readings_of(unit_vectors(rng, 9), rng, 1e-6)
     with pytest.raises(RefusedFit, match="tells nothing of the noise: expected at least 10, or the noise"):
         fit_ellipsoid(readings)
     fit = fit_ellipsoid(readings, noise=[1e-6] * 3)
@@ -250,7 +251,7 @@ def test_readings_of_no_one_magnitude_are_refused() -> None:
 )
 def test_a_wrong_call_says_what_was_expected(arguments: dict[str, Any], message: str) -> None:
     rng = np.random.default_rng(16)
-    arguments = {"readings": readings_of(example.sphere(rng, 40), rng), **arguments}
+    arguments = {"readings": readings_of(unit_vectors(rng, 40), rng), **arguments}
     with pytest.raises(RigError, match=message) as error:
         fit_ellipsoid(**arguments)
     assert not isinstance(error.value, RefusedFit)
@@ -260,7 +261,7 @@ def test_a_wrong_call_says_what_was_expected(arguments: dict[str, Any], message:
 @pytest.mark.parametrize("row", [0, 4999])
 def test_a_reading_that_is_not_finite_is_named(bad: float, row: int) -> None:
     rng = np.random.default_rng(17)
-    readings = readings_of(example.sphere(rng, 5000), rng)
+    readings = readings_of(unit_vectors(rng, 5000), rng)
     readings[row, 1] = bad
     with pytest.raises(RigError, match=f"reading {row} is .* expected finite numbers"):
         fit_ellipsoid(readings)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ellipsoid_examples as example
 import numpy as np
 import pytest
+from directions import CUBE, unit_vectors
 from scipy.special import stdtrit
 
 from estimators.ellipsoid import fit_ellipsoid
@@ -29,7 +30,8 @@ CASES = [
 
 def directions_of(kind: str, count: int) -> Array:
     rng = np.random.default_rng(2009)
-    return example.cube() if kind == "cube" else getattr(example, kind)(rng, count)
+    draws = {"sphere": unit_vectors, "hemisphere": example.hemisphere}
+    return CUBE if kind == "cube" else draws[kind](rng, count)
 
 
 def test_variance_is_the_bound_and_intervals_hold() -> None:
@@ -76,9 +78,8 @@ def test_averaging_poses_with_counts_is_worth_their_samples() -> None:
     2.6 %; the limits are 5 standard deviations away, so of 18 figures one fails in some 1e5 sets."""
     rng = np.random.default_rng(26)
     counts = np.where(np.arange(26) % 2, 40, 5)
-    directions = example.cube()
-    exact = directions @ example.GAIN + example.OFFSET
-    bound = example.bound(np.repeat(directions, counts, axis=0), example.GAIN, np.full(3, example.NOISE))
+    exact = CUBE @ example.GAIN + example.OFFSET
+    bound = example.bound(np.repeat(CUBE, counts, axis=0), example.GAIN, np.full(3, example.NOISE))
     noise = example.NOISE / np.sqrt(counts)[:, None]
     errors = np.empty((3000, 9))
     scaled = np.empty((3000, 9))

@@ -8,6 +8,7 @@ from typing import Any
 import ellipsoid_examples as example
 import numpy as np
 import pytest
+from directions import unit_vectors
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.special import stdtrit
 
@@ -58,7 +59,7 @@ def some_covariance(scale: float) -> Array:
 def test_packing() -> None:
     matrix = some_covariance(1.0)
     assert symmetric(packed(matrix)).tolist() == matrix.tolist()
-    points = example.sphere(np.random.default_rng(0), 20)
+    points = unit_vectors(np.random.default_rng(0), 20)
     assert quadratic_form(matrix) @ monomials(points)[4:] == pytest.approx(
         np.einsum("ni,ij,nj->n", points, matrix, points), rel=1e-12
     )
@@ -83,7 +84,7 @@ def test_the_second_order_of_the_covariance() -> None:
     variance = 1e-6
     covariance = variance * np.eye(3)
     rng = np.random.default_rng(3)
-    points = example.sphere(rng, 12)
+    points = unit_vectors(rng, 12)
     offsets, share = gaussian_nodes(covariance, 6)
     excess, expected = np.zeros((TERMS, TERMS)), np.zeros((TERMS, TERMS))
     for point in points:
@@ -148,7 +149,7 @@ def test_quadrics_that_are_no_ellipsoids() -> None:
 def test_moments_are_the_weighted_sums(counted: bool) -> None:
     """Against sums written out; noise that differs between channels, so that the weights' own noise counts."""
     rng = np.random.default_rng(4)
-    readings = example.sphere(rng, 300) @ example.GAIN + example.OFFSET + 0.05 * rng.standard_normal((300, 3))
+    readings = unit_vectors(rng, 300) @ example.GAIN + example.OFFSET + 0.05 * rng.standard_normal((300, 3))
     variances = np.array([1.0, 0.5, 2.0])
     counts = rng.integers(1, 20, 300).astype(float) if counted else None
     found = Moments.of(readings, TRUE, variances, counts)
@@ -172,7 +173,7 @@ def test_moments_are_the_weighted_sums(counted: bool) -> None:
 
 def test_moments_of_parts_add() -> None:
     rng = np.random.default_rng(5)
-    readings = example.sphere(rng, 20_000) @ example.GAIN + example.OFFSET + 0.05 * rng.standard_normal((20_000, 3))
+    readings = unit_vectors(rng, 20_000) @ example.GAIN + example.OFFSET + 0.05 * rng.standard_normal((20_000, 3))
     variances, counts = np.array([1.0, 0.5, 2.0]), rng.integers(1, 20, 20_000).astype(float)
     whole = Moments.of(readings, TRUE, variances, counts)
     parts = Moments.of(readings[:7], TRUE, variances, counts[:7]) + Moments.of(
@@ -188,7 +189,7 @@ def test_moments_of_parts_add() -> None:
 def test_what_rounding_leaves_is_told_from_noise(count: int) -> None:
     """Residuals of 6e-8 of the radius cannot be seen in sums of squares; those of 1e-6 can, at any length."""
     rng = np.random.default_rng(11)
-    directions = example.sphere(rng, count)
+    directions = unit_vectors(rng, count)
     for noise, exact in ((0.0, True), (1e-6, False)):
         readings = directions @ example.GAIN + example.OFFSET + noise * rng.standard_normal((count, 3))
         found = solve(Moments.of(readings, TRUE, np.ones(3)), 9, known=False)
@@ -199,7 +200,7 @@ def test_what_rounding_leaves_is_told_from_noise(count: int) -> None:
 def test_the_algebraic_fits() -> None:
     """The adjusted one is free of bias, the constrained one is always an ellipsoid."""
     rng = np.random.default_rng(6)
-    points = example.sphere(rng, 5000) @ example.GAIN + example.OFFSET
+    points = unit_vectors(rng, 5000) @ example.GAIN + example.OFFSET
     exact = monomials(points)
     for fit in (lambda gram: adjusted(gram, np.eye(10)), constrained):
         found = fit(exact @ exact.T)
@@ -214,7 +215,7 @@ def test_the_algebraic_fits() -> None:
 def test_residuals_and_the_noise_of_the_channels() -> None:
     rng = np.random.default_rng(7)
     variances = np.square([0.004, 0.012, 0.007])
-    readings = example.sphere(rng, 40_000) @ example.GAIN + example.OFFSET
+    readings = unit_vectors(rng, 40_000) @ example.GAIN + example.OFFSET
     readings += np.sqrt(variances) * rng.standard_normal(readings.shape)
     residuals = Residuals.of(readings, TRUE)
     found = residuals.variances()
@@ -263,7 +264,7 @@ def test_a_reading_is_judged_by_the_fit_to_all_the_others() -> None:
 def test_the_start_stands_45_percent_of_outliers_in_one_place() -> None:
     """To a tenth of the field, from which the way to the optimum is sure."""
     rng = np.random.default_rng(13)
-    readings = example.sphere(rng, 400) @ example.GAIN + example.OFFSET + 0.01 * rng.standard_normal((400, 3))
+    readings = unit_vectors(rng, 400) @ example.GAIN + example.OFFSET + 0.01 * rng.standard_normal((400, 3))
     readings[:180] = [4.0, 0.0, 1.0] + 0.3 * rng.standard_normal((180, 3))
     found = least_median(readings, np.ones(3), 9)
     assert found is not None
@@ -300,7 +301,7 @@ def test_levenberg_marquardt_ends_where_the_paper_s_sum_is_least(parameters: int
     """Camps (2)-(7): no small step from it lowers the sum, from the data sheet's values or from others."""
     rng = np.random.default_rng(9)
     magnitude = 0.47
-    readings = magnitude * example.sphere(rng, 600) @ (5.0 * example.gain_of(parameters)) + example.OFFSET
+    readings = magnitude * unit_vectors(rng, 600) @ (5.0 * example.gain_of(parameters)) + example.OFFSET
     readings += 0.02 * rng.standard_normal(readings.shape)
     fit = fit_ellipsoid(readings, magnitude, parameters=parameters, start=Start(8.0))  # type: ignore[arg-type]
     other = fit_ellipsoid(readings, magnitude, parameters=parameters, start=Start([3.0, 9.0, 5.0], [0.5, 0.0, -0.5]))  # type: ignore[arg-type]
@@ -325,7 +326,7 @@ def test_levenberg_marquardt_ends_where_the_paper_s_sum_is_least(parameters: int
 
 def test_the_sign_that_levenberg_marquardt_ends_with_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     """The residuals are even in the inverse gain: the search may end at either."""
-    readings = example.sphere(np.random.default_rng(15), 60) @ example.GAIN + example.OFFSET
+    readings = unit_vectors(np.random.default_rng(15), 60) @ example.GAIN + example.OFFSET
 
     def other_way(*arguments: Any, **options: Any) -> OptimizeResult:
         found = least_squares(*arguments, **options)
@@ -349,7 +350,7 @@ def test_the_sign_that_levenberg_marquardt_ends_with_does_not_matter(monkeypatch
 )
 def test_a_start_that_is_none(start: Start, message: str) -> None:
     with pytest.raises(RigError, match=message):
-        fit_ellipsoid(example.sphere(np.random.default_rng(10), 50), start=start)
+        fit_ellipsoid(unit_vectors(np.random.default_rng(10), 50), start=start)
 
 
 def test_levenberg_marquardt_refuses_what_is_no_ellipsoid() -> None:

@@ -27,11 +27,6 @@ POSE = (20.0, 60.0, -40.0, 30.0, 50.0, 70.0)
 
 
 @pytest.fixture(scope="module")
-def arm() -> Arm:
-    return Arm.a465()
-
-
-@pytest.fixture(scope="module")
 def followed(arm: Arm) -> Followed:
     return follow(arm, SWEEP)
 

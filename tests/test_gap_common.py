@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from whitened_examples import arm, data, discrepancies, recorded, unexplained  # noqa: F401
+from whitened_examples import data, discrepancies, recorded, unexplained  # noqa: F401
 
 from estimators.gap.data.basefit import set_up
 from estimators.gap.data.projection import project

@@ -33,11 +33,6 @@ from rig.arm import Arm
 from rig.effects import Effect, make_effect
 
 
-@pytest.fixture(scope="module")
-def arm() -> Arm:
-    return Arm.a465()
-
-
 @cache
 def whitened_data(seed: int, arm: Arm, *effects: Effect) -> WhitenedData:
     base = scenarios.load("ann-arbor")

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from whitened_examples import arm, data, recorded  # noqa: F401
+from whitened_examples import data, recorded  # noqa: F401
 
 import estimators
 from estimators.gap.data import tangent

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ellipsoid_examples as example
 import numpy as np
 import pytest
+from directions import unit_vectors
 from numpy.typing import NDArray
 
 import estimators
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def judged(gain: Array, count: int, rng: np.random.Generator, parameters: int = 6) -> Goodness:
-    readings = example.sphere(rng, count) @ gain + example.OFFSET + rng.normal(0.0, example.NOISE, (count, 3))
+    readings = unit_vectors(rng, count) @ gain + example.OFFSET + rng.normal(0.0, example.NOISE, (count, 3))
     run = Recording(t=np.arange(float(count)), magnetometer=readings, units={"magnetometer": "V"}, metadata=Metadata())
     options = Options(parameters=parameters, robust=False)  # type: ignore[arg-type]
     return is_it_good(run, estimators.calibrate(run, method="ellipsoid", attitude_free=options))["magnetometer"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from whitened_examples import arm, data  # noqa: F401
+from whitened_examples import data  # noqa: F401
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.noise_effects import fit_effect

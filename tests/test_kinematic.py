@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from directions import unit_vectors
 from kinematic_examples import (
     TABLE_5,
     TRUTHS,
@@ -17,7 +18,6 @@ from kinematic_examples import (
     sweep_angles,
     sweep_rotations,
     sweep_statistics,
-    unit_vectors,
 )
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation

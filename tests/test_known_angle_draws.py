@@ -11,7 +11,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from kinematic_examples import TRUTHS, sweep_statistics, unit_vectors
+from directions import unit_vectors
+from kinematic_examples import TRUTHS, sweep_statistics
 from scipy.special import bdtr, chdtr, chdtrc, stdtrit
 from statistics_draws import draw_many
 

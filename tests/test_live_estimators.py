@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from directions import unit_vectors
 from numpy.typing import NDArray
 
 import estimators
@@ -29,9 +30,7 @@ NOISE = 0.0135
 
 def tumbled(count: int, seed: int, noise: float = NOISE) -> Array:
     rng = np.random.default_rng(seed)
-    u = rng.standard_normal((count, 3))
-    u /= np.linalg.norm(u, axis=1)[:, None]
-    return 9.8 * u @ GAIN + OFFSET + noise * rng.standard_normal((count, 3))
+    return 9.8 * unit_vectors(rng, count) @ GAIN + OFFSET + noise * rng.standard_normal((count, 3))
 
 
 @pytest.fixture(scope="module")
@@ -87,9 +86,7 @@ def test_old_parts_are_dropped_and_never_subtracted() -> None:
 def held(poses: int, seed: int) -> tuple[Array, Array, Array]:
     """Times, readings and the poses' true means: 3 s still, 1 s of motion, again and again at 100 Hz."""
     rng = np.random.default_rng(seed)
-    u = rng.standard_normal((poses, 3))
-    u /= np.linalg.norm(u, axis=1)[:, None]
-    means = 9.8 * u @ GAIN + OFFSET
+    means = 9.8 * unit_vectors(rng, poses) @ GAIN + OFFSET
     parts = []
     for place, mean in enumerate(means):
         parts.append(np.tile(mean, (300, 1)))
@@ -210,8 +207,7 @@ def test_the_cloud_forgets() -> None:
 
 def test_it_is_enough_when_the_intervals_are_and_the_sphere_was_seen() -> None:
     rng = np.random.default_rng(6)
-    u = rng.standard_normal((30_000, 3))
-    u /= np.linalg.norm(u, axis=1)[:, None]
+    u = unit_vectors(rng, 30_000)
     for up, wanted in ((u, True), (u[u[:, 2] > 0.3], False)):
         mag = up @ GAIN + OFFSET + 1e-5 * rng.standard_normal(up.shape)
         run = Recording(t=0.01 * np.arange(len(mag)), magnetometer=mag)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from directions import unit_vectors
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import f
@@ -215,9 +216,7 @@ def test_an_accelerometer_that_is_turned_all_the_time_raises_no_alarm() -> None:
     motion's acceleration of 0.1 to 0.5 m/s^2, up to sixteen standard deviations, is no change. One false alarm in 100
     days is stated; these are four minutes."""
     rng = np.random.default_rng(3)
-    up = rng.standard_normal((40, 3))
-    up /= np.linalg.norm(up, axis=1)[:, None]
-    still = np.repeat(9.8 * up @ np.diag([1.01, 0.99, 1.005]) + [0.1, -0.05, 0.2], 300, axis=0)
+    still = np.repeat(9.8 * unit_vectors(rng, 40) @ np.diag([1.01, 0.99, 1.005]) + [0.1, -0.05, 0.2], 300, axis=0)
     still += 0.03 * rng.standard_normal(still.shape)
     units = {"accelerometer": "m_s2"}
     known = estimators.calibrate(

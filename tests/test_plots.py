@@ -33,11 +33,6 @@ Make = Callable[[], Figure]
 
 
 @pytest.fixture(scope="module")
-def recording() -> Recording:
-    return scenarios.load("ann-arbor").simulate(seed=2)
-
-
-@pytest.fixture(scope="module")
 def laid(recording: Recording) -> dict[str, Overlay]:
     return overlays(recording, estimators.calibrate(recording), Arm.a465())
 

@@ -10,6 +10,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from arm_files import random_angles
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -24,17 +25,8 @@ EXACT = 1e-13
 
 
 @pytest.fixture(scope="module")
-def arm() -> Arm:
-    return Arm.a465()
-
-
-@pytest.fixture(scope="module")
 def rotation_map(arm: Arm) -> RotationMap:
     return arm.rotation_map
-
-
-def angles(count: int, joints: int = 6, seed: int = 1, reach: float = 3.0) -> Array:
-    return np.random.default_rng(seed).uniform(-reach, reach, (count, joints))
 
 
 def product_of_exponentials(axes: Array, R_zero: Array, q: Array) -> Array:
@@ -57,8 +49,8 @@ def test_the_whole_sweep(arm: Arm, rotation_map: RotationMap) -> None:
 @pytest.mark.parametrize("moving", [m for k in range(7) for m in combinations(range(6), k)])
 def test_any_joints_may_move(arm: Arm, rotation_map: RotationMap, moving: tuple[int, ...]) -> None:
     """Locked anywhere, not only at the sweep's right angles, and over many turns."""
-    q = np.repeat(angles(1), 60, axis=0)
-    q[:, moving] = angles(60, len(moving), seed=2, reach=400.0)
+    q = np.repeat(random_angles(1), 60, axis=0)
+    q[:, moving] = random_angles(60, len(moving), seed=2, reach=400.0)
     assert moving_joints(q) == list(moving)
     np.testing.assert_allclose(rotation_map.rotations(q), arm.poses(q).R_base_tool.reshape(-1, 9), rtol=0, atol=EXACT)
     rotation, position = rotation_map.poses(q)
@@ -69,7 +61,7 @@ def test_any_joints_may_move(arm: Arm, rotation_map: RotationMap, moving: tuple[
 def test_table_1_of_the_paper(rotation_map: RotationMap) -> None:
     """Renk (7), (8): theta1 = q1 + 90, theta5 = q5, theta6 = q6 + 180 deg, written without the map or MuJoCo."""
     q = np.tile(np.radians([0.0, 90.0, -90.0, 0.0, 0.0, 0.0]), (1000, 1))
-    q[:, [0, 4, 5]] = angles(1000, 3)
+    q[:, [0, 4, 5]] = random_angles(1000, 3)
     theta = np.zeros((1000, 6))
     theta[:] = [0.0, np.pi / 2, -np.pi, 0.0, 0.0, 0.0]
     theta[:, [0, 4, 5]] = q[:, [0, 4, 5]] + [np.pi / 2, 0.0, np.pi]
@@ -89,7 +81,7 @@ def test_arms_with_skew_axes(joints: int) -> None:
     axes = rng.normal(size=(joints, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     R_zero = Rotation.random(rng=rng).as_matrix()
-    q = angles(5000, joints)
+    q = random_angles(5000, joints)
     found = RotationMap(axes, R_zero).rotations(q)
     np.testing.assert_allclose(found, product_of_exponentials(axes, R_zero, q), rtol=0, atol=EXACT)
 
@@ -98,7 +90,7 @@ def test_small_misalignments_are_not_taken_for_rounding() -> None:
     """A twist of 1e-12 rad between the axes moves the result by as much."""
     axes = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     twisted = axes + np.array([[1e-12, 0.0, 0.0], [0.0, 0.0, 1e-12], [0.0, 1e-12, 0.0]])
-    q = angles(500, 3)
+    q = random_angles(500, 3)
     change = RotationMap(twisted, np.eye(3)).rotations(q) - RotationMap(axes, np.eye(3)).rotations(q)
     expected = product_of_exponentials(twisted, np.eye(3), q) - product_of_exponentials(axes, np.eye(3), q)
     np.testing.assert_allclose(change, expected, rtol=0, atol=1e-14)
@@ -120,8 +112,8 @@ def test_special_angles(rotation_map: RotationMap) -> None:
 @pytest.mark.parametrize("count", [1, 2, 4095, 4096, 4097])
 @pytest.mark.parametrize("moving", [(0, 4, 5), (0, 1, 2, 3, 4, 5), ()])
 def test_block_edges(rotation_map: RotationMap, count: int, moving: tuple[int, ...]) -> None:
-    q = np.repeat(angles(1), count, axis=0)
-    q[:, moving] = angles(count, len(moving), seed=3)
+    q = np.repeat(random_angles(1), count, axis=0)
+    q[:, moving] = random_angles(count, len(moving), seed=3)
     found = rotation_map.rotations(q)
     for row in {0, count // 2, count - 1}:
         np.testing.assert_allclose(found[row], rotation_map.rotations(q[row : row + 1])[0], rtol=0, atol=EXACT)
@@ -129,7 +121,7 @@ def test_block_edges(rotation_map: RotationMap, count: int, moving: tuple[int, .
 
 @pytest.mark.parametrize("rows", [1, 7, 100, 5000])
 def test_blocks_are_the_same_samples(rotation_map: RotationMap, rows: int) -> None:
-    q = angles(703)
+    q = random_angles(703)
     whole = rotation_map.rotations(q)
     covered = 0
     for span, block in rotation_map.blocks(q, rows):
@@ -140,7 +132,7 @@ def test_blocks_are_the_same_samples(rotation_map: RotationMap, rows: int) -> No
 
 
 def test_layouts_and_output(rotation_map: RotationMap) -> None:
-    q = angles(500)
+    q = random_angles(500)
     expected = rotation_map.rotations(q)
     np.testing.assert_array_equal(rotation_map.rotations(np.asfortranarray(q)), expected)
     np.testing.assert_array_equal(rotation_map.rotations(np.repeat(q, 2, axis=0)[::2]), expected)

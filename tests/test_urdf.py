@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 import yourdfpy
+from arm_files import random_angles
 from numpy.typing import NDArray
 
 from rig.arm import Arm
@@ -21,15 +22,6 @@ from rig.errors import RigError
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
-
-
-@pytest.fixture(scope="module")
-def arm() -> Arm:
-    return Arm.a465()
-
-
-def random_angles(count: int, joints: int = 6, seed: int = 1) -> Array:
-    return np.random.default_rng(seed).uniform(-3, 3, (count, joints))
 
 
 LINKS = "".join(f'<link name="{name}"/>' for name in ("root", "a", "b", "c", "tip", "finger"))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rerun.chunk import Chunk, RrdReader
 from scipy.spatial.transform import Rotation
-from view_examples import calibration, recording, tool_poses, view  # noqa: F401  (fixtures)
+from view_examples import calibration, tool_poses, view  # noqa: F401  (fixtures)
 
 import estimators
 from estimators.calibration import Calibration

@@ -11,7 +11,7 @@ import numpy as np
 import psutil
 import pytest
 from matplotlib.image import imread
-from view_examples import calibration, recording, tool_poses, view  # noqa: F401  (fixtures)
+from view_examples import calibration, tool_poses, view  # noqa: F401  (fixtures)
 
 from documenting.photograph import _headless_viewer, photograph
 from documenting.photograph import main as photograph_command

@@ -9,16 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import estimators
-import scenarios
 from estimators.calibration import Calibration
 from rig.arm import Arm
 from rig.recording import Metadata, Recording
 from scenarios.view import write_view
-
-
-@pytest.fixture(scope="module")
-def recording() -> Recording:
-    return scenarios.load("ann-arbor").simulate(seed=1)
 
 
 @pytest.fixture(scope="module")

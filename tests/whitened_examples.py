@@ -24,11 +24,6 @@ def recorded(seed: int, *effects: tuple[str, dict[str, object]], decimation: int
 
 
 @pytest.fixture(scope="module")
-def arm() -> Arm:
-    return Arm.a465()
-
-
-@pytest.fixture(scope="module")
 def data(arm: Arm) -> WhitenedData:
     run = recorded(1)
     return set_up(run, estimated_floor(run, arm), arm)
