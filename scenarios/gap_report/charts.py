@@ -17,6 +17,7 @@ _LABEL: Final = 92.0  # left of the bars
 _VALUES: Final = 190.0  # right of them
 _ROW: Final = 34.0
 _FOLLOWS: Final = 10  # bars of what the gap follows, at most
+_FIFTHS: Final = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 def channel_bars(diagnosis: Diagnosis, shown: Mapping[str, Shown]) -> str:
@@ -59,56 +60,60 @@ def _beside(closed: float | None, relative: float) -> str:
 
 def follow_bars(follows: Sequence[Mapping[str, Any]]) -> str:
     """Shares of the gap by what it follows, the largest first."""
-    rows = sorted(follows, key=lambda each: -float(each["share"]))[:_FOLLOWS]
-    left = 310.0
-    drawing = Drawing(_NARROW, 24.0 * len(rows) + 24, "shares of the gap by what it follows")
-    scale = Scale(0.0, 1.0, left, _NARROW - 20.0)
-    bottom = 24.0 * len(rows) + 2
-    for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
-        drawing.line(scale.at(tick), 0, scale.at(tick), bottom, "grid")
-        drawing.text(scale.at(tick), bottom + 15, f"{100 * tick:.0f} %", "tick", "middle")
-    for number, each in enumerate(rows):
-        share = min(max(float(each["share"]), 0.0), 1.0)
-        y = 24.0 * number + 5
-        channel = each.get("channel")
+    rows = []
+    for each in sorted(follows, key=lambda each: -float(each["share"]))[:_FOLLOWS]:
+        share, channel = _within_one(float(each["share"])), each.get("channel")
         words = place_words(str(each["variable"])) + (f", {channel}" if channel and channel != "all" else "")
-        drawing.text(left - 66, y + 11, words, "name", "end")
-        drawing.text(left - 8, y + 11, percent(share), "value", "end")
-        drawing.rect(left, y, scale.at(share) - left, 14, "share")
-    return str(drawing)
+        rows.append((words, percent(share), share, "share"))
+    ticks = [(tick, f"{100 * tick:.0f} %") for tick in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    return _bars_of_one("shares of the gap by what it follows", rows, ticks)
 
 
 def posterior_bar(diagnosis: Diagnosis) -> str:
     """The probabilities of the three answers, one bar each."""
+    rows = []
+    for name, words in ANSWERS.items():
+        probability = diagnosis.posterior[name]
+        css = "before" if name == "other" else "after"
+        rows.append((words, chance(probability), _within_one(probability), css))
+    return _bars_of_one("probability of each of three answers", rows, [(tick, tick_label(tick)) for tick in _FIFTHS])
+
+
+def _bars_of_one(label: str, rows: Sequence[tuple[str, str, float, str]], ticks: Sequence[tuple[float, str]]) -> str:
+    """Bars from 0 to 1, one below the other: words, the value as text, the value, and how the bar looks."""
     left = 310.0
-    drawing = Drawing(_NARROW, 24.0 * len(ANSWERS) + 24, "probability of each of three answers")
+    bottom = 24.0 * len(rows) + 2
+    drawing = Drawing(_NARROW, bottom + 22, label)
     scale = Scale(0.0, 1.0, left, _NARROW - 20.0)
-    bottom = 24.0 * len(ANSWERS) + 2
-    for tick in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
+    for tick, text in ticks:
         drawing.line(scale.at(tick), 0, scale.at(tick), bottom, "grid")
-        drawing.text(scale.at(tick), bottom + 15, tick_label(tick), "tick", "middle")
-    for number, (name, words) in enumerate(ANSWERS.items()):
-        y, value = 24.0 * number + 5, min(max(diagnosis.posterior[name], 0.0), 1.0)
+        drawing.text(scale.at(tick), bottom + 15, text, "tick", "middle")
+    for number, (words, text, value, css) in enumerate(rows):
+        y = 24.0 * number + 5
         drawing.text(left - 66, y + 11, words, "name", "end")
-        drawing.text(left - 8, y + 11, chance(diagnosis.posterior[name]), "value", "end")
-        drawing.rect(left, y, scale.at(value) - left, 14, "before" if name == "other" else "after")
+        drawing.text(left - 8, y + 11, text, "value", "end")
+        drawing.rect(left, y, scale.at(value) - left, 14, css)
     return str(drawing)
+
+
+def _within_one(value: float) -> float:
+    return min(max(value, 0.0), 1.0)
 
 
 def closed_bar(diagnosis: Diagnosis) -> str:
     """The share of the squared gap that is gone, with its interval."""
     drawing = Drawing(_NARROW, 56, f"share of the gap that closes: {closed_words(diagnosis)}")
     scale = Scale(0.0, 1.0, 10, _NARROW - 160.0)
-    value = min(max(diagnosis.closed.value or 0.0, 0.0), 1.0)
+    value = _within_one(diagnosis.closed.value or 0.0)
     drawing.rect(scale.at(0), 8, scale.at(1) - scale.at(0), 20, "left")
     drawing.rect(scale.at(0), 8, scale.at(value) - scale.at(0), 20, "after")
     ends = diagnosis.closed.low, diagnosis.closed.high
     if ends[0] is not None and ends[1] is not None:
-        low, high = (scale.at(min(max(each, 0.0), 1.0)) for each in ends if each is not None)
+        low, high = (scale.at(_within_one(each)) for each in ends if each is not None)
         drawing.line(low, 18, high, 18, "interval")
         for end in (low, high):
             drawing.line(end, 11, end, 25, "interval")
-    for tick in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
+    for tick in _FIFTHS:
         drawing.line(scale.at(tick), 28, scale.at(tick), 33, "axis")
         drawing.text(scale.at(tick), 46, f"{100 * tick:.0f} %", "tick", "middle")
     drawing.text(scale.end + 14, 23, closed_words(diagnosis), "value")

@@ -18,8 +18,8 @@ from estimators.gap.choices import and_words
 from estimators.gap.diagnosis import chance
 from rig.files import made_folder, write_text
 from scenarios.diagnosing.fleet import Entry, History, fleet_csv, fleet_json, histories, in_order
+from scenarios.gap_report import html
 from scenarios.gap_report.own_names import in_own_names
-from scenarios.gap_report.page import document
 from scenarios.gap_report.svg import Drawing
 from scenarios.gap_report.words import VERDICTS, alike_words, cause_title, cause_words, closed_words
 from scenarios.terminal.tables import table
@@ -46,7 +46,7 @@ def fleet_page(entries: Sequence[Entry]) -> str:
         "<h2>All recordings</h2>",
         _recordings(ordered),
     ]
-    return document("Fleet: which cause on which arm since when", parts)
+    return html.document("Fleet: which cause on which arm since when", parts)
 
 
 def _in_own_names(entries: Sequence[Entry]) -> list[Entry]:
@@ -70,12 +70,7 @@ def _number(count: int, what: str) -> str:
 def _tiles(entries: Sequence[Entry]) -> str:
     verdicts = Counter("failed" if entry.diagnosis is None else entry.diagnosis.verdict for entry in entries)
     words = {**VERDICTS, "failed": "Without a diagnosis"}
-    tiles = [
-        f'<div class="tile"><dt>{words[name]}</dt><dd>{count:,}<small>of {len(entries):,}</small></dd></div>'
-        for name, count in ((name, verdicts[name]) for name in words)
-        if count
-    ]
-    return f'<dl class="tiles">{"".join(tiles)}</dl>'
+    return html.tiles((words[name], f"{verdicts[name]:,}", f"of {len(entries):,}") for name in words if verdicts[name])
 
 
 def _title(history: History) -> str:
@@ -114,14 +109,7 @@ _HEADER: Final = ("arm", "cause", "since", "last recording without it", "found i
 
 
 def _since(told: Sequence[History]) -> str:
-    return _table(_HEADER, [[escape(cell) for cell in row] for row in _rows(told)])
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Of cells in HTML."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in header)
-    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return html.table(_HEADER, [[escape(cell) for cell in row] for row in _rows(told)])
 
 
 def _picture(told: Sequence[History]) -> str:
@@ -134,13 +122,11 @@ def _picture(told: Sequence[History]) -> str:
         drawing.text(0, y + 15, words if len(words) <= 52 else f"{words[:51]}…")
         for place, seen in enumerate(each.seen):
             drawing.rect(_LEFT + cell * place + 0.5, y + 4, cell - min(2.0, 0.2 * cell), 14, _SIGNS[seen])
-    return (
-        f"<figure>{drawing}"
-        '<ul class="key"><li class="k-found">found</li><li class="k-absent">looked for and not found</li>'
-        '<li class="k-open">could not tell</li></ul>'
-        "<figcaption>One box a recording of the arm, from its first one on. A cause has been found where its "
-        "probability is .5 or more; a recording with something unexplained does not say that a cause is not there."
-        "</figcaption></figure>"
+    signs = html.key([("found", "found"), ("looked for and not found", "absent"), ("could not tell", "open")])
+    return html.figure(
+        f"{drawing}{signs}",
+        "One box a recording of the arm, from its first one on. A cause has been found where its probability is .5 or "
+        "more; a recording with something unexplained does not say that a cause is not there.",
     )
 
 
@@ -158,9 +144,10 @@ def _recordings(entries: Sequence[Entry]) -> str:
             for cause in entry.causes
         ]
         link = f'<a href="{quote(f"{entry.name}.html")}">{escape(entry.name)}</a>'
-        verdict = f'<span class="badge {found.verdict}">{VERDICTS[found.verdict]}</span>'
-        rows.append([*row, link, verdict, "<br>".join(map(escape, causes)), escape(closed_words(found))])
-    return _table(("arm", "recorded", "recording", "verdict", "causes", "closed"), rows)
+        rows.append(
+            [*row, link, html.badge(found.verdict), "<br>".join(map(escape, causes)), escape(closed_words(found))]
+        )
+    return html.table(("arm", "recorded", "recording", "verdict", "causes", "closed"), rows)
 
 
 def fleet_tables(entries: Sequence[Entry]) -> Group:

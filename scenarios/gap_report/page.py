@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from pathlib import Path
 
 from estimators.gap.diagnosis import Diagnosis, chance
-from scenarios.gap_report import sections
+from scenarios.gap_report import html, sections
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline
 from scenarios.version import package_version
-
-#: Nothing may be loaded from anywhere; the style is the page's own.
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 def page(diagnosis: Diagnosis, residuals: GapResiduals | Sequence[GapResiduals], without: Sequence[str] = ()) -> str:
@@ -41,20 +37,7 @@ def page(diagnosis: Diagnosis, residuals: GapResiduals | Sequence[GapResiduals],
         sections.untold(diagnosis),
         _foot(diagnosis),
     ]
-    return document(title, parts)
-
-
-def document(title: str, parts: Iterable[str]) -> str:
-    """An HTML file with the pages' style, of what stands in it."""
-    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n<main>\n"
-        + "\n".join(part for part in parts if part)
-        + "\n</main>\n</body>\n</html>\n"
-    )
+    return html.document(title, parts)
 
 
 def _head(diagnosis: Diagnosis, residuals: Sequence[GapResiduals], without: Sequence[str]) -> str:
@@ -72,7 +55,7 @@ def _head(diagnosis: Diagnosis, residuals: Sequence[GapResiduals], without: Sequ
     return (
         f'<p class="kicker">Sim-to-real gap of {escape(diagnosis.recording)}</p>\n'
         f'<h1>{escape(headline(diagnosis))}</h1>\n<p class="lead">{escape(consequences(diagnosis))}</p>\n'
-        f'<p class="soft"><span class="badge {diagnosis.verdict}">{VERDICTS[diagnosis.verdict]}</span>'
+        f'<p class="soft">{html.badge(diagnosis.verdict)}'
         f"{escape(' · '.join(facts))}</p>\n{notes}{_tiles(diagnosis)}"
     )
 
@@ -93,7 +76,7 @@ def _tiles(diagnosis: Diagnosis) -> str:
         tiles.append(("Gap closed", share, note))
     left = "nothing seen above the floor" if diagnosis.remainder.verdict == "noise" else "more than noise"
     tiles.append(("Left over", diagnosis.remainder.verdict, left))
-    return f'<dl class="tiles">{"".join(_tile(*tile) for tile in tiles)}</dl>'
+    return html.tiles(tiles)
 
 
 def _probability(diagnosis: Diagnosis) -> tuple[str, str, str]:
@@ -113,10 +96,6 @@ def _probability(diagnosis: Diagnosis) -> tuple[str, str, str]:
         return "Probability", chance(posterior["other"]), "of something outside the catalogue"
     best = max((one.probability for one in diagnosis.hypotheses), default=0.0)
     return "Probability", chance(best), "of the likeliest explanation"
-
-
-def _tile(name: str, value: str, note: str) -> str:
-    return f'<div class="tile"><dt>{escape(name)}</dt><dd>{escape(value)}<small>{escape(note)}</small></dd></div>'
 
 
 def _foot(diagnosis: Diagnosis) -> str:

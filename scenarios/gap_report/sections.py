@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 
 from estimators.gap.diagnosis import Cause, Diagnosis, chance, percent
-from scenarios.gap_report import charts, curves, maps
+from scenarios.gap_report import charts, curves, html, maps
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.maneuver_words import interval_words
 from scenarios.gap_report.residuals import GapResiduals
@@ -50,8 +50,8 @@ def explanations(diagnosis: Diagnosis) -> str:
         [
             "<h2>What could explain it</h2>",
             f"<p><b>{VERDICTS[diagnosis.verdict]}</b>: {escape(MEANINGS[diagnosis.verdict])}</p>",
-            _figure(charts.posterior_bar(diagnosis), "Probability of each answer; the three add up to one."),
-            _table(("explanation", "probability"), rows, numbers=(1,)),
+            html.figure(charts.posterior_bar(diagnosis), "Probability of each answer; the three add up to one."),
+            html.table(("explanation", "probability"), rows, numbers=(1,)),
             *(f"<p>{escape(_sentence(words))}</p>" for words in one_of_words(diagnosis)),
             '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. Of what is '
             "said with a probability of .9, nine in ten should be true.</p>",
@@ -71,7 +71,7 @@ def fitted_rig(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     titles = ("channel", *RIG_COLUMNS.values(), "unit")
     words = " ".join(escape(line) for line in rig_words(diagnosis))
     return (
-        f"<h2>Against the fitted rig</h2>\n<p>{words}</p>\n{_table(titles, rows, numbers=range(1, 6))}\n"
+        f"<h2>Against the fitted rig</h2>\n<p>{words}</p>\n{html.table(titles, rows, numbers=range(1, 6))}\n"
         '<p class="soft">Calibrations are refitted for either rig. All that follows is of what the fitted rig leaves.'
         "</p>"
     )
@@ -91,7 +91,7 @@ def recordings(diagnosis: Diagnosis) -> str:
             "<h2>Which recording says so</h2>",
             '<p class="soft">One calibration and the same causes for all of them. By how much the log likelihood of '
             "each falls where a cause is taken out again: 5 is hundred to one.</p>",
-            _table(titles, rows, numbers=range(1, len(titles))) if told else "<p>No cause is told of.</p>",
+            html.table(titles, rows, numbers=range(1, len(titles))) if told else "<p>No cause is told of.</p>",
         ]
     )
 
@@ -107,32 +107,32 @@ def where(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     parts = [
         f"<h2>Where it lies in {escape(residuals.recording.name)}</h2>" if several else "<h2>Where it lies</h2>",
         "<h3>By channel</h3>",
-        _key([*((f"gap {words}", css) for words, css in both), ("noise floor", "tick")]),
-        _figure(charts.channel_bars(diagnosis, shown_units(residuals.recording.units)), ""),
+        html.key([*((f"gap {words}", css) for words, css in both), ("noise floor", "tick")]),
+        html.figure(charts.channel_bars(diagnosis, shown_units(residuals.recording.units))),
     ]
     follows = list(diagnosis.follows)
     if follows and residuals.recording.name == diagnosis.recordings[0]:
         parts += [
             "<h3>By what it follows</h3>",
             '<div class="pair">',
-            _figure(charts.follow_bars(follows), ""),
+            html.figure(charts.follow_bars(follows)),
             '<p class="soft">The share of the gap that one error of the rig explains where it is a smooth function of '
             "that quantity: the best of all errors that a rig can have. The shares overlap: what repeats with a "
             "joint's angle also repeats with the orientation.</p></div>",
         ]
     parts += [
         "<h3>Over the joint angles</h3>" if residuals.recording.q is not None else "<h3>Over attitude and place</h3>",
-        _figure(
+        html.figure(
             maps.maps(residuals),
             "Whitened residual. An axis marked “out, then back” shows both directions of travel, divided by the white "
             "line, so that what depends on the direction shows as two halves that differ.",
         ),
         "<h3>Over frequency</h3>",
-        _key([*both, ("noise floor", "floor"), *([("floor and the named noise", "named")] if named else [])]),
-        _figure(curves.spectrum(residuals), "Amplitude density of the residuals."),
+        html.key([*both, ("noise floor", "floor"), *([("floor and the named noise", "named")] if named else [])]),
+        html.figure(curves.spectrum(residuals), "Amplitude density of the residuals."),
         "<h3>Over time</h3>",
-        _key([*both, ("two standard errors of the floor", "band")]),
-        _figure(curves.over_time(residuals), "Means of successive blocks of the residuals."),
+        html.key([*both, ("two standard errors of the floor", "band")]),
+        html.figure(curves.over_time(residuals), "Means of successive blocks of the residuals."),
     ]
     return "\n".join(parts)
 
@@ -187,7 +187,7 @@ def _cause(cause: Cause, status: str) -> str:
         f'<section class="cause"><h3>{escape(title[:1].upper() + title[1:])}</h3>',
         f'<p class="soft">{escape(formula(cause.effect))}</p>',
         f'<dl class="facts">{listed}</dl>',
-        _table(("parameter", "value ± standard deviation", "", ""), rows),
+        html.table(("parameter", "value ± standard deviation", "", ""), rows),
     ]
     if cause.equivalent:
         parts.append(
@@ -214,9 +214,9 @@ def how_far(diagnosis: Diagnosis, residuals: Sequence[GapResiduals]) -> str:
             "<h2>How far it closes</h2>",
             '<p class="soft">Share of the squared gap that is gone once the causes of the likeliest explanation are in '
             "the simulator, with its 95 % interval, judged on blocks of the recording that did not choose them.</p>",
-            _figure(charts.closed_bar(diagnosis), ""),
+            html.figure(charts.closed_bar(diagnosis)),
             also,
-            _table(titles, [tuple(map(escape, row)) for row in rows], numbers=range(1, 7)),
+            html.table(titles, [tuple(map(escape, row)) for row in rows], numbers=range(1, 7)),
         ]
     )
 
@@ -243,8 +243,8 @@ def calibration(diagnosis: Diagnosis) -> str:
             '<p class="soft">Shift from the calibration with the gap modelled to the one without, in the standard '
             "deviations that noise alone gives.</p>",
             '<div class="pair even">',
-            _figure(charts.shift_bars([(name, -shift["sigmas"]) for name, shift in shown]), ""),
-            f"<div>{_table(('parameter', 'gap not modelled', 'gap modelled'), rows, numbers=(1, 2))}{below}</div>",
+            html.figure(charts.shift_bars([(name, -shift["sigmas"]) for name, shift in shown])),
+            f"<div>{html.table(('parameter', 'gap not modelled', 'gap modelled'), rows, numbers=(1, 2))}{below}</div>",
             "</div>",
         ]
     )
@@ -274,7 +274,7 @@ def remainder(diagnosis: Diagnosis) -> str:
         ]
         parts += [
             "<p>More than noise. Of all errors that a rig can have, these describe it best, each by itself:</p>",
-            _table(("what is off", "along", "share of the gap"), rows, numbers=(2,)),
+            html.table(("what is off", "along", "share of the gap"), rows, numbers=(2,)),
         ]
     if hidden := hidden_words(diagnosis):
         parts.append(f"<p>{escape(hidden)}</p>")
@@ -318,30 +318,9 @@ def next_step(diagnosis: Diagnosis) -> str:
     ]
     if rows:
         titles = ("if this is true", "this fits worse", "by a chi-square of", "on the recorded maneuver")
-        parts.append(_table(titles, rows, numbers=(2, 3)))
+        parts.append(html.table(titles, rows, numbers=(2, 3)))
     return "\n".join(parts)
 
 
 def _sentence(words: str) -> str:
     return words[:1].upper() + words[1:] + "."
-
-
-def _figure(drawing: str, caption: str) -> str:
-    words = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    return f"<figure>{drawing}{words}</figure>"
-
-
-def _key(items: Iterable[tuple[str, str]]) -> str:
-    return '<ul class="key">' + "".join(f'<li class="k-{css}">{escape(words)}</li>' for words, css in items) + "</ul>"
-
-
-def _table(titles: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()) -> str:
-    """A table; the cells are HTML already, columns in ``numbers`` are aligned to the right."""
-    right = set(numbers)
-
-    def cells(tag: str, values: Sequence[str]) -> str:
-        kinds = [' class="n"' if index in right else "" for index in range(len(values))]
-        return "".join(f"<{tag}{kind}>{value}</{tag}>" for kind, value in zip(kinds, values, strict=True))
-
-    body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
-    return f"<table><thead><tr>{cells('th', titles)}</tr></thead><tbody>{body}</tbody></table>"

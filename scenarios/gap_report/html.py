@@ -1,0 +1,62 @@
+"""What the pages are made of: a document that needs nothing else, with tiles, tables and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+
+from scenarios.gap_report.words import VERDICTS
+
+#: Nothing may be loaded from anywhere; the style is the page's own.
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def document(title: str, parts: Iterable[str]) -> str:
+    """An HTML file with the pages' style, of what stands in it."""
+    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n<main>\n"
+        + "\n".join(part for part in parts if part)
+        + "\n</main>\n</body>\n</html>\n"
+    )
+
+
+def tiles(items: Iterable[tuple[str, str, str]]) -> str:
+    """The figures at the top of a page: a name, a value and a note each."""
+    made = (
+        f'<div class="tile"><dt>{escape(name)}</dt><dd>{escape(value)}<small>{escape(note)}</small></dd></div>'
+        for name, value, note in items
+    )
+    return f'<dl class="tiles">{"".join(made)}</dl>'
+
+
+def badge(verdict: str) -> str:
+    """A verdict in its colour."""
+    return f'<span class="badge {verdict}">{VERDICTS[verdict]}</span>'
+
+
+def figure(drawing: str, caption: str = "") -> str:
+    """A drawing with what it shows."""
+    words = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+    return f"<figure>{drawing}{words}</figure>"
+
+
+def key(items: Iterable[tuple[str, str]]) -> str:
+    """The key of a drawing: words, and the style that they stand for."""
+    return '<ul class="key">' + "".join(f'<li class="k-{css}">{escape(words)}</li>' for words, css in items) + "</ul>"
+
+
+def table(titles: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()) -> str:
+    """A table; the cells are HTML already, columns in ``numbers`` are aligned to the right."""
+    right = set(numbers)
+
+    def cells(tag: str, values: Sequence[str]) -> str:
+        kinds = [' class="n"' if index in right else "" for index in range(len(values))]
+        return "".join(f"<{tag}{kind}>{value}</{tag}>" for kind, value in zip(kinds, values, strict=True))
+
+    body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{cells('th', [*map(escape, titles)])}</tr></thead><tbody>{body}</tbody></table>"
