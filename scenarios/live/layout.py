@@ -9,18 +9,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from scenarios.view.arm import ARM
+from scenarios.view.blueprint import layout, scene_view
+from scenarios.view.series import READINGS, RESIDUALS
+from scenarios.view.spheres import SPHERES
 from scenarios.view.timeline import TIMELINE
 
-READINGS: Final = "readings"
-RESIDUALS: Final = "residuals"
 INTERVALS: Final = "intervals"
-SPHERES: Final = "directions"
 GUIDE: Final = "guide"
 NOW: Final = "now"
 
 #: Readings and residuals are shown this far back [s].
 _BACK_S: Final = 30.0
-_SOLID = rr.components.FillMode.Solid
 
 
 def live_blueprint(units: Mapping[str, str], base: str | None) -> rrb.Blueprint:
@@ -35,12 +34,9 @@ def live_blueprint(units: Mapping[str, str], base: str | None) -> rrb.Blueprint:
     )
     left: list[rrb.View] = [text, log] if base is None else [_arm_view(base), text, log]
     shares = [3.0, 1.0] if base is None else [2.2, 2.8, 1.2]
-    return rrb.Blueprint(
+    return layout(
         rrb.Horizontal(contents=[rrb.Vertical(contents=left, row_shares=shares), *columns]),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
-        auto_views=False,
     )
 
 
@@ -76,13 +72,4 @@ def _column(sensor: str, unit: str) -> rrb.Container:
 
 
 def _arm_view(base: str) -> rrb.View:
-    return rrb.Spatial3DView(
-        origin="/",
-        contents=[f"/{ARM}/**"],
-        name="The arm",
-        spatial_information=rrb.SpatialInformation(target_frame=base),
-        eye_controls=rrb.EyeControls3D(
-            position=(0.95, -1.0, 0.85), look_target=(0.1, 0.0, 0.45), eye_up=(0.0, 0.0, 1.0)
-        ),
-        defaults=[rr.Boxes3D.from_fields(fill_mode=_SOLID), rr.Cylinders3D.from_fields(fill_mode=_SOLID)],
-    )
+    return scene_view("The arm", [f"/{ARM}/**"], base, (0.95, -1.0, 0.85), (0.1, 0.0, 0.45))

@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 from estimators.coverage import direction_name
 from estimators.live import SensorState
 from rig.channels import CHANNELS_OF
-from rig.errors import RigError
 from rig.recording import Recording, joined
 from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rgb
 from scenarios.decimation import extremes
-from scenarios.live.layout import GUIDE, INTERVALS, NOW, READINGS, RESIDUALS, SPHERES, live_blueprint
+from scenarios.live.layout import GUIDE, INTERVALS, NOW, live_blueprint
 from scenarios.live.session import Event, Snapshot
 from scenarios.motion import arm_of
 from scenarios.terminal.calibration import symbol
 from scenarios.terminal.tables import plus_minus
 from scenarios.view.arm import ArmView
+from scenarios.view.series import READINGS, RESIDUALS
+from scenarios.view.spheres import SPHERES, globe
+from scenarios.view.stream import new_stream
 from scenarios.view.timeline import TIMELINE, at
 from scenarios.view.viewer import start_viewer
 
@@ -38,7 +40,6 @@ _SPHERE_S: Final = 0.5
 #: Points of a series for each time it is brought up to date.
 _POINTS: Final = 24
 _LONGEST: Final = 4096
-_GLOBE: Final = (52, 56, 62)
 _SEEN, _MISSING = rgb(AXES_ON_DARK[0]), rgb(ORANGE)
 
 
@@ -54,9 +55,7 @@ class LiveView:
         Raises:
             RigError: the viewer cannot be started, or logging is switched off in the environment.
         """
-        self._stream = rr.RecordingStream("torusrig live")
-        if not rr.is_enabled(self._stream):
-            raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
+        self._stream = new_stream("torusrig live")
         sinks: list[Any] = [rr.GrpcSink(start_viewer())] if window else []
         sinks += [rr.FileSink(str(file))] if file is not None else []
         self._stream.set_sinks(*sinks)
@@ -111,8 +110,7 @@ class LiveView:
         for sensor in batch.sensors:
             for channel, colour in zip(CHANNELS_OF[sensor], AXES_ON_DARK, strict=True):
                 self._style(f"{READINGS}/{sensor}/{channel}", channel, colour)
-            globe = rr.Ellipsoids3D(radii=[0.96], colors=[_GLOBE], fill_mode=rr.components.FillMode.Solid)
-            self._stream.log(f"{SPHERES}/{sensor}/globe", globe, static=True)
+            self._stream.log(f"{SPHERES}/{sensor}/globe", globe(), static=True)
             axes = rr.Arrows3D(
                 vectors=1.35 * np.eye(3), colors=[rgb(c) for c in AXES_ON_DARK], radii=0.015, labels=["x", "y", "z"]
             )

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scenarios.overlay import Overlay
 from scenarios.view.arm import ARM
@@ -59,11 +59,16 @@ def blueprint(contents: Contents) -> rrb.Blueprint:
         root = rrb.Horizontal(
             contents=[_sweep_view(contents.base, contents.arm, contents.reach), root], column_shares=[4, 5]
         )
+    return layout(root, played(contents.start_s, contents.end_s))
+
+
+def layout(root: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
+    """What is shown, and nothing else: the viewer's own panels are folded."""
     return rrb.Blueprint(
         root,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        played(contents.start_s, contents.end_s),
+        time,
         auto_views=False,
     )
 
@@ -141,13 +146,16 @@ def spatial_view(title: str, contents: list[str], base: str, reach: Array) -> rr
     low, high = reach.min(axis=0), reach.max(axis=0)
     centre = (low + high) / 2.0
     radius = max(float(np.linalg.norm(high - low)) / 2.0, 0.1)
+    return scene_view(title, contents, base, centre + 1.9 * radius * EYE_FROM, centre)
+
+
+def scene_view(title: str, contents: list[str], base: str, eye: ArrayLike, target: ArrayLike) -> rrb.Spatial3DView:
+    """A view of the scene from a place towards another, both (3,) [m] in the base frame."""
     return rrb.Spatial3DView(
         origin="/",
         contents=contents,
         name=title,
         spatial_information=rrb.SpatialInformation(target_frame=base),
-        eye_controls=rrb.EyeControls3D(
-            position=centre + 1.9 * radius * EYE_FROM, look_target=centre, eye_up=(0.0, 0.0, 1.0)
-        ),
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)),
         defaults=[rr.Boxes3D.from_fields(fill_mode=_SOLID), rr.Cylinders3D.from_fields(fill_mode=_SOLID)],
     )

@@ -22,7 +22,7 @@ from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import cause_words
 from scenarios.motion import SensorMotion, arm_of, motion
 from scenarios.view.arm import ARM, BASE, ArmView
-from scenarios.view.blueprint import played, series_view, spatial_view
+from scenarios.view.blueprint import layout, played, series_view, spatial_view
 from scenarios.view.fault import FAULT, log_fault
 from scenarios.view.series import log_line
 from scenarios.view.stream import written_stream
@@ -200,14 +200,5 @@ def _blueprint(
     for channel in worst:
         title = f"Residual of {channel} [{shown[channel].name}], means, before and after"
         right.append(series_view(f"{LEFT}/{channel}", title, start, end, True))
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(fault, rrb.Horizontal(*pair), row_shares=[3, 2]),
-            rrb.Vertical(*right),
-            column_shares=[5, 4],
-        ),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        played(start, end),
-        auto_views=False,
-    )
+    left = rrb.Vertical(fault, rrb.Horizontal(*pair), row_shares=[3, 2])
+    return layout(rrb.Horizontal(left, rrb.Vertical(*right), column_shares=[5, 4]), played(start, end))

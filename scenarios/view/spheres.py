@@ -61,9 +61,13 @@ def log_cloud(stream: rr.RecordingStream, t: Array, sensor: str, readings: Array
     stream.log(f"{path}/axes", arrows, static=True)
 
 
+def globe() -> rr.Ellipsoids3D:
+    """What the directions lie on."""
+    return rr.Ellipsoids3D(radii=[_GLOBE_RADIUS], colors=[_GLOBE], fill_mode=rr.components.FillMode.Solid)
+
+
 def _log_globe(stream: rr.RecordingStream, path: str, name: str, colour: tuple[int, int, int]) -> None:
-    globe = rr.Ellipsoids3D(radii=[_GLOBE_RADIUS], colors=[_GLOBE], fill_mode=rr.components.FillMode.Solid)
-    stream.log(f"{path}/globe", globe, static=True)
+    stream.log(f"{path}/globe", globe(), static=True)
     label = rr.Points3D([(0.0, 0.0, -1.45)], radii=0.0, colors=[colour], labels=[name], show_labels=True)
     stream.log(f"{path}/name", label, static=True)
 

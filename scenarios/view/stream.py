@@ -23,6 +23,18 @@ _PATIENCE_S: Final = 120.0
 _CLOSING_S: Final = 10.0
 
 
+def new_stream(application: str) -> rr.RecordingStream:
+    """A stream under the name that the viewer keeps its layouts by.
+
+    Raises:
+        RigError: logging is switched off in the environment.
+    """
+    stream = rr.RecordingStream(application)
+    if not rr.is_enabled(stream):
+        raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
+    return stream
+
+
 @contextmanager
 def written_stream(path: str | os.PathLike[str]) -> Iterator[rr.RecordingStream]:
     """A stream into an .rrd file, which takes its name when the block ends well and the file can be read back.
@@ -32,9 +44,7 @@ def written_stream(path: str | os.PathLike[str]) -> Iterator[rr.RecordingStream]
     """
     with atomic_path(path) as temporary:
         name = _in_utf8(path, temporary)
-        stream = rr.RecordingStream(APPLICATION)
-        if not rr.is_enabled(stream):
-            raise RigError("the rerun logger is switched off: found RERUN=off in the environment, expected it unset")
+        stream = new_stream(APPLICATION)
         try:
             _in_time(lambda: stream.save(name), path, temporary)
             yield stream

@@ -22,6 +22,7 @@ from scenarios.studies.subset_files import read_subsets
 from scenarios.studies.subset_results import SubsetStudy
 from scenarios.studies.table_files import fitting_together
 from scenarios.studies.verdict import verdicts
+from scenarios.view.blueprint import layout
 from scenarios.view.stream import written_stream
 
 Array = NDArray[np.float64]
@@ -198,14 +199,11 @@ def _blueprint(
     stream: rr.RecordingStream, text: str, views: Sequence[rrb.View], columns: int, timeline: str
 ) -> rrb.Blueprint:
     stream.log("explained", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
-    return rrb.Blueprint(
+    return layout(
         rrb.Horizontal(
             rrb.TextDocumentView(origin="explained", name="What it shows"),
             rrb.Grid(contents=list(views), grid_columns=columns),
             column_shares=[1, 4],
         ),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused"),
-        auto_views=False,
     )
