@@ -18,6 +18,7 @@ from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.overlay import Overlay, field_name
 from scenarios.scenario import Scenario
+from scenarios.shown_units import shown_unit
 
 Array = NDArray[np.float64]
 
@@ -99,13 +100,15 @@ def beside_simulation(recording: Recording, scenario: Scenario) -> tuple[tuple[C
         field = rig.environment.gravity if sensor == ACCELEROMETER else rig.environment.magnetic
         direction = field / np.linalg.norm(field)
         own = rig.pipeline.sensors[sensor]
-        unit, factor = ("mV", 1e3) if recording.unit(sensor) == "V" else (recording.unit(sensor), 1.0)
-        band = factor * np.where(sigma[list(columns)] > 0.0, sigma[list(columns)], np.sqrt(np.mean(left**2, axis=0)))
+        shown = shown_unit(recording.unit(sensor))
+        band = shown.factor * np.where(
+            sigma[list(columns)] > 0.0, sigma[list(columns)], np.sqrt(np.mean(left**2, axis=0))
+        )
         laid[sensor] = Overlay(
             sensor,
             CHANNELS_OF[sensor],
-            unit,
-            factor * left,
+            shown.name,
+            shown.factor * left,
             band,
             direction @ rotation,
             own.axes,

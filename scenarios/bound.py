@@ -21,6 +21,7 @@ from rig.documents import plain
 from rig.errors import RigError
 from rig.trajectory import PoseTrajectory
 from scenarios.scenario import Scenario
+from scenarios.shown_units import field_unit
 
 Array = NDArray[np.float64]
 
@@ -122,7 +123,7 @@ def bound_of(scenario: Scenario, method: Method = "simultaneous", interval_s: fl
         magnitude = float(np.linalg.norm(field))
         truth = SensorParameters.of(sensor, field)
         sigma = noise[COLUMNS_OF[name]]
-        unit = "m/s²" if name == ACCELEROMETER else scenario.magnetic_field_unit or "field"
+        unit = field_unit(name, scenario.magnetic_field_unit)
         if attitude:
             predicted: Prediction = predict(np.sum(parts, axis=0), len(t), truth, sigma, method)
             grown: Growth | FreeGrowth = growth(np.array(parts), truth, sigma, method)

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
-from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from scenarios.scenario import Truth
+from scenarios.shown_units import field_unit, per_field
 
 
 @dataclass(frozen=True)
@@ -151,10 +151,8 @@ def apart(rows: Sequence[Compared], *calibrations: Calibration) -> dict[str, Apa
 
 def units(sensor: str, calibration: SensorCalibration, magnetic_field_unit: str | None) -> Mapping[str, str]:
     """The unit of each parameter of a sensor's calibration."""
-    field = "m/s²" if sensor == ACCELEROMETER else magnetic_field_unit or "field"
     reading = calibration.unit.replace("_", "/")
-    per_field = f"{reading}/({field})" if "/" in field else f"{reading}/{field}"
-    kinds = {"sensitivity": per_field, "offset": reading}
+    kinds = {"sensitivity": per_field(reading, field_unit(sensor, magnetic_field_unit)), "offset": reading}
     return {name: kinds.get(name.rstrip("0123456789"), "deg") for name in calibration.parameters}
 
 

@@ -12,6 +12,7 @@ from estimators.goodness.residuals import Residuals, residuals_of
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.recording import Recording
+from scenarios.shown_units import shown_unit
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ class Overlay:
     Attributes:
         sensor: "accelerometer" or "magnetometer".
         names: the k series of residuals: the three channels, or the field's magnitude where the attitude is not known.
-        unit: theirs; millivolts for volts.
+        unit: theirs, as it is shown; millivolts for volts.
         residuals: (n, k) reading less the model's reading, or magnitude less the reference [unit].
         sigma: (k,) the noise that the calibration rests on, else the fit's RMS [unit]; above zero.
         directions: (n, 3) unit vectors: the field in frame 6.
@@ -65,9 +66,7 @@ def overlays(recording: Recording, calibration: Calibration | None, arm: Arm | N
 
 def _overlay(left: Residuals, calibration: SensorCalibration, field_unit: str) -> Overlay:
     posed = left.names == CHANNELS_OF[left.sensor]
-    unit, factor = (calibration.unit if posed else field_unit), 1.0
-    if posed and unit == "V":
-        unit, factor = "mV", 1e3
+    shown = shown_unit(calibration.unit if posed else field_unit)
     # readings - bias = inverse @ field: its rows are S_k P_k
     rows = calibration.axis_vectors if posed else np.linalg.inv(calibration.matrix)
     field = calibration.field_direction.vector if posed and calibration.field_direction is not None else None
@@ -75,9 +74,9 @@ def _overlay(left: Residuals, calibration: SensorCalibration, field_unit: str) -
     return Overlay(
         left.sensor,
         left.names,
-        unit,
-        factor * left.values,
-        factor * sigma,
+        shown.name,
+        shown.factor * left.values,
+        shown.factor * sigma,
         left.directions,
         rows / np.linalg.norm(rows, axis=1)[:, None],
         field,

@@ -134,6 +134,7 @@ def _recording(first: Path, second: Path) -> _Found:
     from scenarios.beside_simulation import beside_simulation
     from scenarios.loader import load
     from scenarios.plots import residuals_figure
+    from scenarios.shown_units import shown_unit
     from scenarios.terminal.tables import table
 
     scenario = load(second)
@@ -153,10 +154,10 @@ def _recording(first: Path, second: Path) -> _Found:
     numbers = ("σ", "mean", "RMS", "RMS / σ", "recalibrated")
     shown = table("channel", *numbers, "unit", numbers=numbers)
     for row in rows:
-        factor, unit = (1e3, "mV") if row.unit == "V" else (1.0, row.unit.replace("_", "/"))
+        own = shown_unit(row.unit)
         ratios = ("–" if each is None else f"{each:.3g}" for each in (row.rms_sigmas, row.recalibrated_sigmas))
-        sizes = (f"{factor * each:.3g}" for each in (row.sigma, row.mean, row.rms))
-        shown.add_row(row.channel, *sizes, *ratios, unit)
+        sizes = (f"{own.factor * each:.3g}" for each in (row.sigma, row.mean, row.rms))
+        shown.add_row(row.channel, *sizes, *ratios, own.name)
     words = "alike, as far as chance goes" if alike else "they differ by more than the noise that the scenario states"
     if not known:
         words = "the scenario states no noise, so that nothing is said of chance"

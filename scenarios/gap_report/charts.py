@@ -8,8 +8,8 @@ from typing import Any, Final
 from estimators.gap.diagnosis import Diagnosis, chance, percent
 from rig.channels import CHANNELS_OF
 from scenarios.gap_report.svg import Drawing, Scale, nice_step, tick_label
-from scenarios.gap_report.units import Shown
 from scenarios.gap_report.words import ANSWERS, closed_words, place_words
+from scenarios.shown_units import Shown
 
 _WIDTH: Final = 1000.0
 _NARROW: Final = 560.0

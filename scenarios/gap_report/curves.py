@@ -13,7 +13,7 @@ from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.svg import Drawing, Scale
-from scenarios.gap_report.units import shown_units
+from scenarios.shown_units import shown_units
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from scenarios.gap_report import charts, curves, html, maps
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.maneuver_words import interval_words
 from scenarios.gap_report.residuals import GapResiduals
-from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (
     MEANINGS,
     RIG_COLUMNS,
@@ -32,6 +31,7 @@ from scenarios.gap_report.words import (
     share_words,
     status_words,
 )
+from scenarios.shown_units import shown_units
 
 _EXPLANATIONS = 10
 _SHIFTS = 12

@@ -12,7 +12,6 @@ from rich.text import Text
 from estimators.gap.diagnosis import Diagnosis, chance, percent
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.own_names import in_own_names
-from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import (
     RIG_COLUMNS,
     VERDICTS,
@@ -34,6 +33,7 @@ from scenarios.gap_report.words import (
     share_words,
     status_words,
 )
+from scenarios.shown_units import shown_units
 from scenarios.terminal.tables import table
 
 _COLOURS = {

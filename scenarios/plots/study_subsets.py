@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 from scenarios.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from scenarios.plots.style import new_figure, style
+from scenarios.shown_units import shown_unit
 from scenarios.studies.subset_results import LEVEL, SubsetStudy
 
 _TICKS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)
@@ -83,7 +84,8 @@ def _errors(axis: Axes, study: SubsetStudy) -> None:
             level = min((row.floor / row.fit_error) ** 2, 1.0)
             known = "noise with the arm locked" if study.noise_source == "locked recording" else "noise as given"
             axis.plot([x - 0.33, x + 0.33], [level] * 2, color=BLACK, linewidth=1.4, linestyle="--", label=known)
-    labels = [f"{row.channel}\n{_scaled(row.fit_error)} {_unit(row.unit)}" for row in study.channels]
+    shown = [(row, shown_unit(row.unit)) for row in study.channels]
+    labels = [f"{row.channel}\n{unit.factor * row.fit_error:.3g} {unit.name}" for row, unit in shown]
     axis.set_xticks(place, labels)
     axis.set_ylim(0.0, 1.25)
     axis.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25 %", "50 %", "75 %", "100 %"])
@@ -92,11 +94,3 @@ def _errors(axis: Axes, study: SubsetStudy) -> None:
     unique = dict(zip(names, handles, strict=True))
     axis.legend(list(unique.values()), list(unique), loc="upper center", ncols=3, fontsize=7)
     axis.grid(axis="x", visible=False)
-
-
-def _scaled(value: float) -> str:
-    return f"{1e3 * value:.3g}" if value < 1.0 else f"{value:.3g}"
-
-
-def _unit(unit: str) -> str:
-    return "mV" if unit == "V" else f"10⁻³ {unit}"

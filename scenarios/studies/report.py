@@ -11,6 +11,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from rig.number_text import with_std
+from scenarios.shown_units import shown_unit
 from scenarios.studies.error_summary import Cell, Summary
 from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetStudy
 from scenarios.studies.verdict import verdicts
@@ -95,13 +96,13 @@ def subsets_report(study: SubsetStudy) -> RenderableType:
 
 
 def _channel(row: SubsetChannel) -> Iterable[str]:
-    factor, unit = (1e3, " mV") if row.unit == "V" else (1.0, f" {row.unit}")
+    shown = shown_unit(row.unit)
 
     def text(value: float, low: float | None = None, high: float | None = None) -> str:
         if not math.isfinite(value):
             return "–"
-        interval = "" if low is None or high is None else f" ({factor * low:.3g}-{factor * high:.3g})"
-        return f"{factor * value:.3g}{interval}{unit}"
+        interval = "" if low is None or high is None else f" ({shown.factor * low:.3g}-{shown.factor * high:.3g})"
+        return f"{shown.factor * value:.3g}{interval} {shown.name}"
 
     return (
         row.channel,

@@ -14,6 +14,7 @@ from rich.text import Text
 from estimators.design.maneuver_bound import Growth
 from estimators.design.prediction import KnownAnglePrediction, Prediction
 from scenarios.bound import FreeGrowth, ScenarioBound, SensorBound
+from scenarios.shown_units import per_field
 from scenarios.terminal.calibration import symbol
 from scenarios.terminal.tables import plus_minus, table
 
@@ -52,7 +53,7 @@ def _sensor(name: str, bound: SensorBound) -> Iterable[RenderableType]:
 
 def _axes(found: KnownAnglePrediction, field_unit: str) -> Table:
     rows = dict(zip(found.names, zip(found.values, found.std, strict=True), strict=True))
-    columns = (f"S [{_per(field_unit)}]", "δ [V]", "β [deg]", "γ [deg]", "axis, RMS angle [deg]")
+    columns = (f"S [{per_field('V', field_unit)}]", "δ [V]", "β [deg]", "γ [deg]", "axis, RMS angle [deg]")
     result = table("axis", *columns, numbers=columns)
     for k in (1, 2, 3):
         cells = [
@@ -65,7 +66,7 @@ def _axes(found: KnownAnglePrediction, field_unit: str) -> Table:
 def _gain(found: Prediction, field_unit: str) -> Table:
     result = table("parameter", "value", "unit", numbers=("value",))
     for name, value, std in zip(found.names, found.values, found.std, strict=True):
-        result.add_row(name, plus_minus(value, std), "V" if name.startswith("offset") else _per(field_unit))
+        result.add_row(name, plus_minus(value, std), "V" if name.startswith("offset") else per_field("V", field_unit))
     return result
 
 
@@ -98,7 +99,3 @@ def _minutes(grown: Growth | FreeGrowth, minutes: NDArray[np.float64]) -> Table:
 
 def _number(value: float) -> str:
     return f"{value:.3g}" if np.isfinite(value) else "–"
-
-
-def _per(field_unit: str) -> str:
-    return f"V/({field_unit})" if "/" in field_unit else f"V/{field_unit}"

@@ -14,6 +14,7 @@ from estimators.calibration import Calibration, SensorCalibration
 from rig.channels import ACCELEROMETER
 from rig.number_text import with_std
 from scenarios.comparison import Compared, units
+from scenarios.shown_units import shown_unit
 from scenarios.terminal.tables import plus_minus, table
 
 _SYMBOLS = {"sensitivity": "S", "offset": "δ", "beta": "β", "gamma": "γ", "phi": "φ", "psi": "ψ"}
@@ -36,10 +37,11 @@ def calibration_report(calibration: Calibration, magnetic_field_unit: str | None
 
 def _recordings(told: Iterable[Mapping[str, Any]], unit: str) -> Table:
     """What each of several recordings adds, and whether it agrees with the others."""
-    columns = ("samples", f"noise [{'mV' if unit == 'V' else unit}]", "share of what is told [%]", "agrees, p")
+    shown = shown_unit(unit)
+    columns = ("samples", f"noise [{shown.name}]", "share of what is told [%]", "agrees, p")
     result = table("recording", *columns, numbers=columns)
     for each in told:
-        noise = ", ".join(f"{1e3 * value if unit == 'V' else value:.4g}" for value in each["noise"])
+        noise = ", ".join(f"{shown.factor * value:.4g}" for value in each["noise"])
         agreement = each["agreement"]
         p = f"{agreement['p_value']:.2g}" if agreement["degrees_of_freedom"] else "no other tells"
         result.add_row(each["recording"], f"{each['samples']:,}", noise, f"{100.0 * each['share']:.1f}", p)
@@ -147,10 +149,10 @@ def _lines(sensor: SensorCalibration) -> Iterable[str]:
             for pair, angle in sensor.angles_between_deg.items()
         ]
         yield f"angles of axes  {', '.join(angles)} deg"
-    factor, unit = (1e3, "mV") if sensor.unit == "V" else (1.0, sensor.unit.replace("_", "/"))
-    errors = ", ".join(f"{factor * value:#.4g}" for value in sensor.fit_rms)
-    total = factor * sensor.fit_rms_root_sum_square
-    yield f"fit error       {errors} {unit} RMS; root sum of squares {total:#.4g} {unit}"
+    shown = shown_unit(sensor.unit)
+    errors = ", ".join(f"{shown.factor * value:#.4g}" for value in sensor.fit_rms)
+    total = shown.factor * sensor.fit_rms_root_sum_square
+    yield f"fit error       {errors} {shown.name} RMS; root sum of squares {total:#.4g} {shown.name}"
     if chi_square := sensor.quality.chi_square:
         ratios = ", ".join(f"{ratio:.3f}" for ratio in chi_square["residual_over_floor"])
         yield (

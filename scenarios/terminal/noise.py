@@ -13,10 +13,9 @@ from estimators.calibration import Calibration
 from estimators.noise.spectrum import Whiteness
 from estimators.noise.study import NoiseStudy
 from rig.channels import CHANNELS_OF
+from scenarios.shown_units import shown_unit
 from scenarios.terminal.tables import plus_minus, table
 
-#: Readings are shown in these: a factor and a unit.
-_SHOWN = {"V": (1e3, "mV")}
 #: Noise is called white above this probability, as coloured as it looks by chance.
 _WHITE = 1e-3
 #: Terms are said not to fit below this; long averages scatter more to one side than the chi-square takes them to.
@@ -45,9 +44,9 @@ def _amounts(study: NoiseStudy) -> Table:
     columns = [*poses, "RMS", "dynamic range [dB]", "bits"]
     result = table("channel", "unit", *columns, numbers=columns)
     for i, name in enumerate(floor.channels):
-        factor, unit = _SHOWN.get(floor.units[i], (1.0, floor.units[i]))
-        own = [f"{factor * value:.4g}" for value in floor.pose_rms[:, i]]
-        rms = plus_minus(factor * floor.rms[i], factor * floor.rms_std[i])
+        shown = shown_unit(floor.units[i])
+        own = [f"{shown.factor * value:.4g}" for value in floor.pose_rms[:, i]]
+        rms = plus_minus(shown.factor * floor.rms[i], shown.factor * floor.rms_std[i])
         dynamic = [
             plus_minus(value, spread) if np.isfinite(value) else "–"
             for value, spread in (
@@ -55,27 +54,27 @@ def _amounts(study: NoiseStudy) -> Table:
                 (floor.bits[i], floor.bits_std[i]),
             )
         ]
-        result.add_row(name, unit, *own, rms, *dynamic)
+        result.add_row(name, shown.name, *own, rms, *dynamic)
     return result
 
 
 def _kinds(study: NoiseStudy) -> Table:
     """The terms of the Allan deviation, and whether the noise is white."""
-    factor, unit = next((_SHOWN.get(noise.unit, (1.0, noise.unit)) for noise in study.channels.values()), (1.0, ""))
+    shown = shown_unit(next((noise.unit for noise in study.channels.values()), ""))
     columns = (
-        f"N white [{unit}/√Hz]",
-        f"B bias instability [{unit}]",
-        f"K random walk [{unit}/√s]",
-        f"Q quantisation [{unit} s]",
-        f"R ramp [{unit}/s]",
+        f"N white [{shown.name}/√Hz]",
+        f"B bias instability [{shown.name}]",
+        f"K random walk [{shown.name}/√s]",
+        f"Q quantisation [{shown.name} s]",
+        f"R ramp [{shown.name}/s]",
     )
     result = table("channel", *columns, "white?", "AR", numbers=columns)
     for name, noise in study.channels.items():
         cells = []
         for term_name in ("white", "bias_instability", "random_walk", "quantisation", "ramp"):
             term = noise.terms[term_name]
-            seen = plus_minus(factor * term.value, factor * term.std)
-            cells.append(seen if term.seen else f"< {factor * term.upper:.2g}")
+            seen = plus_minus(shown.factor * term.value, shown.factor * term.std)
+            cells.append(seen if term.seen else f"< {shown.factor * term.upper:.2g}")
         order = noise.autoregression.order
         result.add_row(name, *cells, _white(noise.whiteness), str(order))
     return result

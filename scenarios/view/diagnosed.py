@@ -18,9 +18,9 @@ from scenarios.colours import AXES_ON_DARK, SKY_BLUE, VERMILLION, rgb
 from scenarios.decimation import evenly
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.residuals import GapResiduals, mean_effects
-from scenarios.gap_report.units import shown_units
 from scenarios.gap_report.words import cause_words
 from scenarios.motion import SensorMotion, arm_of, motion
+from scenarios.shown_units import shown_units
 from scenarios.view.arm import ARM, BASE, ArmView
 from scenarios.view.blueprint import layout, played, series_view, spatial_view
 from scenarios.view.fault import FAULT, log_fault

@@ -1,0 +1,39 @@
+"""The units that numbers are shown in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from rig.channels import ACCELEROMETER, CHANNELS_OF
+
+_WRITTEN: Final = {"m_s2": "m/s²", "uT": "µT"}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a recorded unit is multiplied with to be shown, and the unit's name then."""
+
+    factor: float
+    name: str
+
+
+def shown_unit(unit: str) -> Shown:
+    """Of a recorded unit; volts are shown in millivolts."""
+    return Shown(1e3, "mV") if unit == "V" else Shown(1.0, _WRITTEN.get(unit, unit))
+
+
+def shown_units(units: Mapping[str, str]) -> dict[str, Shown]:
+    """For each channel of the sensors in ``units`` (sensor -> recorded unit)."""
+    return {channel: shown_unit(unit) for sensor, unit in units.items() for channel in CHANNELS_OF[sensor]}
+
+
+def field_unit(sensor: str, magnetic_field_unit: str | None) -> str:
+    """The unit of the field that a sensor feels; of a magnetic field that is relative just "field"."""
+    return "m/s²" if sensor == ACCELEROMETER else magnetic_field_unit or "field"
+
+
+def per_field(reading: str, field: str) -> str:
+    """The unit of a sensitivity, of a reading's unit and a field's."""
+    return f"{reading}/({field})" if "/" in field else f"{reading}/{field}"
