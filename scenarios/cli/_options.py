@@ -83,6 +83,12 @@ def check_output(path: Path, suffixes: Sequence[str], *inputs: Path | None) -> P
     return path
 
 
+def check_picture(path: Path | None, *inputs: Path | None) -> None:
+    """The same of a picture, where one is asked for."""
+    if path is not None:
+        check_output(path, (".png", ".svg", ".pdf"), *inputs)
+
+
 def memory_option(command: Command) -> Command:
     """``--memory``: what may be taken, by this process and those that it starts."""
 

@@ -11,7 +11,7 @@ from scenarios.cli._options import (
     PATH,
     Choice,
     arm_options,
-    check_output,
+    check_picture,
     json_option,
     maneuver_option,
     on_arm,
@@ -61,8 +61,7 @@ def bound(
       rig bound ann-arbor --effects -o effects.png
       rig bound ann-arbor --arm ur5e.urdf --maneuver static-poses
     """
-    if output is not None:
-        check_output(output, (".png", ".svg", ".pdf"), Path(scenario), arm_file)
+    check_picture(output, Path(scenario), arm_file)
     from scenarios.bound import bound_of
     from scenarios.loader import load
 

@@ -16,6 +16,7 @@ from scenarios.cli._options import (
     Choice,
     arm_options,
     check_output,
+    check_picture,
     chosen_arm,
     counted,
     json_option,
@@ -120,8 +121,7 @@ def calibrate(
     run = several[0]
     if output is not None:
         check_output(output, (".json",), *several, locked, arm_file)
-    if coverage is not None:
-        check_output(coverage, (".png", ".svg", ".pdf"), *several, locked, arm_file)
+    check_picture(coverage, *several, locked, arm_file)
     if locked is not None and noise is not None:
         raise RigError("--locked and --noise: found both, expected one of them")
     import estimators

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from rig.errors import RigError
-from scenarios.cli._options import PATH, RECORDING_SUFFIXES, check_output, json_option, memory_option, print_json
+from scenarios.cli._options import PATH, RECORDING_SUFFIXES, check_picture, json_option, memory_option, print_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,8 +49,7 @@ def compare(first: Path, second: Path, output: Path | None, as_json: bool) -> in
                 "or a recording and a scenario"
             )
         first, second = second, first
-    if output is not None:
-        check_output(output, (".png", ".svg", ".pdf"), first, second)
+    check_picture(output, first, second)
     beside = kinds[first] == _RECORDING
     found = _recording(first, second) if beside else _calibrations(first, second, kinds[second])
     from scenarios.terminal.tables import show

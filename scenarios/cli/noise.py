@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from scenarios.cli._options import PATH, check_output, json_option, memory_option, print_json, progress_bar
+from scenarios.cli._options import PATH, check_picture, json_option, memory_option, print_json, progress_bar
 
 
 @click.command(short_help="What the noise of a locked-arm recording is like.")
@@ -27,8 +27,7 @@ def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: 
       rig noise run.locked.parquet
       rig noise run.locked.parquet -o noise.png --calibration cal.json
     """
-    if output is not None:
-        check_output(output, (".png", ".svg", ".pdf"), locked, calibration)
+    check_picture(output, locked, calibration)
     from estimators.calibration import Calibration
     from estimators.noise.study import study_noise
     from rig.errors import one_line

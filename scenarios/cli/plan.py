@@ -16,6 +16,7 @@ from scenarios.cli._options import (
     FiniteNumber,
     arm_options,
     check_output,
+    check_picture,
     json_option,
     on_arm,
     print_json,
@@ -94,8 +95,7 @@ def plan(
     check_output(output, (".toml",), Path(scenario), arm_file)
     if csv is not None:
         check_output(csv, (".csv",), arm_file)
-    if plot is not None:
-        check_output(plot, (".png", ".svg", ".pdf"), arm_file)
+    check_picture(plot, arm_file)
     from rig.files import atomic_path, write_text
     from scenarios.loader import load
     from scenarios.plan.plan import make_plan, trajectory_csv

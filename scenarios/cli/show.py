@@ -15,6 +15,7 @@ from scenarios.cli._options import (
     PATH,
     arm_options,
     check_output,
+    check_picture,
     chosen_arm,
     json_option,
     memory_option,
@@ -104,7 +105,7 @@ def _draw_effect(name: str | None, output: Path | None, where: str | None) -> No
     if name is None or output is None:
         missing = "the NAME of an effect" if name is None else "-o F.png"
         raise RigError(f"{'-o' if output is not None else '--where'}: found without {missing}, expected both")
-    check_output(output, (".png", ".svg", ".pdf"))
+    check_picture(output)
     from rig.effects import EFFECTS
     from scenarios.plots import save
     from scenarios.plots.effects import effect_change, effect_figure
@@ -224,12 +225,10 @@ def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) ->
     recording, thinned = whole_or_thinned(scan_recording(run, joints=None if arm is None else arm.dof), _DRAWN)
     if thinned:
         click.echo(one_line(thinned), err=True)
-    if arm is None and recording.q is not None and recording.metadata.arm == "a465":
-        from rig.arm import Arm
-
-        arm = Arm.a465()
     from estimators import Calibration
+    from scenarios.motion import arm_of
 
+    arm = arm or arm_of(recording)
     found = _fitted(run, recording, arm) if calibration is None else Calibration.read(calibration)
     from scenarios.view import write_view
 

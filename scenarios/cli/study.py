@@ -23,6 +23,7 @@ from scenarios.cli._options import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from scenarios.studies.error_summary import Summary
@@ -146,18 +147,24 @@ def _known(parameters: tuple[str, ...], methods: tuple[Any, ...]) -> tuple[str, 
 
 def _consistency_plots(summary: Summary, folder: Path, errors: Any, parameters: tuple[str, ...]) -> list[Path]:
     from scenarios.plots.study_consistency import consistency_figure
-    from scenarios.plots.style import save
     from scenarios.studies.coordinates import coordinate_names
 
-    files = []
+    files: list[Path] = []
     for sensor, method in dict.fromkeys((cell.sensor, cell.method) for cell in summary.cells):
         own = [name for name in parameters if name in coordinate_names(method)]
         if not own:
             continue
-        figure = consistency_figure(summary, sensor, method, own, errors)
-        for suffix in (".png", ".svg"):
-            files.append(folder / f"{sensor}-{method}{suffix}")
-            save(figure, files[-1])
+        files += _drawn(consistency_figure(summary, sensor, method, own, errors), folder / f"{sensor}-{method}")
+    return files
+
+
+def _drawn(figure: Figure, stem: Path) -> list[Path]:
+    """The files of a figure, whose names begin with ``stem``."""
+    from scenarios.plots.style import save
+
+    files = [stem.with_name(f"{stem.name}{suffix}") for suffix in (".png", ".svg")]
+    for file in files:
+        save(figure, file)
     return files
 
 
@@ -245,14 +252,10 @@ def subsets(
     files: list[Path] = []
     if output is not None:
         from scenarios.plots.study_subsets import subsets_figure
-        from scenarios.plots.style import save
         from scenarios.studies.subset_files import write_subsets
 
         folder = write_subsets(found, output)
-        figure = subsets_figure(found)
-        for suffix in (".png", ".svg"):
-            files.append(folder.path / f"subsets{suffix}")
-            save(figure, files[-1])
+        files = _drawn(subsets_figure(found), folder.path / "subsets")
     if as_json:
         print_json({**asdict(found), "study": output, "plots": files})
         return
