@@ -11,20 +11,16 @@ from functools import partial
 
 from estimators.gap.data.basefit import fitted_model, posed
 from estimators.gap.diagnose import examined
-from estimators.gap.report.separation import rivals
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.memory import as_stated, stated
 from rig.recording import locked_beside, whole_or_means
 from rig.threads import one_blas_thread
-from scenarios.diagnosing.improved_rig import improved_rig
+from scenarios.diagnosing.concluded import concluded
 from scenarios.diagnosing.kept import origin
 from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
 from scenarios.diagnosing.together import carry_out_together
-from scenarios.gap_report.advice import next_steps
-from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import gap_residuals
-from scenarios.plan.next_maneuver import next_step
 from scenarios.workers import Workers
 
 Progress = Callable[[float], None]
@@ -59,32 +55,8 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
     second = None if task.maneuver2 is None else means(task.maneuver2, block=block, fitted=fitted)[0]
     with one_blas_thread():
         found = examined(recording, locked, second, task.without, arm, progress, task.prior, task.rig)
-        diagnosis, data = found.diagnosis, found.data
-        residuals = gap_residuals(recording, diagnosis, locked, arm, data)
-        open_between = bool(rivals(diagnosis))
-        rig, text, step, unsaved = None, None, None, None
-        if task.improved or open_between:
-            try:
-                made = improved_rig(diagnosis, residuals, locked, task.rig)
-                rig, text = made.scenario, made.to_toml()
-            except RigError as error:  # never at the cost of the diagnosis
-                unsaved = str(error) if task.improved else None
-        if open_between:
-            step = next_step(diagnosis, residuals, rig, task.minutes)
-        diagnosis = replace(diagnosis, next=None if step is None else step.words)
-        diagnosis = replace(
-            diagnosis, next={"maneuver": None, **(diagnosis.next or {}), "steps": next_steps(diagnosis)}
-        )
-        return Outcome(
-            diagnosis,
-            page(diagnosis, residuals, task.without),
-            About.of(recording, block),
-            made_from,
-            dict(recording.units),
-            text if task.improved else None,
-            None if step is None else step.scenario,
-            unsaved,
-        )
+        residuals = gap_residuals(recording, found.diagnosis, locked, arm, found.data)
+        return concluded(task, found.diagnosis, [residuals], locked, About.of(recording, block), made_from)
 
 
 def outcomes(

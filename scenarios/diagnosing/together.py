@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -15,16 +15,13 @@ from estimators.gap.diagnose import Examined, examined
 from estimators.gap.report.separation import rivals
 from rig.arm import Arm
 from rig.effects import EFFECTS, Effect, Kind
-from rig.errors import RigError
 from rig.recording import Recording, locked_beside, whole_or_means
 from rig.threads import one_blas_thread
-from scenarios.diagnosing.improved_rig import improved_rig
+from scenarios.diagnosing.concluded import concluded
 from scenarios.diagnosing.kept import origin
 from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
-from scenarios.gap_report.advice import next_steps
-from scenarios.gap_report.page import page
 from scenarios.gap_report.residuals import GapResiduals, diagnosed_effects, whitened, with_noise
-from scenarios.plan.next_maneuver import NextManeuver, next_maneuver, next_step
+from scenarios.plan.next_maneuver import NextManeuver, next_maneuver
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -52,34 +49,8 @@ def carry_out_together(task: Task, progress: Progress | None = None) -> Outcome:
     known = None if task.calibration is None else Calibration.read(task.calibration)
     with one_blas_thread():
         found = examined(recordings, rests, None, task.without, arm, progress, task.prior, calibration=known)
-        diagnosis = found.diagnosis
-        each = residuals_of_each(found)
-        rig, text, step, unsaved = None, None, None, None
-        open_between = bool(rivals(diagnosis))
-        if task.improved or open_between:
-            try:
-                made = improved_rig(diagnosis, each[-1], rests[-1])
-                rig, text = made.scenario, made.to_toml()
-            except RigError as error:  # never at the cost of the diagnosis
-                unsaved = str(error) if task.improved else None
-        if open_between:
-            step = next_step(diagnosis, each[-1], rig, task.minutes)
-        words: Mapping[str, Any] = {"maneuver": None} if step is None else step.words
-        diagnosis = replace(diagnosis, next=words)
-        diagnosis = replace(diagnosis, next={**words, "steps": next_steps(diagnosis)})
-        units: dict[str, str] = {}
-        for recording in found.laid.recordings:
-            units |= recording.units
-        return Outcome(
-            diagnosis,
-            page(diagnosis, each, task.without),
-            About.of(recordings[-1], longest),
-            origin(task),
-            units,
-            text if task.improved else None,
-            None if step is None else step.scenario,
-            unsaved,
-        )
+        about = About.of(recordings[-1], longest)
+        return concluded(task, found.diagnosis, residuals_of_each(found), rests[-1], about, origin(task))
 
 
 def proposed(found: Examined, minutes: float | None = None) -> NextManeuver | None:
