@@ -164,10 +164,9 @@ class _Judge:
 
     def __init__(self, scenario: Scenario, rotations: Array, run: Recording) -> None:
         gram = Statistics.from_rotations(rotations).gram
-        environment = scenario.rig.environment
-        fields = {"accelerometer": environment.gravity, "magnetometer": environment.magnetic}
         self._truth = {
-            name: SensorParameters.of(sensor, fields[name]) for name, sensor in scenario.truth.sensors.items()
+            name: SensorParameters.of(sensor, scenario.rig.environment.field(name))
+            for name, sensor in scenario.truth.sensors.items()
         }
         self._std = {
             name: np.sqrt(

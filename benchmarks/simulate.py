@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 import scenarios
 from benchmarks._measure import Cell, Goal, Report, Settings, Table, Timing, interleaved, timing_table
 from rig.arm import Arm
-from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.maneuver import TorusSweep
 from scenarios.scenario import Scenario
 
@@ -168,10 +167,9 @@ def _volts_error(scenario: Scenario, arm: Arm) -> float:
     clean = replace(scenario, rig=replace(scenario.rig, acquisition=acquisition)).simulate(0)
     assert clean.q is not None
     rotations = rotations_one_by_one(arm, clean.q)
-    environment = scenario.rig.environment
     worst = 0.0
-    for name, field in ((ACCELEROMETER, environment.gravity), (MAGNETOMETER, environment.magnetic)):
-        sensor = scenario.truth.sensors[name]
+    for name, sensor in scenario.truth.sensors.items():
+        field = scenario.rig.environment.field(name)
         gain = np.array(sensor.sensitivity)[:, None] * sensor.axes
         expected = np.einsum("i,nij->nj", field, rotations) @ gain.T + np.array(sensor.offset)
         worst = max(worst, float(np.abs(clean.readings(name) - expected).max()))

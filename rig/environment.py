@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rig.channels import ACCELEROMETER
 from rig.errors import RigError, shown
 
 Array = NDArray[np.float64]
@@ -57,6 +58,10 @@ class Environment:
     def magnetic(self) -> Array:
         """(3,) [field unit], base frame."""
         return self.magnetic_field * np.asarray(self.magnetic_direction)
+
+    def field(self, sensor: str) -> Array:
+        """(3,) what a sensor feels at rest [m/s^2, field unit], base frame: gravity, or the magnetic field."""
+        return self.gravity if sensor == ACCELEROMETER else self.magnetic
 
     def temperature(self, t: ArrayLike) -> Array:
         """The board's temperature (n,) [degC] at times (n,) [s]."""

@@ -12,7 +12,7 @@ from scipy.special import chdtrc
 from estimators.gap.data.basefit import set_up, signals_of
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.report.fitted_rig import delayed
-from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
+from rig.channels import CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import Kind
 from rig.errors import RigError
 from rig.recording import Recording
@@ -97,7 +97,7 @@ def beside_simulation(recording: Recording, scenario: Scenario) -> tuple[tuple[C
                 )
             )
         rotation = expected.R_base_tool
-        field = rig.environment.gravity if sensor == ACCELEROMETER else rig.environment.magnetic
+        field = rig.environment.field(sensor)
         direction = field / np.linalg.norm(field)
         own = rig.pipeline.sensors[sensor]
         shown = shown_unit(recording.unit(sensor))

@@ -119,7 +119,7 @@ def bound_of(scenario: Scenario, method: Method = "simultaneous", interval_s: fl
     sensors: dict[str, SensorBound] = {}
     environment = scenario.rig.environment
     for name, sensor in scenario.truth.sensors.items():
-        field = environment.gravity if name == ACCELEROMETER else environment.magnetic
+        field = environment.field(name)
         magnitude = float(np.linalg.norm(field))
         truth = SensorParameters.of(sensor, field)
         sigma = noise[COLUMNS_OF[name]]

@@ -72,8 +72,7 @@ def test_recordings_of_it_are_as_certain_as_promised(plan: Plan) -> None:
     drawn = [acquisition.convert(acquisition.add_noise(volts, rng))[still] for _ in range(300)]
     ratios = []
     for name, sensor in truth.sensors.items():
-        field = truth.environment.gravity if name == "accelerometer" else truth.environment.magnetic
-        known, noise = SensorParameters.of(sensor, field), noise_of(scenario)[COLUMNS_OF[name]]
+        known, noise = SensorParameters.of(sensor, truth.environment.field(name)), noise_of(scenario)[COLUMNS_OF[name]]
         readings = [each[:, COLUMNS_OF[name]] for each in drawn]
         fits = fit_many(
             x.T @ x,

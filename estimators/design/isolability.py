@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.known_angle.model import SensorParameters
-from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF
+from rig.channels import CHANNELS_OF, COLUMNS_OF
 from rig.documents import plain
 from rig.effects import EFFECTS, Effect, Kind
 from rig.effects.parameters import Value
@@ -208,7 +208,7 @@ def _absorbed(base: Signals, pipeline: Pipeline, weight: Array) -> Array:
     parts = []
     place = 0
     for name, sensor in pipeline.sensors.items():
-        field = pipeline.environment.gravity if name == ACCELEROMETER else pipeline.environment.magnetic
+        field = pipeline.environment.field(name)
         jacobian = SensorParameters.of(sensor, field).jacobian("simultaneous")  # (3, 10, 14)
         part = np.zeros((len(base), len(weight), jacobian.shape[2]))
         for k in range(3):

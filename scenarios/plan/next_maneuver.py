@@ -16,7 +16,7 @@ from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import Explanation, Separation, Trial, contest, rivals
 from estimators.known_angle.model import SensorParameters
 from estimators.known_angle.statistics import Statistics
-from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.effects import Effect
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.signals import Signals
@@ -238,10 +238,9 @@ class Search:
         self.remembers = any(effect.remembers for effect in effects)
         self.room = room
         self.most_acceleration = np.inf
-        fields = {ACCELEROMETER: self._pipeline.environment.gravity, MAGNETOMETER: self._pipeline.environment.magnetic}
-        sensors = {ACCELEROMETER: self._pipeline.accelerometer, MAGNETOMETER: self._pipeline.magnetometer}
         self._sensors = {
-            name: SensorParameters.of(sensor, fields[name]) for name, sensor in sensors.items() if sensor is not None
+            name: SensorParameters.of(sensor, self._pipeline.environment.field(name))
+            for name, sensor in self._pipeline.sensors.items()
         }
         rms = np.sqrt(np.mean(np.square(residuals.before), axis=0))
         self._noise = {name: _NOISIER * rms[COLUMNS_OF[name]] for name in self._sensors}

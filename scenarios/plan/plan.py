@@ -167,9 +167,8 @@ def criteria_of(scenario: Scenario, weights: Mapping[str, float] | None = None) 
     gram = Statistics.from_rotations(rotations).gram
     found = []
     for name, sensor in scenario.truth.sensors.items():
-        environment = scenario.rig.environment
-        field = environment.gravity if name == ACCELEROMETER else environment.magnetic
-        found.append(Criterion.of(name, SensorParameters.of(sensor, field), noise[COLUMNS_OF[name]], gram, weights))
+        parameters = SensorParameters.of(sensor, scenario.rig.environment.field(name))
+        found.append(Criterion.of(name, parameters, noise[COLUMNS_OF[name]], gram, weights))
     return found
 
 

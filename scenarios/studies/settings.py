@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.known_angle.model import METHODS, Method, SensorParameters
-from rig.channels import ACCELEROMETER, COLUMNS_OF
+from rig.channels import COLUMNS_OF
 from rig.effects import Kind
 from rig.errors import RigError, unknown_name
 from rig.memory import check_fits
@@ -175,12 +175,9 @@ def _expected(text: str, name: str) -> Expected:
     recording = replace(scenario, rig=replace(scenario.rig, acquisition=ideal)).simulate(0)
     if recording.q is None and recording.tool_quaternion is None:
         raise RigError(f"scenario {name}: records no pose, expected joint angles or tool poses")
-    environment = scenario.rig.environment
     truth, noise = {}, {}
     for sensor, axes in scenario.truth.sensors.items():
-        truth[sensor] = SensorParameters.of(
-            axes, environment.gravity if sensor == ACCELEROMETER else environment.magnetic
-        )
+        truth[sensor] = SensorParameters.of(axes, scenario.rig.environment.field(sensor))
         noise[sensor] = acquisition.sigma[COLUMNS_OF[sensor]]
         if not (noise[sensor] > 0).all():
             raise RigError(f"scenario {name}: the {sensor} has no noise, expected noise_V above zero")
