@@ -30,8 +30,7 @@ def write(path: Path, rows: int, seed: int) -> dict[str, Any]:
 
     scenario = scenarios.load("ann-arbor")
     acquisition = replace(scenario.rig.acquisition, decimation=1)
-    silent = replace(acquisition, noise_V=(0.0,) * 6, bits=None)
-    clean = replace(scenario, rig=replace(scenario.rig, acquisition=silent)).simulate(seed)
+    clean = scenario.with_acquisition(decimation=1, noise_V=(0.0,) * 6, bits=None).simulate(seed)
     volts = np.hstack([clean.readings(sensor) for sensor in clean.sensors])
     rng = np.random.default_rng(seed)
     left = rows

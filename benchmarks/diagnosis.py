@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -74,9 +74,7 @@ def run(settings: Settings) -> Report:
 
 def _recorded(folder: Path, size: int, seed: int) -> dict[str, Path]:
     """Recordings of the sweep with no, one and two causes, each with its locked recording beside it."""
-    base = scenarios.load("ann-arbor")
-    acquisition = replace(base.rig.acquisition, decimation=_DECIMATIONS[size])
-    scenario = replace(base, rig=replace(base.rig, acquisition=acquisition))
+    scenario = scenarios.load("ann-arbor").with_acquisition(decimation=_DECIMATIONS[size])
     locked = scenario.simulate_locked(seed)
     paths = {}
     for causes, effects in _CAUSES:

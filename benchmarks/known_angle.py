@@ -7,7 +7,6 @@ and sines of the moving joints, and a Gram product of as many rows.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -40,9 +39,9 @@ _SEPARATE = "torusrig calibrate, from joint angles, separate"
 
 
 def run(settings: Settings) -> Report:
-    scenario = _with_acquisition(scenarios.load("ann-arbor"), decimation=1)
+    scenario = scenarios.load("ann-arbor").with_acquisition(decimation=1)
     run = scenario.simulate(settings.seed)
-    tool = _with_acquisition(scenario, pose="tool").simulate(settings.seed)
+    tool = scenario.with_acquisition(pose="tool").simulate(settings.seed)
     arm = Arm.a465()
     assert run.q is not None
     rotations = arm.rotation_map.rotations(run.q)
@@ -118,11 +117,6 @@ def _goals(timings: dict[str, Timing], samples: int) -> tuple[Goal, ...]:
             f"{both}, the paper's way over ours from joint angles", timings[_PAPERS_WAY].over(joints), "at least", 400.0
         ),
     )
-
-
-def _with_acquisition(scenario: Scenario, **changes: Any) -> Scenario:
-    acquisition = replace(scenario.rig.acquisition, **changes)
-    return replace(scenario, rig=replace(scenario.rig, acquisition=acquisition))
 
 
 def _rows(rotations: Array, run: Recording) -> Array:

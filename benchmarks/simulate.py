@@ -39,7 +39,7 @@ def run(settings: Settings) -> Report:
 
 
 def _kinematic(settings: Settings) -> tuple[tuple[Table, tuple[Goal, ...]], dict[str, Timing]]:
-    scenario = _every_sample(scenarios.load("ann-arbor"))
+    scenario = scenarios.load("ann-arbor").with_acquisition(decimation=1)
     arm = Arm.a465()
     q = scenario.simulate(settings.seed).q
     assert q is not None
@@ -75,7 +75,7 @@ def _dynamic(settings: Settings) -> tuple[tuple[Table, tuple[Goal, ...]], dict[s
     sweep = TorusSweep()
     if settings.quick:
         sweep = replace(sweep, duration_s=60.0, yaw_passes=1, pitch_passes=1)
-    scenario = replace(_every_sample(scenarios.load("ann-arbor")), maneuver=sweep, engine="dynamic")
+    scenario = replace(scenarios.load("ann-arbor").with_acquisition(decimation=1), maneuver=sweep, engine="dynamic")
     arm = Arm.a465()
     duration = sweep.duration_s
     calls: dict[str, Callable[[], object]] = {
@@ -156,15 +156,9 @@ def bare_steps(model: mujoco.MjModel, duration_s: float) -> None:
         state = states[0, -1].copy()
 
 
-def _every_sample(scenario: Scenario) -> Scenario:
-    acquisition = replace(scenario.rig.acquisition, decimation=1)
-    return replace(scenario, rig=replace(scenario.rig, acquisition=acquisition))
-
-
 def _volts_error(scenario: Scenario, arm: Arm) -> float:
     """The largest difference from the sensor's equation with rotations one by one [V], every 25th sample."""
-    acquisition = replace(scenario.rig.acquisition, noise_V=(0.0,) * 6, bits=None, decimation=25)
-    clean = replace(scenario, rig=replace(scenario.rig, acquisition=acquisition)).simulate(0)
+    clean = scenario.with_acquisition(noise_V=(0.0,) * 6, bits=None, decimation=25).simulate(0)
     assert clean.q is not None
     rotations = rotations_one_by_one(arm, clean.q)
     worst = 0.0

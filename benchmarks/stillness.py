@@ -30,9 +30,8 @@ _LOOP = "textbook detector, window by window"
 
 def run(settings: Settings) -> Report:
     maneuver = StaticPoses(count=101, hold_s=10.0, move_s=6.54)
-    base = scenarios.load("ann-arbor")
-    acquisition = replace(base.rig.acquisition, decimation=1)
-    scenario = replace(base, maneuver=maneuver, motion="inertial", rig=replace(base.rig, acquisition=acquisition))
+    base = scenarios.load("ann-arbor").with_acquisition(decimation=1)
+    scenario = replace(base, maneuver=maneuver, motion="inertial")
     both = scenario.simulate(settings.seed)
     alone = replace(both, q=None, magnetometer=None, units={ACCELEROMETER: both.unit(ACCELEROMETER)})
     readings = np.ascontiguousarray(alone.readings(ACCELEROMETER))

@@ -139,11 +139,9 @@ class _Fault:
 def _faulty(scenario: Scenario, seed: int, locked: Recording, progress: Progress) -> _Fault:
     from scenarios.gap_report import gap_residuals
 
-    rig = scenario.with_effects([make_effect(*FAULT)])
-    acquisition = replace(rig.rig.acquisition, decimation=_FAULT_EVERY * rig.rig.acquisition.decimation)
-    recording = replace(
-        replace(rig, rig=replace(rig.rig, acquisition=acquisition)).simulate(seed), name=f"{scenario.name}-fault"
-    )
+    every = _FAULT_EVERY * scenario.rig.acquisition.decimation
+    faulty = scenario.with_effects([make_effect(*FAULT)]).with_acquisition(decimation=every)
+    recording = replace(faulty.simulate(seed), name=f"{scenario.name}-fault")
     diagnosis = estimators.diagnose(recording, locked, progress=progress)
     return _Fault(recording, diagnosis, gap_residuals(recording, diagnosis, locked))
 

@@ -145,7 +145,7 @@ class Scenario:
         if self.rig.arm is None:
             raise RigError(f"scenario {self.name}: found no arm, expected one that can be locked")
         seed = self.seed if seed is None else seed
-        rig = replace(self.rig, acquisition=replace(self.rig.acquisition, decimation=1))
+        rig = self.with_acquisition(decimation=1).rig
         name = f"{self.name}.locked"
         recording = rig.simulate(self.locked, np.random.default_rng([seed, 1]), progress=progress, name=name)
         return self._noted(recording, f"{self.name}, seed {seed}, locked poses")
@@ -183,6 +183,14 @@ class Scenario:
         """The scenario with further effects, after those it has."""
         return replace(self, rig=replace(self.rig, effects=(*self.rig.effects, *effects)))
 
+    def with_acquisition(self, **changes: Any) -> Scenario:
+        """The scenario with other values of its ``Acquisition``, by their names.
+
+        Raises:
+            RigError: as of ``Acquisition``.
+        """
+        return replace(self, rig=replace(self.rig, acquisition=replace(self.rig.acquisition, **changes)))
+
     def scaled_noise(self, factor: float) -> Scenario:
         """The scenario with the standard deviation of its white noise times ``factor``.
 
@@ -191,9 +199,7 @@ class Scenario:
         """
         if not (np.isfinite(factor) and factor >= 0):
             raise RigError(f"noise factor: found {factor}, expected zero or a positive number")
-        acquisition = self.rig.acquisition
-        noise = tuple(factor * sigma for sigma in acquisition.noise_V)
-        return replace(self, rig=replace(self.rig, acquisition=replace(acquisition, noise_V=noise)))
+        return self.with_acquisition(noise_V=tuple(factor * sigma for sigma in self.rig.acquisition.noise_V))
 
     def to_toml(self) -> str:
         """The scenario as a file that loads to the same rig; fields' directions are written as vectors.

@@ -48,15 +48,12 @@ STEPS = ((0.03, 400.0), (-0.02, 900.0))
 def recorded(seed: int, *effects: tuple[str, dict[str, object]]) -> Recording:
     """832 samples of the paper's sweep."""
     scenario = scenarios.load("ann-arbor").with_effects([make_effect(name, values) for name, values in effects])
-    rig = replace(scenario.rig, acquisition=replace(scenario.rig.acquisition, decimation=200))
-    return replace(scenario, rig=rig).simulate(seed=seed)
+    return scenario.with_acquisition(decimation=200).simulate(seed=seed)
 
 
 @pytest.fixture(scope="module")
 def locked() -> Recording:
-    scenario = scenarios.load("ann-arbor")
-    acquisition = replace(scenario.rig.acquisition, decimation=1)
-    rig = replace(scenario.rig, acquisition=acquisition)
+    rig = scenarios.load("ann-arbor").with_acquisition(decimation=1).rig
     return rig.simulate(LockedPoses(hold_s=100.0, rate_Hz=20.0), np.random.default_rng(7))
 
 

@@ -33,16 +33,15 @@ WARMUP = make_effect("bias_warmup", {"where": "accelerometer", "coefficient": (0
 
 @pytest.fixture(scope="module")
 def locked() -> Recording:
-    rig = scenarios.load("ann-arbor").rig
+    rig = scenarios.load("ann-arbor").with_acquisition(decimation=1).rig
     poses = LockedPoses(hold_s=100.0, rate_Hz=20.0)
-    return replace(rig, acquisition=replace(rig.acquisition, decimation=1)).simulate(poses, np.random.default_rng(7))
+    return rig.simulate(poses, np.random.default_rng(7))
 
 
 def beside_a_warmup(seed: int, locked: Recording, *effects: Effect) -> tuple[Promise, list[Promise]]:
     """A slower floor that was learned beside a warm-up of the accelerometer, and what it is beside less."""
-    base = scenarios.load("ann-arbor")
-    rig = replace(base.rig, acquisition=replace(base.rig.acquisition, decimation=200))
-    run, arm = posed(replace(base, rig=rig).with_effects(effects).simulate(seed=seed), None)
+    base = scenarios.load("ann-arbor").with_acquisition(decimation=200)
+    run, arm = posed(base.with_effects(effects).simulate(seed=seed), None)
     data = set_up(run, floor_and_step(run, locked, arm)[0], arm)
     candidates = all_candidates(data)
     prior, scanner = set_prior(candidates, {}, data, {}), Scanner.of(data)

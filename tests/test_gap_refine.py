@@ -35,9 +35,8 @@ from rig.effects import Effect, make_effect
 
 @cache
 def whitened_data(seed: int, arm: Arm, *effects: Effect) -> WhitenedData:
-    base = scenarios.load("ann-arbor")
-    rig = replace(base.rig, acquisition=replace(base.rig.acquisition, decimation=100))
-    run = replace(base, rig=rig).with_effects(effects).simulate(seed=seed)
+    base = scenarios.load("ann-arbor").with_acquisition(decimation=100)
+    run = base.with_effects(effects).simulate(seed=seed)
     return set_up(run, estimated_floor(run, arm), arm)
 
 

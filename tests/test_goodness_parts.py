@@ -347,8 +347,7 @@ def test_long_recordings_are_thinned_evenly(ann_arbor: Recording, tmp_path: Path
 def test_averaged_poses_are_judged_by_their_counts() -> None:
     """The noise of a mean of n readings is smaller by sqrt(n); otherwise the residuals would be far below the floor."""
     maneuver = StaticPoses(count=40, hold_s=3.0, move_s=2.0, seed=4)
-    scenario = scenarios.load("ann-arbor")
-    rig = replace(scenario.rig, acquisition=replace(scenario.rig.acquisition, decimation=1))
+    rig = scenarios.load("ann-arbor").with_acquisition(decimation=1).rig
     run = rig.simulate(maneuver, np.random.default_rng(16))
     poses = still_poses(run)
     sigma = np.asarray(rig.acquisition.noise_V)[:3]

@@ -212,7 +212,7 @@ def test_without_attitude_the_bound_is_that_of_the_model_with_every_direction_un
 
 def test_a_scenario_without_pose_gets_the_bound_of_the_attitude_free_calibration() -> None:
     scenario = scenarios.load("renk2005-accelerometer")
-    blind = replace(scenario, rig=replace(scenario.rig, acquisition=replace(scenario.rig.acquisition, pose="none")))
+    blind = scenario.with_acquisition(pose="none")
     bound = bound_of(blind)
     prediction = bound.sensors["accelerometer"].prediction
     gains = [f"gain{ij}" for ij in (11, 22, 33, 12, 13, 23)]
@@ -233,10 +233,10 @@ def test_a_scenario_without_pose_gets_the_bound_of_the_attitude_free_calibration
 
 def test_without_noise_there_is_no_bound() -> None:
     scenario = from_toml(SMALL, "small.toml")
-    silent = replace(scenario.scaled_noise(0.0))
+    silent = scenario.scaled_noise(0.0)
     rounding = noise_of(silent)  # the converter's remains
     assert rounding == pytest.approx(np.full(6, 20.0 / 2.0**14 / np.sqrt(12.0)))
-    exact = replace(silent, rig=replace(silent.rig, acquisition=replace(silent.rig.acquisition, bits=None)))
+    exact = silent.with_acquisition(bits=None)
     with pytest.raises(RigError, match="without noise everything is told exactly"):
         bound_of(exact)
 

@@ -67,8 +67,8 @@ def test_the_sigmas_are_those_of_the_residuals() -> None:
     # One strength, one shape: a scale error of joint 5, and readings as dense as those that are looked at.
     effect = make_effect("joint_scale", {"where": "joint5", "scale": 1e-3})
     found = isolability_of(scenario, only=[("joint_scale", "joint5")]).here
-    quiet = replace(scenario.rig.acquisition, noise_V=(0.0,) * 6, bits=None, range_V=None)
-    run = replace(scenario, rig=replace(scenario.rig, acquisition=quiet, effects=(effect,))).simulate(0)
+    quiet = scenario.with_acquisition(noise_V=(0.0,) * 6, bits=None, range_V=None)
+    run = replace(quiet, rig=replace(quiet.rig, effects=(effect,))).simulate(0)
     noise = np.hypot(scenario.rig.acquisition.noise_V, scenario.rig.acquisition.step_V / np.sqrt(12.0))
     given = {"accelerometer": noise[:3], "magnetometer": noise[3:]}
     calibration = estimators.calibrate(run, noise=given)

@@ -34,9 +34,7 @@ def given(sensor: str, _unit: str) -> Array:
 
 
 def swept(effects: tuple[Effect, ...] = (), decimation: int = 1, seed: int = 3) -> Recording:
-    scenario = scenarios.load("ann-arbor").with_effects(effects)
-    acquisition = replace(scenario.rig.acquisition, decimation=decimation)
-    return replace(scenario, rig=replace(scenario.rig, acquisition=acquisition)).simulate(seed)
+    return scenarios.load("ann-arbor").with_effects(effects).with_acquisition(decimation=decimation).simulate(seed)
 
 
 @pytest.fixture(scope="module")

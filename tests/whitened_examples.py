@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,9 +16,8 @@ from rig.recording import Recording
 
 
 def recorded(seed: int, *effects: tuple[str, dict[str, object]], decimation: int = 100) -> Recording:
-    base = scenarios.load("ann-arbor")
-    rig = replace(base.rig, acquisition=replace(base.rig.acquisition, decimation=decimation))
-    return replace(base, rig=rig).with_effects([make_effect(*each) for each in effects]).simulate(seed=seed)
+    scenario = scenarios.load("ann-arbor").with_acquisition(decimation=decimation)
+    return scenario.with_effects([make_effect(*each) for each in effects]).simulate(seed=seed)
 
 
 @pytest.fixture(scope="module")

@@ -301,12 +301,10 @@ def _scenario(
     worst: float,
     said: str,
 ) -> Scenario:
-    made = base.with_arm(search.arm)
     return replace(
-        made,
+        base.with_arm(search.arm).with_acquisition(decimation=1),
         name=name,
         maneuver=maneuver,
-        rig=replace(made.rig, acquisition=replace(made.rig.acquisition, decimation=1)),
         title=f"{what} of the {search.arm.name} in {maneuver.duration_s:.1f} s",
         description=f"Planned to calibrate: the worst error is {worst:.3f} of that of {REFERENCE}. {said}",
         source=f"rig plan; sensors and surroundings of {base.name}",

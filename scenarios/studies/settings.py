@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final, Self
 
@@ -171,8 +171,7 @@ class Expected:
 def _expected(text: str, name: str) -> Expected:
     scenario = from_toml(text, f"{name}.toml")
     acquisition = scenario.rig.acquisition
-    ideal = replace(acquisition, noise_V=(0.0,) * 6, range_V=None, bits=None)
-    recording = replace(scenario, rig=replace(scenario.rig, acquisition=ideal)).simulate(0)
+    recording = scenario.with_acquisition(noise_V=(0.0,) * 6, range_V=None, bits=None).simulate(0)
     if recording.q is None and recording.tool_quaternion is None:
         raise RigError(f"scenario {name}: records no pose, expected joint angles or tool poses")
     truth, noise = {}, {}

@@ -124,12 +124,9 @@ def _exact(sensor: str, seed: int, speed_deg_per_s: float | None) -> Recording:
     scenario = scenario_of(sensor)
     assert isinstance(scenario.maneuver, HandTumble)
     speed = scenario.maneuver.speed_deg_per_s if speed_deg_per_s is None else speed_deg_per_s
-    acquisition = replace(scenario.rig.acquisition, noise_V=(0.0,) * 6, bits=None, range_V=None)
-    return replace(
-        scenario,
-        maneuver=replace(scenario.maneuver, seed=seed, speed_deg_per_s=speed),
-        rig=replace(scenario.rig, acquisition=acquisition),
-    ).simulate(seed)
+    maneuver = replace(scenario.maneuver, seed=seed, speed_deg_per_s=speed)
+    quiet = scenario.with_acquisition(noise_V=(0.0,) * 6, bits=None, range_V=None)
+    return replace(quiet, maneuver=maneuver).simulate(seed)
 
 
 def rows() -> tuple[Row, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Final
 
@@ -117,10 +117,8 @@ def drawn(sensor: str) -> Drawn:
 @cache
 def subsets(sensor: str) -> SubsetStudy:
     """One simulated experiment at the full rate, in 25 interleaved subsets."""
-    scenario = scenario_of(sensor)
-    full_rate = replace(scenario.rig.acquisition, decimation=1)
-    scenario = replace(scenario, rig=replace(scenario.rig, acquisition=full_rate))
-    noise = np.asarray(full_rate.noise_V)[COLUMNS_OF[sensor]]
+    scenario = scenario_of(sensor).with_acquisition(decimation=1)
+    noise = np.asarray(scenario.rig.acquisition.noise_V)[COLUMNS_OF[sensor]]
     return study(scenario.simulate(_SEED), renk()["subsets"], noise=lambda _sensor, _unit: noise, noise_source="given")
 
 

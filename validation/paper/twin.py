@@ -83,12 +83,9 @@ class StrayField:
 
 
 @cache
-def subsets_of_twin(seed: int = 0) -> SubsetStudy:
+def subsets_of_twin() -> SubsetStudy:
     """All 166,400 samples of the twin, and their 25 interleaved subsets."""
-    scenario = load(SCENARIO)
-    rig = scenario.rig
-    whole = replace(scenario, rig=replace(rig, acquisition=replace(rig.acquisition, decimation=1)))
-    return study(whole.simulate(seed), int(renk()["subsets"]))
+    return study(load(SCENARIO).with_acquisition(decimation=1).simulate(0), int(renk()["subsets"]))
 
 
 @cache
@@ -187,12 +184,11 @@ def _with_truth(scenario: Scenario, truth: dict[str, Array]) -> Scenario:
 def _calibrated(scenario: Scenario, method: Method) -> Calibration:
     """Of the mean effects alone: no noise, no converter."""
     mean: Sequence[Effect] = [effect for effect in scenario.rig.effects if effect.kind.value == "mean"]
-    acquisition = replace(scenario.rig.acquisition, noise_V=(0.0,) * 6, bits=None, range_V=None)
     assert isinstance(scenario.maneuver, TorusSweep)
-    maneuver = replace(scenario.maneuver, rate_Hz=scenario.maneuver.rate_Hz / acquisition.decimation)
-    acquisition = replace(acquisition, decimation=1)
+    rate_Hz = scenario.maneuver.rate_Hz / scenario.rig.acquisition.decimation
+    quiet = scenario.with_acquisition(noise_V=(0.0,) * 6, bits=None, range_V=None, decimation=1)
     quiet = replace(
-        scenario, maneuver=maneuver, rig=replace(scenario.rig, acquisition=acquisition, effects=tuple(mean))
+        quiet, maneuver=replace(scenario.maneuver, rate_Hz=rate_Hz), rig=replace(quiet.rig, effects=tuple(mean))
     )
     return calibrate(quiet.simulate(0), method=method, noise="residuals")
 
