@@ -16,12 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimators.coverage.attitude_free_information import design_rows
 from estimators.design.prediction import Prediction
+from estimators.ellipsoid.monomials import PAIRS
 from estimators.known_angle.identifiability import Told, is_open
 from estimators.known_angle.refusal import UNCERTAINTY_LIMIT
 
 Array = NDArray[np.float64]
-
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +64,11 @@ class FreeSensor:
         inverse = np.linalg.inv(self.gain)
         size = float(self.gain.diagonal().max())
         change = np.zeros((9, 9))
-        for column, (i, j) in enumerate(_PAIRS):
+        for column, (i, j) in enumerate(PAIRS):
             step = np.zeros((3, 3))
             step[i, j] = step[j, i] = size
             E = -inverse @ step
-            change[:6, column] = [E[a, b] + E[b, a] if a != b else E[a, a] for a, b in _PAIRS]
+            change[:6, column] = [E[a, b] + E[b, a] if a != b else E[a, a] for a, b in PAIRS]
         change[6:, 6:] = size * inverse
         return change
 
@@ -81,7 +80,7 @@ class FreeSensor:
         told = Told.of(matrix)
         open_ = is_open(told.null)
         names = (
-            *(f"gain{i + 1}{j + 1}" for i, j in _PAIRS[: parameters - 3]),
+            *(f"gain{i + 1}{j + 1}" for i, j in PAIRS[: parameters - 3]),
             *(f"offset{k}" for k in (1, 2, 3)),
         )
         std = np.sqrt(told.covariance.diagonal())
@@ -98,7 +97,7 @@ class FreeSensor:
         size = float(self.gain.diagonal().max())
         sizes = np.full(len(names), size)
         sizes[-3:] *= self.magnitude
-        entries = [self.gain[i, j] for i, j in _PAIRS[: parameters - 3]]
+        entries = [self.gain[i, j] for i, j in PAIRS[: parameters - 3]]
         return Prediction(
             "ellipsoid",
             count,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from estimators.ellipsoid.fit import EllipsoidFit
-from estimators.ellipsoid.monomials import PAIRS
+from estimators.ellipsoid.monomials import products
 from estimators.ellipsoid.used_rows import spread_rows
 from rig.channels import READS
 from rig.errors import RefusedFit
@@ -268,12 +268,8 @@ class _Products:
             # the unit vector changes by the part of -matrix (d gain h + d offset) / |h| at right angles to it
             across = other - (unit * other).sum(axis=1)[:, None] * unit
             by_reading = -across @ fit.matrix / fit.reference_magnitude
-            columns = [
-                fit.reference_magnitude
-                * (by_reading[:, i] * unit[:, j] + (0.0 if i == j else by_reading[:, j] * unit[:, i]))
-                for i, j in PAIRS[: fit.parameters - 3]
-            ]
-            sums.append(share * J.T @ np.column_stack([*columns, by_reading]))
+            by_gain = fit.reference_magnitude * products(by_reading, unit)[:, : fit.parameters - 3]
+            sums.append(share * J.T @ np.column_stack([by_gain, by_reading]))
         return share * J.T @ J, (sums[0], sums[1])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from estimators.ellipsoid.monomials import PAIRS, packed, symmetric
+from estimators.ellipsoid.monomials import packed, products, symmetric
 from rig.errors import RefusedFit, RigError
 
 Array = NDArray[np.float64]
@@ -105,10 +105,7 @@ def levenberg_marquardt(
     def jacobian(values: Array) -> Array:
         inner, away = inverse_gain(values), readings - values[pairs:]
         field = away @ inner
-        columns = [
-            2.0 * (field[:, i] * away[:, j] + (0.0 if i == j else field[:, j] * away[:, i])) for i, j in PAIRS[:pairs]
-        ]
-        return np.column_stack([*columns, -2.0 * field @ inner])
+        return np.column_stack([2.0 * products(field, away)[:, :pairs], -2.0 * field @ inner])
 
     begin = np.concatenate([packed(np.asarray(np.linalg.inv(first_gain)))[:pairs], first_offset])
     with np.errstate(over="ignore", invalid="ignore"):

@@ -50,6 +50,11 @@ def symmetric(entries: Array) -> Array:
     return np.asarray(entries[_WHERE])
 
 
+def products(one: Array, other: Array) -> Array:
+    """(n, 6) of vectors (n, 3): derivatives of one^T E other by the entries of a symmetric E, in the order of PAIRS."""
+    return np.column_stack([one[:, i] * other[:, j] + (0.0 if i == j else one[:, j] * other[:, i]) for i, j in PAIRS])
+
+
 def quadratic_form(matrix: Array) -> Array:
     """(6,) coefficients of y^T matrix y in the quadratic monomials."""
     return np.asarray(matrix.take(FLAT) * _DOUBLE)

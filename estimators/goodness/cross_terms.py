@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from estimators._json import AsJson
+from estimators.ellipsoid.monomials import products, symmetric
 from estimators.goodness.residuals import Residuals
 
 Array = NDArray[np.float64]
 
 SIX: Final = 6
 NINE: Final = 9
-_PAIRS: Final = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _MOST_STEPS: Final = 20
 #: A step that changes the sum of squares by less is the last one.
 _SAME: Final = 1e-9
@@ -67,14 +67,11 @@ def cross_terms(residuals: Residuals, reference: float) -> CrossTerms | None:
         if done and change.any():
             break
         unit = moved / np.where(length > 0.0, length, 1.0)[:, None]
-        columns = [unit[:, i] * fields[:, j] + (unit[:, j] * fields[:, i] if i != j else 0.0) for i, j in _PAIRS]
-        rows = np.column_stack([*columns, unit]) / sigma[:, None]
+        rows = np.column_stack([products(unit, fields), unit]) / sigma[:, None]
         step, _, rank, _ = np.linalg.lstsq(rows, -left)
         if rank < NINE:
             return None
-        for (i, j), value in zip(_PAIRS, step[:SIX], strict=True):
-            change[i, j] += value
-            change[j, i] = change[i, j]
+        change += symmetric(step[:SIX])
         offset += step[SIX:]
     if not 0.0 < least < np.inf:
         return None

@@ -57,6 +57,11 @@ class Chain:
     coupling: Array | None = None
     offset: Array | None = None
 
+    @property
+    def places(self) -> list[int]:
+        """Of each of the N joints its number among the M members, from 0."""
+        return [int(np.argmax(self.members == joint)) for joint in self.joints]
+
     def spread(self, q: Array) -> Array:
         """The values (n, M) of all joints at q (n, N) [rad, m]."""
         if self.coupling is None or self.offset is None:

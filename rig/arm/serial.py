@@ -189,7 +189,7 @@ class Arm:
     @cached_property
     def joint_axes(self) -> Array:
         """(N, 3) unit vectors, base frame: the axes of the joints with all joints at zero."""
-        axes = self._at_zero().xaxis[[int(np.argmax(self.chain.members == joint)) for joint in self.chain.joints]]
+        axes = self._at_zero().xaxis[self.chain.places]
         return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
     @property
@@ -268,7 +268,7 @@ class Arm:
     def joint_anchors(self, q: ArrayLike) -> Array:
         """(n, N, 3) [m] a point on each joint's axis, base frame, at joint values ``q`` (n, N) [rad, m]."""
         angles = self._angles(q)
-        own = [int(np.argmax(self.chain.members == joint)) for joint in self.chain.joints]
+        own = self.chain.places
         found = np.empty((len(angles), self.dof, 3))
         for rows, (anchors,) in self.chain.evaluated(angles, "xanchor"):
             found[rows] = anchors[:, own]

@@ -216,7 +216,7 @@ def _ways(arm: Arm, swept: tuple[int, int, int]) -> Array:
 
 def _axes(arm: Arm, q: Array) -> tuple[Array, Array]:
     """The joints' axes (n, N, 3) in the base frame at q (n, N), and how high the lowest link or the tip is (n,) [m]."""
-    members = [int(np.argmax(arm.chain.members == joint)) for joint in arm.chain.joints]
+    members = arm.chain.places
     axes, height = np.empty((len(q), arm.dof, 3)), np.empty(len(q))
     for rows, (xaxis, xpos, site) in arm.chain.evaluated(q, "xaxis", "xpos", "site_xpos"):
         axes[rows] = xaxis.reshape(len(xaxis), -1, 3)[:, members]
