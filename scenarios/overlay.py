@@ -43,6 +43,11 @@ class Overlay:
     field: Array | None
     field_name: str
 
+    @property
+    def frame_name(self) -> str:
+        """In which frame its directions are."""
+        return "frame 6" if self.field is not None else "the sensor's own frame"
+
 
 def overlays(recording: Recording, calibration: Calibration | None, arm: Arm | None) -> dict[str, Overlay]:
     """Lay a calibration over a recording, sensor by sensor; sensors that are not in both are left out.

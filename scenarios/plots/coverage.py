@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
 from estimators.coverage import coverage
@@ -56,10 +56,10 @@ def time_span(t: Array) -> Normalize:
     return Normalize(float(t[0]), max(float(t[-1]), float(t[0]) + 1e-9))
 
 
-def time_bar(figure: Figure, panels: list[Axes], t: Array, shrink: float) -> None:
-    """The colours of times t (n,) [s] below panels, so much narrower than these."""
+def time_bar(figure: Figure | SubFigure, panels: list[Axes], t: Array, shrink: float, aspect: float = 40.0) -> None:
+    """The colours of times t (n,) [s] below panels, so much narrower than these, and so many times as wide as high."""
     bar = ScalarMappable(time_span(t), ELAPSED_MAP)
-    figure.colorbar(bar, ax=panels, location="bottom", shrink=shrink, aspect=40, label="time [s]")
+    figure.colorbar(bar, ax=panels, location="bottom", shrink=shrink, aspect=aspect, label="time [s]")
 
 
 def _map(axis: Axes, t: Array, overlay: Overlay) -> None:
@@ -90,10 +90,10 @@ def _map(axis: Axes, t: Array, overlay: Overlay) -> None:
     seen = coverage(overlay.directions)
     shapes, _ = outlines(seen.cells, np.flatnonzero(seen.counts == 0))
     axis.add_collection(unseen(on_map(shapes)), autolim=False)
-    frame = "frame 6" if overlay.field is not None else "the sensor's own frame"
     axis.set_title(
-        f"{overlay.field_name.capitalize()} in {frame}: {100.0 * seen.share:.0f} % of {seen.cells.count} equal cells"
-        f" seen,\nlargest hole {2.0 * seen.hole_deg:.0f}° wide" + ("; shaded: missing" if len(shapes) else ""),
+        f"{overlay.field_name.capitalize()} in {overlay.frame_name}:"
+        f" {100.0 * seen.share:.0f} % of {seen.cells.count} equal cells seen,\n"
+        f"largest hole {2.0 * seen.hole_deg:.0f}° wide" + ("; shaded: missing" if len(shapes) else ""),
         pad=14,
     )
     label_map(axis)

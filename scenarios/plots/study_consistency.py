@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,7 +17,7 @@ from rig.errors import RigError, unknown_name
 from scenarios.colours import BLACK, BLUE, GREEN, GREY, VERMILLION
 from scenarios.plots.errors import NORMAL_95
 from scenarios.plots.style import new_figure, style
-from scenarios.studies.error_summary import Cell, Summary
+from scenarios.studies.error_summary import Cell, Summary, first_draw
 
 Array = NDArray[np.float64]
 
@@ -63,7 +62,7 @@ def consistency_figure(
             own = [cell for cell in cells if cell.parameter == parameter]
             for axis, level in zip(row, levels, strict=False):
                 shown = _of(own, level, orders[0])
-                _estimates(axis, shown, _one(one_draw, shown))
+                _estimates(axis, shown, first_draw(one_draw, shown))
                 if number == 0 and level == levels[0]:
                     axis.legend(loc="upper right", fontsize=6.5)
             _rmse(row[-2], own, levels, orders)
@@ -81,19 +80,6 @@ def consistency_figure(
 def _of(cells: Iterable[Cell], level: float, order: str) -> list[Cell]:
     found = [cell for cell in cells if cell.noise_factor == level and cell.order == order]
     return sorted(found, key=lambda cell: cell.count)
-
-
-def _one(table: pa.Table | None, cells: Sequence[Cell]) -> Array | None:
-    """(c,) the error of draw 0 at the cells' counts."""
-    if table is None or not cells:
-        return None
-    cell = cells[0]
-    for column in ("sensor", "method", "order", "noise_factor"):
-        table = table.filter(pc.equal(table[column], getattr(cell, column)))
-    table = table.filter(pc.equal(table["draw"], 0)).sort_by("count")
-    if table.num_rows != len(cells):
-        return None
-    return np.asarray(table[f"error_{cell.parameter}"].to_numpy(), dtype=float)
 
 
 def _estimates(axis: Axes, cells: Sequence[Cell], one: Array | None) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure, SubFigure
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
@@ -18,7 +16,7 @@ from rig.recording import Recording
 from scenarios.colours import BLACK, BLUE, elapsed
 from scenarios.decimation import evenly, extremes
 from scenarios.motion import motion
-from scenarios.plots.coverage import ELAPSED_MAP
+from scenarios.plots.coverage import time_bar
 from scenarios.plots.style import new_figure, style
 
 Array = NDArray[np.float64]
@@ -52,10 +50,7 @@ def sweep_figure(recording: Recording, arm: Arm | None) -> Figure:
             figure = right = new_figure(6.5, 5.2)
         at = recording.t[sweep.rows]
         _torus(right, sweep.root, sweep.tip, (at - at[0]) / max(float(at[-1] - at[0]), 1e-9))
-        span = Normalize(float(at[0]), max(float(at[-1]), float(at[0]) + 1e-9))
-        right.colorbar(
-            ScalarMappable(span, ELAPSED_MAP), ax=right.axes, location="bottom", shrink=0.6, aspect=35, label="time [s]"
-        )
+        time_bar(right, right.axes, at, 0.6, 35.0)
     return figure
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Final, Self
 
@@ -325,3 +325,23 @@ def unit_of(name: str, sensor: str) -> str:
     if name.endswith("_deg"):
         return "deg"
     return "V" if name.startswith("offset") else "V s²/m" if sensor == "accelerometer" else "V/field"
+
+
+def first_draw(errors: pa.Table | None, cells: Sequence[Cell]) -> Array | None:
+    """(c,) the errors of the first draw at the counts of cells, ascending, that differ in nothing else.
+
+    Args:
+        errors: of a study, or part of them.
+
+    Returns:
+        None where they are not all there.
+    """
+    if errors is None or not cells:
+        return None
+    cell = cells[0]
+    chosen = pc.equal(errors["draw"], 0)
+    for column in ("sensor", "method", "order", "noise_factor"):
+        chosen = pc.and_(chosen, pc.equal(errors[column], getattr(cell, column)))
+    name = f"error_{cell.parameter}"
+    part = errors.select(["count", name]).filter(chosen).sort_by("count")
+    return np.asarray(part[name].to_numpy(), dtype=float) if part.num_rows == len(cells) else None

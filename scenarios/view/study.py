@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from rig.files import in_utf8
 from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
-from scenarios.studies.error_summary import RATES, Cell, Summary
+from scenarios.studies.error_summary import RATES, Cell, Summary, first_draw
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
 from scenarios.studies.subset_files import read_subsets
 from scenarios.studies.subset_results import SubsetStudy
@@ -71,7 +69,7 @@ def _consistency(stream: rr.RecordingStream, folder: StudyFolder) -> rrb.Bluepri
         colour = _ORDER_COLOURS[first.order]
         bias = np.array([cell.bias for cell in cells]) / bound
         _line(stream, f"{place}/errors/{first.order}/mean", n, bias, f"mean, {first.order}", colour, 2.0)
-        one = _one(errors, cells)
+        one = first_draw(errors, cells)
         if one is not None:
             _line(
                 stream,
@@ -128,17 +126,6 @@ def _series(summary: Summary) -> Iterator[Sequence[Cell]]:
         groups.setdefault(key, []).append(cell)
     for cells in groups.values():
         yield sorted(cells, key=lambda cell: cell.count)
-
-
-def _one(errors: pa.Table | None, cells: Sequence[Cell]) -> Array | None:
-    if errors is None:
-        return None
-    first = cells[0]
-    chosen = pc.equal(errors["draw"], 0)
-    for column in ("sensor", "method", "order", "noise_factor"):
-        chosen = pc.and_(chosen, pc.equal(errors[column], getattr(first, column)))
-    part = errors.select(["count", f"error_{first.parameter}"]).filter(chosen).sort_by("count")
-    return np.asarray(part[f"error_{first.parameter}"].to_numpy(), dtype=float) if part.num_rows == len(cells) else None
 
 
 def _subsets(stream: rr.RecordingStream, study: SubsetStudy) -> rrb.Blueprint:

@@ -81,7 +81,7 @@ def _sphere(axis: Any, t: Array, overlay: Overlay, span: Normalize) -> None:
     axis.set_box_aspect((1.0, 1.0, 1.0), zoom=1.35)
     axis.set_axis_off()
     axis.view_init(elev=24.0, azim=35.0)
-    axis.set_title(f"{overlay.field_name.capitalize()} in {frame_name(overlay)}")
+    axis.set_title(f"{overlay.field_name.capitalize()} in {overlay.frame_name}")
 
 
 def _angles(axis: Axes, t: Array, overlay: Overlay, span: Normalize) -> None:
@@ -139,8 +139,3 @@ def spherical(vectors: ArrayLike) -> tuple[Array, Array, Array]:
     across = np.hypot(x, y)
     theta = np.arctan2(across, z)
     return np.hypot(across, z), np.where(theta > 0.5 * np.pi, theta - np.pi, theta), np.arctan2(y, x)
-
-
-def frame_name(overlay: Overlay) -> str:
-    """In which frame an overlay's directions are."""
-    return "frame 6" if overlay.field is not None else "the sensor's own frame"

@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from scenarios.colours import BLACK, BLUE, GREY, VERMILLION
 from scenarios.overlay import overlays
 from scenarios.plots.errors import NORMAL_95
 from scenarios.plots.style import new_figure, style
-from scenarios.studies.error_summary import Cell, Summary
+from scenarios.studies.error_summary import Cell, Summary, first_draw
 from validation.paper.camps import readings, scenario_of, truth, tumbles
 from validation.paper.figures_text import OneDraw
 from validation.plots.camps_directions import projection_figure
@@ -62,10 +61,8 @@ def growing_figure(summary: Summary, one_draw: pa.Table, remarks: Sequence[OneDr
 
 
 def _growing(axis: Axes, cells: Sequence[Cell], table: pa.Table, remarks: Sequence[OneDraw]) -> None:
-    first = cells[0]
-    for column in ("method", "order", "noise_factor"):
-        table = table.filter(pc.equal(table[column], getattr(first, column)))
-    table = table.filter(pc.equal(table["draw"], 0)).sort_by("count")
+    first, errors = cells[0], first_draw(table, cells)
+    assert errors is not None  # the study has made them
     n = np.array([cell.count for cell in cells])
     bound = np.array([cell.bound for cell in cells])
     axis.fill_between(
@@ -78,7 +75,6 @@ def _growing(axis: Axes, cells: Sequence[Cell], table: pa.Table, remarks: Sequen
         label="±1.96 bounds",
     )
     axis.axhline(first.truth, color=BLACK, linewidth=0.8, label="truth")
-    errors = table[f"error_{first.parameter}"].to_numpy().astype(float)
     axis.plot(n, first.truth + errors, color=BLUE, marker="o", markersize=2.5, label="one draw, the first n")
     for remark in remarks:
         end = [remark.samples if remark.samples < n[-1] - 200 else n[-1] - 600, n[-1]]
