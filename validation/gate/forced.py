@@ -11,18 +11,14 @@ import numpy as np
 from rig.effects import Effect
 from rig.effects.parameters import Value
 from rig.errors import RigError
-from scenarios.loader import load
-from validation.blind.draws import draw_effect
 from validation.blind.likeness import candidates
-from validation.blind.settings import Setting, draw_setting
-from validation.blind.strength import strength_for
-from validation.loop.rigs import SCENARIO, STRENGTHS, drawn
+from validation.blind.settings import Setting
+from validation.loop.rigs import DRAWS, rigs_with_a_cause
 
 #: Signal-to-noise that a wrong cause leaves at least, and the share of the truth's that it leaves at most.
 LEFT: Final = 5.0
 SHARE: Final = 0.9
 _STEP: Final = 1e-3  # of the typical strength, for derivatives
-_DRAWS: Final = 300
 
 
 @dataclass(frozen=True)
@@ -51,20 +47,12 @@ def forced_rig(seed: int, number: int, samples: int) -> ForcedRig:
     Raises:
         RigError: no draw had one.
     """
-    rng = np.random.default_rng([seed, number])
-    for _ in range(_DRAWS):
-        setting = draw_setting(load(SCENARIO), samples, rng)
-        name = str(rng.choice(drawn()))
-        wanted = float(np.exp(rng.uniform(*np.log(STRENGTHS))))
-        try:
-            truth, snr = strength_for(draw_effect(name, rng, setting), wanted, setting)
-        except RigError:  # a cause that cannot be so strong here
-            continue
+    for setting, truth, snr in rigs_with_a_cause(seed, number, samples):
         found = [each for each in _others(setting, truth) if LEFT <= each[0] <= SHARE * snr]
         if found:
             left, wrong, std = min(found, key=lambda each: each[0])
             return ForcedRig(setting, truth, wrong, snr, left, std)
-    raise RigError(f"rig {number}: none of {_DRAWS} draws has a gap of which a wrong cause takes up a part")
+    raise RigError(f"rig {number}: none of {DRAWS} draws has a gap of which a wrong cause takes up a part")
 
 
 def _others(setting: Setting, truth: Effect) -> list[tuple[float, Effect, Mapping[str, Value]]]:

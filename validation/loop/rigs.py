@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -21,7 +22,8 @@ from validation.blind.truth import Label
 SCENARIO: Final = "ann-arbor"
 #: Signal-to-noise of the cause in the first recording: strong enough that nobody takes it for noise.
 STRENGTHS: Final = (15.0, 60.0)
-_DRAWS: Final = 300
+#: Rigs are drawn so often at most until one is what is looked for.
+DRAWS: Final = 300
 
 
 def drawn() -> tuple[str, ...]:
@@ -96,9 +98,20 @@ def hidden_rig(seed: int, number: int, samples: int) -> HiddenRig:
     Raises:
         RigError: no draw had one.
     """
+    for setting, effect, snr in rigs_with_a_cause(seed, number, samples):
+        own = effect.name, effect.where
+        found = likenesses(setting.change((effect,)), setting)
+        alike = tuple((each.effect, each.where) for each in found if (each.effect, each.where) != own)
+        if alike:
+            return HiddenRig(setting, effect, snr, alike, (seed, number))
+    raise RigError(f"rig {number}: none of {DRAWS} draws has a cause that the first maneuver takes for another")
+
+
+def rigs_with_a_cause(seed: int, number: int, samples: int) -> Iterator[tuple[Setting, Effect, float]]:
+    """Draws of everything but the cause, the cause, and its signal-to-noise; arguments as of ``hidden_rig``."""
     rng = np.random.default_rng([seed, number])
     names = drawn()
-    for _ in range(_DRAWS):
+    for _ in range(DRAWS):
         setting = draw_setting(load(SCENARIO), samples, rng)
         name = str(rng.choice(names))
         wanted = float(np.exp(rng.uniform(*np.log(STRENGTHS))))
@@ -106,9 +119,4 @@ def hidden_rig(seed: int, number: int, samples: int) -> HiddenRig:
             effect, snr = strength_for(draw_effect(name, rng, setting), wanted, setting)
         except RigError:  # a cause that cannot be so strong here
             continue
-        own = effect.name, effect.where
-        found = likenesses(setting.change((effect,)), setting)
-        alike = tuple((each.effect, each.where) for each in found if (each.effect, each.where) != own)
-        if alike:
-            return HiddenRig(setting, effect, snr, alike, (seed, number))
-    raise RigError(f"rig {number}: none of {_DRAWS} draws has a cause that the first maneuver takes for another")
+        yield setting, effect, snr
