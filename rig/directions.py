@@ -40,6 +40,19 @@ def angles_from_direction(direction: ArrayLike) -> tuple[Array, Array]:
     return elevation, np.where(azimuth >= 360.0, 0.0, azimuth)  # a tiny negative angle rounds up to 360
 
 
+def spiral(count: int, share: float) -> Array:
+    """Unit vectors (count, 3) spread evenly from +z down, a Fibonacci lattice.
+
+    Args:
+        share: 1 for half a sphere, 2 for all of it.
+    """
+    index = np.arange(count) + 0.5
+    z = 1.0 - share * index / count
+    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * index
+    radius = np.sqrt(1.0 - z * z)
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=1)
+
+
 def tangent_basis(direction: ArrayLike) -> Array:
     """Two unit vectors (..., 2, 3) that span the plane at right angles to unit vectors (..., 3).
 

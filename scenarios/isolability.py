@@ -136,7 +136,7 @@ def moving_all(scenario: Scenario) -> StaticPoses:
     else:
         raise RigError(f"arm {arm.name}: hardly any random pose is free of contacts")
     cycle = scenario.maneuver.duration_s / _STOPS
-    shown = np.where(arm.slides, poses[:_STOPS], np.degrees(poses[:_STOPS]))
+    shown = arm.in_degrees(poses[:_STOPS])
     return StaticPoses(
         poses_deg=tuple(tuple(map(float, row)) for row in shown),
         hold_s=_HELD * cycle,

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from rig.directions import tangent_basis
+from rig.directions import spiral, tangent_basis
 from rig.errors import RefusedFit
 
 Array = NDArray[np.float64]
@@ -49,13 +49,9 @@ _BLOCK_NUMBERS = 1 << 19
 def half_sphere(points: int) -> tuple[Array, Indices, Array]:
     """Directions (g, 3) spread evenly over a half sphere, the neighbours (g, 8) of each, and products f_i f_j (g, 9).
 
-    A Fibonacci lattice; a direction at the rim has neighbours across it, as f and -f are the same here.
+    A direction at the rim has neighbours across it, as f and -f are the same here.
     """
-    index = np.arange(points) + 0.5
-    z = 1.0 - index / points
-    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * index
-    radius = np.sqrt(1.0 - z * z)
-    directions = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=1)
+    directions = spiral(points, 1.0)
     tree = cKDTree(np.vstack([directions, -directions]))
     neighbours = tree.query(directions, k=9)[1][:, 1:] % points
     products = (directions[:, :, None] * directions[:, None, :]).reshape(-1, 9)

@@ -15,6 +15,7 @@ from estimators.ellipsoid.likelihood import Optimum
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import FREE, symmetric, table
 from estimators.ellipsoid.used_rows import spread_rows
+from rig.directions import spiral
 
 Array = NDArray[np.float64]
 
@@ -176,11 +177,7 @@ def structure(readings: Array, parameters: int) -> str | None:
 
 def missing(optimum: Optimum) -> Array:
     """(3,) the unit vector, in the sensor's own frame, that would tell most of what the readings tell worst."""
-    index = np.arange(_DIRECTIONS) + 0.5
-    height = 1.0 - 2.0 * index / _DIRECTIONS  # a spiral of equal areas
-    angle = np.pi * (1.0 + np.sqrt(5.0)) * index
-    radius = np.sqrt(1.0 - height * height)
-    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+    directions = spiral(_DIRECTIONS, 2.0)
     shown = np.abs(optimum.weakest @ table(directions, np.eye(3), np.zeros(3))[FREE[len(optimum.weakest)]])
     return np.asarray(directions[int(np.argmax(shown))])
 

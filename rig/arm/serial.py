@@ -186,6 +186,14 @@ class Arm:
         kinds = self.model.jnt_type[self.chain.joints]
         return tuple(bool(kind == mujoco.mjtJoint.mjJNT_SLIDE) for kind in kinds)
 
+    def in_degrees(self, q: ArrayLike) -> Array:
+        """Joint values (..., N) [rad, m] as maneuvers take them: deg, or m of joints that slide."""
+        return np.where(self.slides, q, np.degrees(q))
+
+    def from_degrees(self, values: ArrayLike) -> Array:
+        """Joint values (..., N) [rad, m] from those of a maneuver [deg, m]."""
+        return np.where(self.slides, values, np.radians(values))
+
     @cached_property
     def joint_axes(self) -> Array:
         """(N, 3) unit vectors, base frame: the axes of the joints with all joints at zero."""

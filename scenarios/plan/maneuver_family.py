@@ -61,7 +61,7 @@ class Family:
         """Of an arm that was recorded at times (n,) [s] with joint values (n, N) [rad, m]."""
         made = cls(Reach.recorded(arm, t, q), np.zeros(arm.dof), bool(np.ptp(q[:, -1]) > 2.0 * np.pi))
         low, high = made.limits
-        home = made.shown(np.median(q, axis=0))
+        home = made.arm.in_degrees(np.median(q, axis=0))
         home = np.where((home < low) | (home > high), 0.5 * (low + high), home)
         return cls(made.reach, np.array([made.rounded(joint, value) for joint, value in enumerate(home)]), made.rolls)
 
@@ -74,7 +74,7 @@ class Family:
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper (N,) [deg, m]; of a joint without any, one turn."""
         low, high = self.reach.limits
-        return self.shown(low), self.shown(high)
+        return self.arm.in_degrees(low), self.arm.in_degrees(high)
 
     @property
     def checked(self) -> tuple[tuple[float, float], ...] | None:
@@ -85,15 +85,6 @@ class Family:
     def slides(self) -> tuple[int, ...]:
         """The numbers of the joints that slide, from 1."""
         return slide_numbers(self.arm)
-
-    def shown(self, q: Array) -> Array:
-        """Joint values (..., N) [rad, m] as maneuvers take them: deg, or m of joints that slide."""
-        return np.asarray(np.where(np.array(self.arm.slides), q, np.degrees(q)))
-
-    def values(self, shown: Sequence[tuple[float, ...]]) -> Array:
-        """Joint values (n, N) [rad, m] of shown ones."""
-        given = np.array(shown, dtype=float)
-        return np.asarray(np.where(np.array(self.arm.slides), given, np.radians(given)))
 
     def way(self, joint: int, degrees: float) -> float:
         """How far a joint (a column) goes for so many degrees: these, or as much of a slide's range."""
@@ -233,10 +224,10 @@ def _approached(
     for _ in range(_DRAWS):
         drawn = room.home + spread * rng.uniform(low - room.home, high - room.home)
         pose = room.pose(drawn)
-        if not room.reach.clear(room.values([pose])):
+        if not room.reach.clear(room.arm.from_degrees([pose])):
             continue
         there = [pose, room.pose(drawn + rng.choice([-1.0, 1.0], size=len(drawn)) * beside_by), pose]
-        way = room.values([*before, *there, *after])
+        way = room.arm.from_degrees([*before, *there, *after])
         if room.reach.clear(between(way)):
             break
     else:  # what touches is refused later on, as a whole
@@ -252,7 +243,7 @@ def neighbours(room: Family, maneuver: TorusSweep | StaticPoses, step: float) ->
             hold = min(factor * maneuver.hold_s, 0.9 * cycle)
             yield replace(maneuver, hold_s=hold, move_s=cycle - hold)
         rng = np.random.default_rng(int(100 * step))
-        poses = [room.pose(pose) for pose in room.shown(maneuver.angles)]
+        poses = [room.pose(pose) for pose in room.arm.in_degrees(maneuver.angles)]
         for first in range(0, len(poses) - 2, 3):  # one exchange at a time
             before, after = poses[:first], poses[first + 3 :]
             other = [*before, *_approached(room, rng, 1.0, before[-1:], after[:1]), *after]

@@ -232,10 +232,9 @@ def make_plan(
 def planned(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float, name: str) -> Plan:
     """The plan of poses that were found: rounded as a person reads them, and judged as they then are."""
     arm = search.arm
-    slides = np.array(arm.slides)
-    shown = np.where(slides, found.q, np.degrees(found.q))
-    shown = np.where(slides, np.round(shown, 4), np.round(shown, _DIGITS)) + 0.0
-    q = np.where(slides, shown, np.radians(shown))
+    shown = arm.in_degrees(found.q)
+    shown = np.where(arm.slides, np.round(shown, 4), np.round(shown, _DIGITS)) + 0.0
+    q = arm.from_degrees(shown)
     poses = search.timed(q, seconds)
     if contact := search.clearance.first_contact(between(q)):
         raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")

@@ -167,10 +167,6 @@ class PoseSearch:
         assert best is not None
         return q[best[1]]
 
-    def shown(self, q: Array) -> Array:
-        """Joint values (k, N) [rad, m] as people read them: deg, or m of joints that slide."""
-        return np.asarray(np.where(np.array(self.arm.slides), q, np.degrees(q)))
-
     def free(self, q: Array) -> bool:
         """Whether all moves between these poses touch nothing."""
         return not self.clearance.touching(between(q)).any()

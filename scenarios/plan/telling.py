@@ -50,7 +50,7 @@ def telling(
 
     def value(plan: PosePlan) -> float:
         maneuver = StaticPoses(
-            poses_deg=tuple(tuple(map(float, row)) for row in search.shown(plan.q)),
+            poses_deg=tuple(tuple(map(float, row)) for row in search.arm.in_degrees(plan.q)),
             hold_s=plan.hold_s,
             move_s=plan.move_s,
             rate_Hz=search.rate_Hz,
