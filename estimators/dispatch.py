@@ -65,9 +65,8 @@ def calibrate(
         arm: gives the orientations from the joint angles. None: those of the tool if they were recorded, else the A465
             where the metadata name it.
         field_points: "down", "up" or any vector (3,), base frame, within 90 degrees of the field (of gravity, whatever
-            the accelerometer reads), or one of these for
-        each
-            sensor: it chooses between (field, axes) and (-field, -axes), which give the same readings.
+            the accelerometer reads), or one of these for each sensor: it chooses between (field, axes) and
+            (-field, -axes), which give the same readings.
         weighting: "likelihood" or, as in the paper, "equal" for all channels of a simultaneous fit.
         sensors: which of the recorded ones; None: all.
         progress: called with the number of samples of every batch that is done.
@@ -77,8 +76,7 @@ def calibrate(
 
     Raises:
         RigError: the recording has no attitude, its arm is not known, a joint is beyond its limit, an option is
-        unknown, or
-            there are fewer samples than parameters.
+            unknown, or there are fewer samples than parameters.
         RefusedFit: the poses cannot determine the parameters, two solutions fit alike, or a channel does not respond.
     """
     if not isinstance(run, Recording | str | os.PathLike):

@@ -45,9 +45,9 @@ class Signals:
         temperature: (n,) [degC], currents: joint number -> (n,) [A], supply: (n,) [V]; where recorded.
         electrical: whether the readings are a voltage or a converter's count, not a field that a chip computed.
         known_links: the link poses of one array ``q``, so that effects which leave it alone need not compute them
-        again.
+            again.
         known_nodes: the nodes of the poses as they were logged, where these were looked for: effects that change the
-        poses, and samples of them, keep these.
+            poses, and samples of them, keep these.
     """
 
     t: Array

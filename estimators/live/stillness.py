@@ -18,6 +18,7 @@ from estimators.stillness.threshold import choose_threshold
 
 Array = NDArray[np.float64]
 
+_WINDOW_S: Final = 1.0  # as offline
 _SHORTEST: Final = 5  # samples of a piece
 #: Windows whose variances are remembered for the threshold, and how many are needed to choose one.
 _REMEMBERED: Final = 2048
@@ -47,13 +48,12 @@ class StillStream:
         pieces: decided so far; accepted: of these, those that are still.
     """
 
-    def __init__(self, rate_Hz: float, window_s: float = 1.0, span_s: float | None = None) -> None:
+    def __init__(self, rate_Hz: float, span_s: float | None = None) -> None:
         """Args:
         rate_Hz: of the samples.
-        window_s: as offline [s].
         span_s: poses that ended longer ago are forgotten [s]; None: none.
         """
-        self._length = max(_SHORTEST, round(0.5 * window_s * rate_Hz))
+        self._length = max(_SHORTEST, round(0.5 * _WINDOW_S * rate_Hz))
         self.delay_s = self._length / rate_Hz
         self.still = False
         self.pieces = self.accepted = 0

@@ -67,10 +67,11 @@ class _Spoken:
 class PipeSource(_Spoken):
     """Standard input, or any open descriptor."""
 
-    def __init__(self, descriptor: int, name: str = "standard input") -> None:
+    name = "standard input"
+
+    def __init__(self, descriptor: int) -> None:
         """Args: descriptor to read from."""
         super().__init__()
-        self.name = name
         self._descriptor = descriptor
         if fcntl is not None and hasattr(fcntl, "F_SETPIPE_SZ"):
             with suppress(OSError):  # not a pipe; else as much waits in it as is read at once

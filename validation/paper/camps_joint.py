@@ -28,7 +28,7 @@ class JointScatter:
         level: geometric mean over the parameters of scatter over the rig's. level_p: of a level so far off, two-sided.
         unevenness: standard deviation over the parameters of the logarithm of that ratio. unevenness_p: two-sided.
         chi_square, degrees_of_freedom, p_value: of the three tests about their mean, by the covariance of the rig's;
-        the probability is two-sided.
+            the probability is two-sided.
         left_out: the parameter whose row is misprinted; None if there is none.
     """
 
