@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from rig.acquisition import Acquisition
 from rig.arm import Arm
 from rig.directions import direction_from_angles
 from rig.environment import Environment
+from rig.maneuver import StaticPoses
 from rig.recording import Metadata, Recording
 from rig.sensor import TriaxialSensor
 from rig.simulate import Rig
@@ -27,6 +30,13 @@ SKY = Environment(
 def rig(arm: Arm | None, magnetometer: bool = True) -> Rig:
     board = Acquisition(NOISE, decimation=1, pose="joints" if arm is not None else "none")
     return Rig(arm, SKY, ACCELEROMETER, MAGNETOMETER if magnetometer else None, board)
+
+
+@cache
+def stops() -> tuple[StaticPoses, Recording]:
+    """Twenty poses of four seconds, at 100 Hz, with joint angles."""
+    maneuver = StaticPoses(count=20, hold_s=4.0, move_s=3.0, seed=3)
+    return maneuver, rig(Arm.a465()).simulate(maneuver, np.random.default_rng(1))
 
 
 def at_rest(n: int, noise: float = 0.01, seed: int = 0, **changes: object) -> Recording:

@@ -10,15 +10,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
-from stillness_examples import NOISE, at_rest, rig
+from stillness_examples import NOISE, at_rest, stops
 
 from estimators.stillness import (
     average_poses,
     find_still,
     still_poses,
 )
-from rig.arm import Arm
-from rig.maneuver import StaticPoses
 from rig.recording import Metadata, Recording, read_recording
 
 Array = NDArray[np.float64]
@@ -26,18 +24,11 @@ Array = NDArray[np.float64]
 REAL = Path(__file__).parents[1].parent / "shared" / "realdata"
 
 
-@pytest.fixture(scope="module")
-def stops() -> tuple[StaticPoses, Recording]:
-    """Twenty poses of four seconds, at 100 Hz, with joint angles."""
-    maneuver = StaticPoses(count=20, hold_s=4.0, move_s=3.0, seed=3)
-    return maneuver, rig(Arm.a465()).simulate(maneuver, np.random.default_rng(1))
-
-
 # Averaging
 
 
-def test_the_noise_within_poses_is_told(stops: tuple[StaticPoses, Recording]) -> None:
-    poses = still_poses(stops[1])
+def test_the_noise_within_poses_is_told() -> None:
+    poses = still_poses(stops()[1])
     # 7,800 samples: 0.8 % a channel; five of these, and the converter's step adds 0.1 %.
     assert poses.noise["accelerometer"] == pytest.approx(NOISE[:3], rel=0.045)
     assert poses.noise["magnetometer"] == pytest.approx(NOISE[3:], rel=0.045)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from stillness_examples import NOISE, SKY, at_rest, rig
+from stillness_examples import NOISE, SKY, at_rest, rig, stops
 
 import estimators.stillness.threshold
 from estimators.stillness import (
@@ -21,19 +21,12 @@ from estimators.stillness.variance import variance_by_half_windows, weighted_var
 from rig.acquisition import Acquisition
 from rig.arm import Arm
 from rig.errors import RefusedFit, RigError
-from rig.maneuver import HandTumble, StaticPoses, TorusSweep
+from rig.maneuver import HandTumble, TorusSweep
 from rig.recording import Recording
 from rig.sensor import TriaxialSensor
 from rig.simulate import Rig
 
 Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def stops() -> tuple[StaticPoses, Recording]:
-    """Twenty poses of four seconds, at 100 Hz, with joint angles."""
-    maneuver = StaticPoses(count=20, hold_s=4.0, move_s=3.0, seed=3)
-    return maneuver, rig(Arm.a465()).simulate(maneuver, np.random.default_rng(1))
 
 
 # The sliding variance
@@ -144,10 +137,8 @@ def strayed(recording: Recording, clean: Recording, holding: NDArray[np.bool_]) 
 
 @pytest.mark.parametrize("threshold", [None, 4e-4], ids=["chosen", "given"])
 @pytest.mark.parametrize("with_pose", [False, True], ids=["readings", "readings and encoders"])
-def test_the_stops_of_an_arm_are_found(
-    stops: tuple[StaticPoses, Recording], threshold: float | None, with_pose: bool
-) -> None:
-    maneuver, run = stops
+def test_the_stops_of_an_arm_are_found(threshold: float | None, with_pose: bool) -> None:
+    maneuver, run = stops()
     clean = replace(rig(Arm.a465()), acquisition=Acquisition(decimation=1, bits=None)).simulate(
         maneuver, np.random.default_rng(0)
     )

@@ -128,6 +128,11 @@ class Summary:
             rates += group.rates()
         return cls(tuple(cells), tuple(rates))
 
+    def some_counts(self, number: int) -> set[int]:
+        """So many numbers of samples, from the smallest to the largest."""
+        counts = sorted({cell.count for cell in self.cells})
+        return {counts[round(k * (len(counts) - 1) / (number - 1))] for k in range(number)}
+
     def tables(self) -> tuple[pa.Table, pa.Table]:
         """The cells and the rates as tables, one row each."""
         return _table(Cell, self.cells), _table(Rate, self.rates)

@@ -24,8 +24,7 @@ def consistency_report(summary: Summary, parameters: Sequence[str]) -> Renderabl
     """Bias, RMSE and coverage of some parameters at some sample counts, then the verdicts."""
     columns = ("fit", "noise", "order", "parameter", "samples", "bias/s.e.", "bound", "RMSE/bound", "coverage")
     rows = table(*columns, numbers=columns[4:])
-    counts = sorted({cell.count for cell in summary.cells})
-    shown = {counts[round(k * (len(counts) - 1) / (_SHOWN_COUNTS - 1))] for k in range(_SHOWN_COUNTS)}
+    shown = summary.some_counts(_SHOWN_COUNTS)
     sensors = list(dict.fromkeys(cell.sensor for cell in summary.cells))
     # The table of the study's folder has the others.
     orders = list(dict.fromkeys(cell.order for cell in summary.cells))

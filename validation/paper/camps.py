@@ -118,6 +118,12 @@ def readings(sensor: str, seed: int, noise: float = 0.0, speed_deg_per_s: float 
     return np.asarray(volts[np.linspace(0, len(volts) - 1, count).astype(int)])
 
 
+def field_of_place(sensor: str) -> Array:
+    """(3,) the unit vector that a sensor feels at the paper's place, x north, z up: gravity, or the dipping field."""
+    dip = np.radians(float(camps()["place"]["dip_deg"]))
+    return np.array([0.0, 0.0, -1.0] if sensor == ACCELEROMETER else [np.cos(dip), 0.0, -np.sin(dip)])
+
+
 @cache
 def _exact(sensor: str, seed: int, speed_deg_per_s: float | None) -> Recording:
     """The experiment without noise and converter."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimators.design.attitude_free_bound import FreeSensor
 from rig.channels import SENSORS
 from rig.maneuver import AxisRotations, HandTumble
-from validation.paper.camps import truth, tumbles
+from validation.paper.camps import field_of_place, truth, tumbles
 from validation.paper.published import camps
 
 Array = NDArray[np.float64]
@@ -53,11 +53,6 @@ def told() -> tuple[Told, ...]:
         for tilt in TILTS_DEG
     }
     maneuvers["a tumble by hand"] = HandTumble(duration_s=seconds, rate_Hz=count / seconds)
-    dip = np.radians(float(camps()["place"]["dip_deg"]))
-    towards = {
-        "accelerometer": np.array([0.0, 0.0, -1.0]),
-        "magnetometer": np.array([np.cos(dip), 0.0, -np.sin(dip)]),
-    }
     found = []
     for name, maneuver in maneuvers.items():
         rotations = maneuver.trajectory().R_base_tool
@@ -65,7 +60,7 @@ def told() -> tuple[Told, ...]:
             gain, offset, magnitude = truth(sensor)
             noise = np.full(3, tumbles(sensor).noise)
             free = FreeSensor.of(gain, offset, magnitude)
-            directions = np.einsum("nij,i->nj", rotations, towards[sensor])
+            directions = np.einsum("nij,i->nj", rotations, field_of_place(sensor))
             best = free.predict(free.information(directions, noise), len(directions), noise)
             found.append(
                 Told(

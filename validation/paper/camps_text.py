@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from rig.channels import MAGNETOMETER, SENSORS
 from rig.maneuver import AxisRotations
 from rig.threads import one_blas_thread
-from validation.paper.camps import NINE, SIX, column_in_row, readings, truth, tumbles
+from validation.paper.camps import NINE, SIX, column_in_row, field_of_place, readings, truth, tumbles
 from validation.paper.camps_joint import JointScatter, joint_scatter
 from validation.paper.published import camps, ellipsoid_table
 from validation.paper.rows import Statement
@@ -320,13 +320,8 @@ def _floored(value: float) -> float:
 def _turned_from_level() -> Iterator[Statement]:
     """Figure 3: full turns about three axes, from level; which parameters they can tell."""
     rotations = AxisRotations().trajectory().R_base_tool
-    dip = np.radians(float(camps()["place"]["dip_deg"]))
-    fields = {
-        "accelerometer": np.array([0.0, 0.0, -1.0]),
-        "magnetometer": np.array([np.cos(dip), 0.0, -np.sin(dip)]),
-    }
-    for sensor, field in fields.items():
-        h = np.einsum("nij,i->nj", rotations, field)
+    for sensor in SENSORS:
+        h = np.einsum("nij,i->nj", rotations, field_of_place(sensor))
         told = {}
         for parameters in (6, 9):
             columns = [h[:, i] * h[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))][: parameters - 3]

@@ -145,8 +145,7 @@ def _consistency(comparison: Comparison, summary: Summary) -> Iterator[str]:
 
 def _cells(summary: Summary) -> Iterator[str]:
     """S1 and delta1 at some sample counts, every k-th sample."""
-    counts = sorted({cell.count for cell in summary.cells})
-    chosen = {counts[round(k * (len(counts) - 1) / (_SHOWN_COUNTS - 1))] for k in range(_SHOWN_COUNTS)}
+    chosen = summary.some_counts(_SHOWN_COUNTS)
     rows = [
         (
             cell.method,
