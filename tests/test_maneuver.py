@@ -310,6 +310,18 @@ def test_bad_fourier_sweeps_are_refused(options: dict[str, Any], message: str) -
         FourierSweep(**options)
 
 
+def test_the_limits_of_a_joint_that_slides_are_metres() -> None:
+    limits = ((-175.0, 175.0), (0.0, 0.3))
+    poses = ((0.0, 0.2), (10.0, 0.25))
+    assert StaticPoses(poses_deg=poses, slides=(2,), limits_deg=limits).angles[1, 1] == 0.25
+    with pytest.raises(RigError, match=r"poses_deg\[1\]: joint2 goes to 0.31"):
+        StaticPoses(poses_deg=(poses[0], (10.0, 0.31)), slides=(2,), limits_deg=limits)
+    sweep = {"cosine_deg": ((1.0,), (0.05,)), "sine_deg": ((1.0,), (0.05,)), "slides": (2,), "limits_deg": limits}
+    assert FourierSweep(centre_deg=(0.0, 0.2), **sweep).way()[:, 1].max() < 0.3
+    with pytest.raises(RigError, match=r"joint2 goes to 0\.179\d* to 0\.32"):
+        FourierSweep(centre_deg=(0.0, 0.25), **sweep)
+
+
 @pytest.mark.parametrize("name", sorted(MANEUVERS))
 def test_every_maneuver_keeps_the_protocol(name: str) -> None:
     maneuver: Maneuver = MANEUVERS[name]()

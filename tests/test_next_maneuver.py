@@ -35,7 +35,7 @@ from scenarios.gap_report.residuals import GapResiduals
 from scenarios.loader import from_toml
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.plan.maneuver_family import Family, family
-from scenarios.plan.next_maneuver import NextManeuver, Search, next_maneuver
+from scenarios.plan.next_maneuver import NextManeuver, Search, _lasting, next_maneuver
 from scenarios.scenario import Scenario
 
 #: 4.5 standard deviations over the 1.96 of the interval.
@@ -176,6 +176,15 @@ def test_a_maneuver_of_the_family_keeps_within_limits_and_clear_of_the_table() -
         assert not nearer.touching(path.q).any()
         assert each.duration_s <= sweep.duration_s + 1e-6
         assert f"{each.duration_s / 60.0:.3g} minutes" in described(each)
+
+
+def test_a_joint_that_slides_stops_where_it_did_in_another_time(tmp_path: Path) -> None:
+    arm = Arm.from_file(written(tmp_path, "scara"))
+    poses = ((10.0, 20.0, 0.05, 30.0), (40.0, -20.0, 0.12, 60.0))
+    played = StaticPoses(poses_deg=poses, limits_deg=None, slides=(3,))
+    longer = _lasting(played, 2.0 * played.duration_s, arm)
+    assert isinstance(longer, StaticPoses)
+    np.testing.assert_allclose(longer.poses_deg or (), 2 * poses, rtol=1e-14)
 
 
 def test_the_command_writes_a_scenario_that_runs(rig: Rig, here: Path) -> None:

@@ -100,11 +100,17 @@ def within(where: str, joint: int, low_deg: float, high_deg: float, limits_deg: 
 def joint_values(values: object, slides: Sequence[int]) -> Array:
     """Joint values (..., N) in deg, or m of the joints that slide (numbers from 1), in rad and m."""
     given = np.array(values, dtype=float)
-    turned = np.asarray(np.radians(given))
-    for joint in slides:
-        if joint <= turned.shape[-1]:
-            turned[..., joint - 1] = given[..., joint - 1]
-    return turned
+    return np.where(_sliding(given, slides), given, np.radians(given))
+
+
+def given_values(q: Array, slides: Sequence[int]) -> Array:
+    """The reverse of ``joint_values``."""
+    return np.where(_sliding(q, slides), q, np.degrees(q))
+
+
+def _sliding(values: Array, slides: Sequence[int]) -> NDArray[np.bool_]:
+    """(N,) which columns of joint values (..., N) are of joints that slide."""
+    return np.isin(np.arange(1, values.shape[-1] + 1), slides)
 
 
 def limits(where: str, values: object, joints: int) -> tuple[tuple[float, float], ...] | None:

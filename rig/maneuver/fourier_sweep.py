@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import RigError
-from rig.maneuver._checks import A465_LIMITS_DEG, joint_values, limits, number, numbers, poses, within
+from rig.maneuver._checks import A465_LIMITS_DEG, given_values, joint_values, limits, number, numbers, poses, within
 from rig.trajectory import JointTrajectory, sample_times
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ class FourierSweep:
             found = f"{len(self.sine_deg[0])} beside {len(self.cosine_deg[0])} of cosine_deg"
             raise RigError(f"maneuver.sine_deg: found rows of {found}, expected as many")
         object.__setattr__(self, "limits_deg", limits("maneuver.limits_deg", self.limits_deg, dof))
-        way = np.degrees(self.way())
+        way = given_values(self.way(), self.slides)
         for joint, (low, high) in enumerate(zip(way.min(axis=0), way.max(axis=0), strict=True), start=1):
             within("maneuver.centre_deg", joint, float(low), float(high), self.limits_deg)
 

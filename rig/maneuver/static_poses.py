@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.maneuver._checks import A465_LIMITS_DEG, joint_values, limits, number, poses, whole, within
+from rig.maneuver._checks import A465_LIMITS_DEG, given_values, joint_values, limits, number, poses, whole, within
 from rig.maneuver.profile import PEAK_ACCELERATION, PEAK_SPEED, quintic
 from rig.trajectory import JointTrajectory, sample_times
 
@@ -55,9 +55,9 @@ class StaticPoses:
         whole("maneuver.seed", self.seed)
         if self.poses_deg is not None:
             object.__setattr__(self, "poses_deg", poses("maneuver.poses_deg", self.poses_deg))
-        angles_deg = np.degrees(self.angles)
-        object.__setattr__(self, "limits_deg", limits("maneuver.limits_deg", self.limits_deg, angles_deg.shape[1]))
-        for index, pose in enumerate(angles_deg.tolist()):
+        values = given_values(self.angles, self.slides)
+        object.__setattr__(self, "limits_deg", limits("maneuver.limits_deg", self.limits_deg, values.shape[1]))
+        for index, pose in enumerate(values.tolist()):
             for joint, angle in enumerate(pose, start=1):
                 within(f"maneuver.poses_deg[{index}]", joint, angle, angle, self.limits_deg)
 

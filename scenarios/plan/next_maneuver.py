@@ -16,6 +16,7 @@ from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import Explanation, Separation, Trial, contest, rivals
 from estimators.known_angle.model import SensorParameters
 from estimators.known_angle.statistics import Statistics
+from rig.arm import Arm
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.effects import Effect
 from rig.maneuver import StaticPoses, TorusSweep
@@ -174,7 +175,7 @@ def next_maneuver(
     played = closest_maneuver(recording.t, recording.q, recording.rate_Hz, arm).maneuver
     assert isinstance(played, TorusSweep | StaticPoses)
     search = Search(residuals, rig, group, Family.of(arm, recording.t, recording.q))
-    same = _lasting(played, played.duration_s if minutes is None else 60.0 * minutes)
+    same = _lasting(played, played.duration_s if minutes is None else 60.0 * minutes, arm)
     search.most_acceleration = max(_QUASI_STATIC, 1.2 * search.acceleration(same))
     found = None if search.remembers else search.best(same)
     if found is None and not search.remembers:  # what slow maneuvers do not separate, faster ones may
@@ -358,7 +359,7 @@ class Search:
         return ratio * float(np.sqrt(count * np.mean(np.sum(felt**2, axis=1))))
 
 
-def _lasting(maneuver: Joint, duration_s: float) -> Joint:
+def _lasting(maneuver: Joint, duration_s: float, arm: Arm) -> Joint:
     """The maneuver in another time, at about the same speeds."""
     factor = duration_s / maneuver.duration_s
     if factor == 1.0:
@@ -368,7 +369,7 @@ def _lasting(maneuver: Joint, duration_s: float) -> Joint:
         corner = min(maneuver.corner_s, 0.5 * duration_s / max(passes))
         return replace(maneuver, duration_s=duration_s, yaw_passes=passes[0], pitch_passes=passes[1], corner_s=corner)
     count = max(2, round(factor * len(maneuver.angles)))
-    poses = np.degrees(maneuver.angles)[np.arange(count) % len(maneuver.angles)]
+    poses = arm.in_degrees(maneuver.angles)[np.arange(count) % len(maneuver.angles)]
     cycle = duration_s / count
     return replace(maneuver, poses_deg=tuple(map(tuple, poses.tolist())), hold_s=0.1 * cycle, move_s=0.9 * cycle)
 
