@@ -12,7 +12,7 @@ from estimators.design.isolability import SEEN, Isolability, Key, isolability
 from rig.arm.clearance import Clearance, finite_limits
 from rig.errors import RigError
 from rig.maneuver import Maneuver, StaticPoses
-from rig.maneuver.fitting import slide_numbers
+from rig.maneuver.fitting import stops_at
 from rig.signals import Signals
 from rig.trajectory import PoseTrajectory
 from scenarios.bound import noise_of
@@ -137,14 +137,7 @@ def moving_all(scenario: Scenario) -> StaticPoses:
         raise RigError(f"arm {arm.name}: hardly any random pose is free of contacts")
     cycle = scenario.maneuver.duration_s / _STOPS
     shown = arm.in_degrees(poses[:_STOPS])
-    return StaticPoses(
-        poses_deg=tuple(tuple(map(float, row)) for row in shown),
-        hold_s=_HELD * cycle,
-        move_s=(1.0 - _HELD) * cycle,
-        rate_Hz=scenario.maneuver.rate_Hz,
-        limits_deg=None,
-        slides=slide_numbers(arm),
-    )
+    return stops_at(arm, shown, _HELD * cycle, (1.0 - _HELD) * cycle, scenario.maneuver.rate_Hz)
 
 
 def shown_by(

@@ -66,6 +66,14 @@ def unlimited(maneuver: type[Any]) -> dict[str, Any]:
     return {"limits_deg": None} if any(item.name == "limits_deg" for item in fields(maneuver)) else {}
 
 
+def stops_at(arm: Arm, values: Array, hold_s: float, move_s: float, rate_Hz: float) -> StaticPoses:
+    """Stops of an arm at poses (k, N) [deg, m]; its limits are the arm's to check."""
+    poses = tuple(tuple(map(float, row)) for row in values)
+    return StaticPoses(
+        poses_deg=poses, hold_s=hold_s, move_s=move_s, rate_Hz=rate_Hz, limits_deg=None, slides=slide_numbers(arm)
+    )
+
+
 def slide_numbers(arm: Arm) -> tuple[int, ...]:
     """The numbers of the joints that slide, from 1."""
     return tuple(number for number, slides in enumerate(arm.slides, start=1) if slides)

@@ -63,7 +63,7 @@ def closest_maneuver(t: Array, q: Array | None, sampling_Hz: float, arm: Arm | N
             "begins with yaw and pitch at their low ends.",
         )
     return ClosestManeuver(
-        _waypoints(duration, q, sampling_Hz, limits, slides),
+        _waypoints(duration, q, sampling_Hz, limits, arm),
         f"The recorded motion is no torus sweep, and no maneuver plays a recording back: the arm stops at up to "
         f"{_WAYPOINTS} poses along the recorded way instead, in the recorded time.",
     )
@@ -149,12 +149,11 @@ def _waypoints(
     q: Array,
     rate_Hz: float,
     limits: tuple[tuple[float, float], ...] | None,
-    slides: tuple[int, ...],
+    arm: Arm,
 ) -> StaticPoses:
     """Stops at poses along a way; turns beyond a limit are taken back by whole turns."""
     rows = np.linspace(0, len(q) - 1, min(_WAYPOINTS, len(q))).round().astype(int)
-    degrees = np.degrees(q[rows])
-    degrees[:, [joint - 1 for joint in slides]] = q[rows][:, [joint - 1 for joint in slides]]
+    degrees = arm.in_degrees(q[rows])
     if limits is not None:
         low, high = np.array(limits).T
         degrees = np.where((degrees < low) | (degrees > high), (degrees + 180.0) % 360.0 - 180.0, degrees)
@@ -166,5 +165,5 @@ def _waypoints(
         move_s=0.9 * cycle,
         rate_Hz=rate_Hz,
         limits_deg=limits,
-        slides=slides,
+        slides=slide_numbers(arm),
     )

@@ -19,7 +19,7 @@ from rig.arm.clearance import Clearance
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.errors import RigError
 from rig.maneuver import FourierSweep, StaticPoses, TorusSweep
-from rig.maneuver.fitting import slide_numbers
+from rig.maneuver.fitting import stops_at
 from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
 from rig.trajectory import check_samples
@@ -238,14 +238,9 @@ def planned(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float,
     poses = search.timed(q, seconds)
     if contact := search.clearance.first_contact(between(q)):
         raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")
-    maneuver = StaticPoses(
-        poses_deg=tuple(tuple(map(float, row)) for row in shown),
-        hold_s=poses.hold_s,
-        move_s=poses.move_s,
-        rate_Hz=_RATE_HZ,
-        limits_deg=StaticPoses.limits_deg if arm.is_a465 else None,
-        slides=slide_numbers(arm),
-    )
+    maneuver = stops_at(arm, shown, poses.hold_s, poses.move_s, _RATE_HZ)
+    if arm.is_a465:
+        maneuver = replace(maneuver, limits_deg=StaticPoses.limits_deg)
     samples = (poses.hold_s - 2.0 * SETTLE_S) * search.rate_Hz
     gram = samples * search.grams(poses.q)
     return Plan(

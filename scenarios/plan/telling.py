@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from estimators.design.isolability import SEEN, Isolability, Key
 from rig.errors import RigError, nearest
-from rig.maneuver import StaticPoses
-from rig.maneuver.fitting import slide_numbers
+from rig.maneuver.fitting import stops_at
 from scenarios.isolability import shown_by
 from scenarios.plan.poses import FAR, PosePlan, PoseSearch
 from scenarios.plan.sweeps import SweepPlan, SweepSearch
@@ -49,14 +48,8 @@ def telling(
     _check(tell)
 
     def value(plan: PosePlan) -> float:
-        maneuver = StaticPoses(
-            poses_deg=tuple(tuple(map(float, row)) for row in search.arm.in_degrees(plan.q)),
-            hold_s=plan.hold_s,
-            move_s=plan.move_s,
-            rate_Hz=search.rate_Hz,
-            limits_deg=None,
-            slides=slide_numbers(search.arm),
-        )
+        shown = search.arm.in_degrees(plan.q)
+        maneuver = stops_at(search.arm, shown, plan.hold_s, plan.move_s, search.rate_Hz)
         return worth(shown_by(base, maneuver, tell or None, _SAMPLES), tell)
 
     starts = []
