@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from cli_support import Rig
 from recording_examples import example
 
 from rig.arm import Arm
 from rig.arm.urdf_file import drawable_urdf
 from rig.errors import RigError
-from scenarios.cli import _app, show
+from scenarios.cli import show
 
 SECRET = "solid secret of this machine\n"
 STL = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n"
@@ -72,32 +73,26 @@ def test_meshes_that_are_not_its_own_are_left_out(folder: Path, name: str, reaso
     assert str(folder.parent / "meshes" / "b.STL").encode() in content
 
 
-def test_a_view_holds_no_foreign_file(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_view_holds_no_foreign_file(folder: Path, here: Path, rig: Rig) -> None:
     urdf = folder / "own.urdf"
     urdf.write_text(arm_with(*FOREIGN, "a.stl"))
     example().write("run.parquet")
-    assert _app.run(["view", "run.parquet", "--arm", str(urdf), "--tip", "l6", "-o", "run.rrd"]) == 0
-    complaint = capsys.readouterr().err
-    assert complaint.startswith(f"rig: {urdf}: {len(FOREIGN)} meshes are left out: '/etc/passwd': ")
+    seen = rig("view", "run.parquet", "--arm", urdf, "--tip", "l6", "-o", "run.rrd")
+    assert seen.status == 0
+    assert seen.err.startswith(f"rig: {urdf}: {len(FOREIGN)} meshes are left out: '/etc/passwd': ")
     view = Path("run.rrd").read_bytes()
     assert SECRET.encode() not in view
     assert b"root:" not in view
 
 
-def test_a_mesh_that_is_missing_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_mesh_that_is_missing_is_named(here: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     Path("own.urdf").write_text(arm_with("none.stl"))
     example().write("run.parquet")
     monkeypatch.setattr(show, "_draw_diagnosis", lambda run, diagnosis, arm, target: None)
     for more in ((), ("--diagnosis", "found.json")):
-        assert _app.run(["view", "run.parquet", "--arm", "own.urdf", "-o", "run.rrd", *more]) == 0
-        complaint = capsys.readouterr().err.splitlines()
-        assert complaint.count("rig: own.urdf: a mesh is left out: 'none.stl': no such file") == 1
+        seen = rig("view", "run.parquet", "--arm", "own.urdf", "-o", "run.rrd", *more)
+        assert seen.status == 0
+        assert seen.err.splitlines().count("rig: own.urdf: a mesh is left out: 'none.stl': no such file") == 1
 
 
 BAD = {
