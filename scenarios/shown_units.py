@@ -37,3 +37,22 @@ def field_unit(sensor: str, magnetic_field_unit: str | None) -> str:
 def per_field(reading: str, field: str) -> str:
     """The unit of a sensitivity, of a reading's unit and a field's."""
     return f"{reading}/({field})" if "/" in field else f"{reading}/{field}"
+
+
+def parameter_unit(name: str, units: Mapping[str, str], magnetic_field_unit: str | None) -> str:
+    """The unit of a calibration's parameter, such as "mag1.offset".
+
+    Args:
+        units: sensor -> recorded unit. magnetic_field_unit: as the recording states it.
+    """
+    place, _, kind = name.partition(".")
+    if kind not in ("sensitivity", "offset"):
+        return "deg"
+    sensor = next((sensor for sensor in units if place in CHANNELS_OF[sensor]), None)
+    if sensor is None:
+        return ""
+    reading = _WRITTEN.get(units[sensor], units[sensor])
+    if kind == "offset":
+        return reading
+    field = field_unit(sensor, magnetic_field_unit)
+    return per_field(reading, _WRITTEN.get(field, field))

@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from html import unescape
-from io import StringIO
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from diagnosed_recordings import backlash, by_hand, cause, recorded
-from rich.console import Console
+from shown_diagnoses import SHOWN, UNITS, read, spoken
 
 from estimators.gap import Diagnosis, Estimate
 from estimators.gap.choices import choice_words
@@ -129,41 +127,6 @@ def test_axes_of_maps_part_the_directions_of_travel(residuals: GapResiduals) -> 
         assert axis.place.max() <= 1.0
 
 
-OFFSET = cause("joint_offset", "joint5", probability=0.6, offset_rad=(0.01, 1e-4, "rad"))
-TWIN = {"effect": "joint_offset", "where": "joint2", "probability": 0.3}
-TWINS = replace(OFFSET, probability=0.98, equivalent=(TWIN,))
-IRON = cause(
-    "link_soft_iron",
-    "link4",
-    probability=0.7,
-    chi=(
-        (0.01, None, 0.02, None, None, 0.03),
-        (1e-3, None, 1e-3, None, None, 1e-3),
-        "relative",
-        "not in this maneuver",
-    ),
-)
-LISTED = cause("backlash", "joint1", probability=0.3, width_rad=(None, None, "rad", "this recording does not feel it"))
-SHOWN = {
-    "named": by_hand(),
-    "named with a twin": by_hand(causes=(TWINS,)),
-    "ambiguous": by_hand("ambiguous", (OFFSET,), rivals=((("joint_offset", "joint2"),),)),
-    "partly": by_hand("partly"),
-    "partly, many fit": by_hand(
-        "partly", other=False, rivals=tuple((("backlash", "joint5"), ("latency", where)) for where in ("mag1",) * 6)
-    ),
-    "unknown": by_hand("unknown"),
-    "unknown, no cause": by_hand("unknown", ()),
-    "unknown, many fit": by_hand(
-        "unknown", (IRON,), other=False, rivals=tuple((("joint_scale", f"joint{n}"),) for n in range(1, 7))
-    ),
-    "no-gap": by_hand("no-gap", ()),
-}
-SHOWN["unknown, many fit"] = replace(
-    SHOWN["unknown, many fit"], causes=(IRON, LISTED), floor="estimated from the recording itself"
-)
-
-
 @pytest.mark.parametrize("case", SHOWN)
 def test_the_page_is_whole_and_needs_nothing_else(case: str, small: tuple[Recording, Recording]) -> None:
     diagnosis = SHOWN[case]
@@ -183,23 +146,6 @@ def test_the_page_is_whole_and_needs_nothing_else(case: str, small: tuple[Record
     assert "nan" not in re.sub(r'"data:[^"]*"', "", text)
     for tag in ("main", "section", "figure", "table", "dl", "div", "h1", "h2", "h3", "p", "ul"):
         assert len(re.findall(rf"<{tag}[ >]", text)) == text.count(f"</{tag}>"), tag
-
-
-def spoken(*items: object) -> str:
-    """What the terminal would say if it were so wide that nothing wraps."""
-    console = Console(file=StringIO(), width=1000)
-    for item in items:
-        console.print(item)
-    return " ".join(console.file.getvalue().split())  # type: ignore[attr-defined]
-
-
-def read(text: str) -> str:
-    """What a reader of the page sees."""
-    body = re.sub(r"<style>.*?</style>|<image[^>]*>", "", text, flags=re.DOTALL)
-    return " ".join(unescape(re.sub(r"<[^>]*>", " ", body)).split())
-
-
-UNITS = {"accelerometer": "V", "magnetometer": "V"}
 
 
 @pytest.mark.parametrize("case", SHOWN)
@@ -225,10 +171,10 @@ def test_page_terminal_and_json_say_the_same(case: str, residuals: GapResiduals)
             assert words.lower() in text.lower(), (where, words)
         assert VERDICTS[document["verdict"]].lower() in text.lower()
         if document["remainder"]["verdict"] == "structured":
-            assert "nothing left above" not in text
+            assert "nothing is left above" not in text
             assert "nothing seen above" not in text
         if document["closed"]["value"] is None:
-            assert "of the gap, judged on" not in text
+            assert "squared gap, judged on" not in text
         if document["verdict"] not in ("named", "ambiguous"):
             assert "--save-scenario" not in text
         for other, words in VERDICTS.items():
@@ -294,7 +240,7 @@ def test_one_sensor_and_tool_poses_have_a_page_too(small: tuple[Recording, Recor
     slip = cause("bias_step", "accel1", volts=(0.01, 1e-3, "V"), at_s=(31.0, None, "s"))
     full = by_hand(causes=(slip,))
     half = replace(full, channels={name: full.channels[name] for name in ("accel1", "accel2", "accel3")})
-    assert "attitude" in page(full, gap_residuals(tool, full, locked))
+    assert "azimuth of the vertical in the tool" in page(full, gap_residuals(tool, full, locked))
     text = page(half, gap_residuals(alone, half, locked))
     assert "accel3" in text
     assert ">mag1<" not in text
@@ -313,7 +259,8 @@ def test_one_sensor_and_tool_poses_have_a_page_too(small: tuple[Recording, Recor
             "(1.00 ± 0.10, −2.00 ± 0.10) mV",
         ),
         (Estimate((3.0, 4.0) * 5, (0.1,) * 10, "1/m"), "10 numbers, RMS 3.54 1/m", ""),
-        (Estimate(2.0, 0.0, "Hz"), "2 Hz", ""),
+        (Estimate(2.0, 0.0, "Hz"), "2 Hz as sampled", ""),
+        (Estimate(0.01, 0.001, "m^3"), "0.0100 ± 0.0010 m³", ""),
         (Estimate(None, None, "rad", "why"), "not felt", ""),
         (Estimate((None, None), (None, None), "V", "why"), "not felt", ""),
         (
@@ -372,7 +319,7 @@ def test_what_all_explanations_have_is_said_once_and_may_be_repaired() -> None:
     assert headline(diagnosis) == "Scale cubic of mag3 with bias step of mag1 or with bias warmup of accelerometer"
     listed = "scale_cubic of mag3 with bias_step of mag1 (.60) or with bias_warmup of accelerometer (.38)"
     assert listed in diagnosis.sentence()
-    assert next_steps(diagnosis)[0].startswith("Repair no more than what all explanations have, scale cubic of mag3:")
+    assert next_steps(diagnosis)[0].startswith("Repair only what all explanations have (scale cubic of mag3):")
     assert next_steps(SHOWN["ambiguous"])[0].startswith("Do not repair anything yet")
     assert apart_words((sure, one), (sure, other)) == ("bias step of mag1", "bias warmup of accelerometer")
     assert apart_words((sure, one), (sure,)) == ("scale cubic of mag3 and bias step of mag1", "scale cubic of mag3")

@@ -118,7 +118,9 @@ def test_sets_are_told_apart_and_a_smaller_one_only_as_the_wrong_one() -> None:
     assert found is not None
     (pair,) = found.separations
     assert [len(pair.truth), len(pair.rival)] == [2, 1]
-    assert "“backlash of joint 5 and joint scale of joint 1” from “backlash of joint 5”" in found.why
+    assert found.why.startswith(
+        "If “backlash of joint 5 and joint scale of joint 1” is true, “backlash of joint 5” fits"
+    )
 
 
 def test_a_board_that_warms_as_its_bias_does_is_recorded_in_another_room() -> None:

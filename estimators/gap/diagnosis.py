@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from estimators.gap.choices import cause_name, choice_words
+from estimators.gap.remainder_words import likeliest_words
 from rig.documents import plain
 from rig.errors import in_short
 from rig.files import write_text
@@ -289,7 +290,7 @@ class Diagnosis:
         left = self._left()
         if self.verdict == "partly":
             named = " and ".join(describe(cause) for cause in self.established)
-            return f"partly: {named} established; {left}"
+            return f"partly: {named} {'is' if len(self.established) == 1 else 'are'} established; {left}"
         return f"unknown: {left}"
 
     def _alternatives(self) -> str:
@@ -298,10 +299,10 @@ class Diagnosis:
 
     def _left(self) -> str:
         other = self.posterior["other"]
-        follows = " or ".join(_followed(each) for each in self.remainder.follows[:2])
+        follows = likeliest_words(self.remainder.follows)
         if other >= 0.5:
             text = f"something outside the catalogue is there (probability {chance(other)})"
-            return text + (f": {follows}" if follows else "") + self._one_of()
+            return text + (f": it acts like {follows}" if follows else "") + self._one_of()
         return f"no explanation stands out: {self._alternatives() or 'none fits'}"
 
     def _one_of(self) -> str:
@@ -312,19 +313,20 @@ class Diagnosis:
         parts = []
         if self.closed.value is not None:
             share = percent(self.closed.value, self.closed.low, self.closed.high)
-            parts.append(f"closes {share} of the gap")
+            parts.append(f"closes {share} of the squared gap")
             if self.closed_elsewhere is not None:
                 parts[-1] += f" and {percent(self.closed_elsewhere)} on the other maneuver"
-        worst = sorted(
-            self.channels, key=lambda name: -self.channels[name].gap_before / self.channels[name].noise_floor
-        )
-        parts.append(f"{' and '.join(worst[:2])} carry most of it")
+        ratios = {name: channel.gap_before / channel.noise_floor for name, channel in self.channels.items()}
+        worst = sorted(ratios, key=lambda name: -ratios[name])
+        most = [name for name in worst[:2] if ratios[name] > 0.5 * ratios[worst[0]]]  # the second, where it is near
+        if most:
+            parts.append(f"relative to the noise floor, the gap is largest in {' and '.join(most)}")
         if self.calibration_shift:
             name, shift = max(self.calibration_shift.items(), key=lambda item: abs(item[1]["sigmas"]))
             if abs(shift["sigmas"]) >= 1.0:
-                parts.append(f"it had shifted {name} by {abs(shift['sigmas']):.0f} sigma")
+                parts.append(f"not modelled, it shifts {name} by {abs(shift['sigmas']):.1f} standard deviations")
         if self.remainder.verdict == "noise":
-            parts.append("nothing left above the floor")
+            parts.append("nothing is left above the noise floor")
         return ": " + "; ".join(parts)
 
 
@@ -357,10 +359,6 @@ def chance(probability: float) -> str:
     return f"{probability:.{digits}f}".removeprefix("0")
 
 
-def _followed(each: Mapping[str, Any]) -> str:
-    return f"{each['source']}, along {each['course']}, {percent(each['share'])} of the gap"
-
-
 def describe(cause: Cause) -> str:
     """One cause in words, with what the data cannot split from it."""
     sizes = [text for name, estimate in cause.parameters.items() if (text := _size(name, estimate))]
@@ -376,7 +374,8 @@ def percent(share: float | None, low: float | None = None, high: float | None = 
     value, *ends = (_hundredths(each) for each in (share, low, high))
     if value == "–":
         return value
-    return f"{value} %" if "–" in ends or ends == [value, value] else f"{value} % ({ends[0]}-{ends[1]})"
+    between = " to " if low is not None and low < 0.0 else "-"  # a dash beside a minus sign cannot be read
+    return f"{value} %" if "–" in ends or ends == [value, value] else f"{value} % ({ends[0]}{between}{ends[1]})"
 
 
 def _hundredths(share: float | None) -> str:
@@ -396,4 +395,5 @@ def _size(name: str, estimate: Estimate) -> str:
         return ""
     if estimate.unit == "rad":
         return f"{math.degrees(estimate.value):.3g} +- {math.degrees(estimate.std):.1g} deg"
-    return f"{name} {estimate.value:.3g} +- {estimate.std:.1g} {estimate.unit}".rstrip()
+    unit = {"relative": "", "Hz": "Hz as sampled"}.get(estimate.unit, estimate.unit)
+    return f"{name} {estimate.value:.3g} +- {estimate.std:.1g} {unit}".rstrip()

@@ -283,7 +283,8 @@ def _tell(outcome: Outcome, out: Path, saved: Path | None) -> None:
     show(diagnosis_tables(outcome.diagnosis, outcome.units))
     click.echo(f"\n{page}, {document}: written")
     if outcome.diagnosis.calibration is not None:
-        click.echo(f"{calibration}: written, the calibration with the causes in place, for rig apply")
+        what = "the calibration with the causes in place" if outcome.diagnosis.leading else "the calibration"
+        click.echo(f"{calibration}: written, {what}, for rig apply")
     if outcome.next is not None:
         click.echo(f"{proposal}: written; rig sweep {proposal} -o RUN.parquet simulates it")
     if saved is not None and outcome.scenario is not None:

@@ -5,18 +5,19 @@ from __future__ import annotations
 from typing import Final
 
 from estimators.gap.choices import and_words, parted
-from estimators.gap.diagnosis import Diagnosis
-from estimators.gap.report.by_channel import MAY_BE_FLOOR
+from estimators.gap.diagnosis import Diagnosis, chance
+from estimators.gap.remainder_words import error_words, is_noise, source_words
+from estimators.gap.report.by_channel import ABSORBED
 from estimators.gap.report.separation import rivals
-from scenarios.gap_report.words import alike_words, cause_title, place_words
+from scenarios.gap_report.words import cause_title, explanation_words, place_words
 
-#: What is left over follows an error source; how its name begins -> where on the rig to look.
+#: What is left over acts like an error; how its name begins -> what to look at on the rig.
 _LOOK: Final = {
-    "the angle of ": "look at {source}: its encoder, gears, bearing and cable, and whether the arm bends there",
-    "the clock": "look at the clock: when the poses and the readings are stamped, and whether samples are lost",
-    "a turn of the tool": "look at the mount of the sensors and the last link: screws, adhesive, bending",
-    "a turn of link": "look at that link: whether it bends, and at the bearings at its ends",
-    "a turn of the base": "look at the table under the arm: is it level, and does it give way or move",
+    "the angle of ": "look at {source} (its encoder, gears, bearing and cable, and whether the arm bends there)",
+    "the clock": "see when the poses and the readings are time-stamped, and whether samples are lost",
+    "a turn of the tool": "look at the mount of the sensors and the last link (screws, adhesive, bending)",
+    "a turn of link": "see whether that link bends, and look at the bearings at its ends",
+    "a turn of the base": "see whether the table under the arm is level, gives way or moves",
     "the acceleration": "look for what shakes or accelerates the sensor: motors, fans, fast moves",
     "the magnetic field": "look for iron, magnets and currents near the arm, and in it",
     "a turn of the ": "look at how that sensor's board is fixed",
@@ -24,9 +25,10 @@ _LOOK: Final = {
     "the offset": "look at that sensor's supply, temperature and wiring",
     "the gain of all": "look at the converter's reference and the supply",
     "the gain": "look at that channel's amplifier, reference voltage and range",
-    "noise of ": "look at that channel's wiring, shielding and supply while the arm moves",
     "single readings": "look at the cable, the connector and the converter's range",
 }
+#: From this probability on "no gap" goes without saying what else may be there.
+_SURE: Final = 0.9
 
 
 def next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -47,21 +49,40 @@ def next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 
 def _no_gap(diagnosis: Diagnosis) -> list[str]:
-    steps = ["Use the model with this calibration: nothing has to be added to the simulator."]
-    if diagnosis.remainder.could_hide_snr is not None:
-        steps.append("Where smaller gaps matter than this recording can show, record for longer.")
-    if any(each["why"] != MAY_BE_FLOOR for each in diagnosis.cannot_tell):
+    rig = diagnosis.rig
+    if rig is None:
+        steps = ["Use the model with this calibration: nothing has to be added to the simulator."]
+    elif rig["better"]:
+        steps = [f"Use the fitted rig, {rig['name']}, in the simulator: nothing has to be added to it."]
+    else:
+        steps = [
+            f"Judge {rig['name']} by another recording: this one does not show it to be better than the ideal rig."
+        ]
+    likely = [one for one in diagnosis.hypotheses if one.causes or one.other]
+    if diagnosis.posterior["nothing"] < _SURE and likely:
         steps.append(
-            "Where one of the effects that this recording cannot show is likely on the rig, record a maneuver that "
-            "moves other joints."
+            f"Record for longer to be sure: {explanation_words(likely[0])} may be there (probability "
+            f"{chance(likely[0].probability)}), too weak for this recording to show."
+        )
+    elif diagnosis.remainder.could_hide_snr is not None:
+        steps.append("If gaps matter that are too small for this recording to show, record for longer.")
+    reasons = {each["why"] for each in diagnosis.cannot_tell}
+    if ABSORBED in reasons:
+        steps.append(
+            "If an effect that the calibration absorbs is likely on the rig (see what this recording cannot tell), "
+            "record a maneuver that moves other joints."
         )
     return steps
 
 
 def _named(diagnosis: Diagnosis) -> list[str]:
+    rig = diagnosis.rig
     simulate = (
         "Put what is named into the simulator: rig diagnose RUN --save-scenario improved.toml, then rig sweep "
         "improved.toml -o AGAIN.parquet."
+        if rig is None
+        else f"What is named comes on top of what {rig['name']} has: fit the rig anew, with rig diagnose RUN "
+        "--save-scenario improved.toml, and judge that by another recording."
     )
     repair = "repair it on the rig, record again and diagnose that: the verdict should be no gap."
     if rivals(diagnosis):
@@ -70,8 +91,8 @@ def _named(diagnosis: Diagnosis) -> list[str]:
             _alike(diagnosis) + _maneuver(diagnosis),
             f"Then {repair}",
         ]
-    steps = [simulate, f"Or {repair}"]
-    if diagnosis.closed_elsewhere is None:
+    steps = [simulate] if rig is not None else [simulate, f"Or {repair}"]
+    if diagnosis.closed_elsewhere is None and rig is None:
         steps.append("To be surer, record another maneuver of the same rig and give it with --maneuver2.")
     return steps
 
@@ -79,7 +100,10 @@ def _named(diagnosis: Diagnosis) -> list[str]:
 def _alike(diagnosis: Diagnosis) -> str:
     """What the leading causes cannot be told from on this maneuver."""
     groups = "; ".join(
-        f"{cause_title(cause.effect, cause.where)} and {alike_words(cause)}"
+        and_words(
+            [cause_title(cause.effect, cause.where)]
+            + [cause_title(each["effect"], each["where"]) for each in cause.equivalent]
+        )
         for cause in diagnosis.leading
         if cause.equivalent
     )
@@ -91,8 +115,8 @@ def _ambiguous(diagnosis: Diagnosis) -> list[str]:
     established = [(cause.effect, cause.where) for cause in diagnosis.established]
     sure = [cause_title(*cause) for cause in shared if cause in established]
     first = (
-        f"Repair no more than what all explanations have, {and_words(sure)}: which of the rest is there, the recording "
-        "does not tell. "
+        f"Repair only what all explanations have ({and_words(sure)}): the recording does not tell which of the rest is "
+        "there. "
         if sure
         else "Do not repair anything yet: several explanations fit, and the recording does not decide between them. "
     )
@@ -104,8 +128,13 @@ def _ambiguous(diagnosis: Diagnosis) -> list[str]:
 
 
 def _maneuver(diagnosis: Diagnosis) -> str:
-    if diagnosis.next and diagnosis.next.get("maneuver"):
-        return "Record the maneuver below, which tells them apart, and diagnose both: rig diagnose RUN NEXT --together."
+    step = diagnosis.next or {}
+    if step.get("maneuver"):
+        apart = "some of them" if step.get("cannot_separate") else "them"
+        together = "rig diagnose RUN NEXT --together"
+        return f"Record the maneuver below, which tells {apart} apart, and diagnose both: {together}."
+    if step.get("why"):  # in words only
+        return str(step["why"])
     return "Record another maneuver: other joints, other speeds, or longer."
 
 
@@ -118,7 +147,8 @@ def _partly(diagnosis: Diagnosis) -> list[str]:
     ]
     if diagnosis.posterior["other"] < 0.5:
         steps.append("For the rest, record longer, or a maneuver that moves other joints: more than one thing fits it.")
-    steps.append("Do not trust causes with a probability below .95: they may stand in for something else.")
+    if len(diagnosis.established) < len(diagnosis.causes):
+        steps.append("Do not trust the causes with a probability below .95: they may stand in for something else.")
     return steps
 
 
@@ -143,17 +173,21 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
 
 
 def _looks(diagnosis: Diagnosis) -> list[str]:
-    """Where on the rig to look, for what is left over."""
+    """Where on the rig to look, for what is left over: for errors, one of which is meant, and for noise."""
     found: list[str] = []
+    noisy = [each for each in diagnosis.remainder.follows if is_noise(each)]
     for each in diagnosis.remainder.follows:
         source = str(each["source"])
         words = next((words for start, words in _LOOK.items() if source.startswith(start)), None)
         if words is not None:
-            place = place_words(source.removeprefix("the angle of "))
-            what = f"an error of {source}" if source.startswith("the ") else source
-            begin = "Or it acts" if found else "What is left acts"
+            look = words.format(source=place_words(source.removeprefix("the angle of ")))
+            like = f"acts like {place_words(error_words(each))}"
             found.append(
-                f"{begin} like {place_words(what)}, along {place_words(str(each['course']))}: "
-                f"{words.format(source=place)}."
+                f"{look[0].upper()}{look[1:]}: what is left {like}." if not found else f"Or {look}: it also {like}."
             )
-    return list(dict.fromkeys(found))[:3]
+    found = list(dict.fromkeys(found))[:3]
+    if noisy:
+        bands = and_words([f"{source_words(str(each['source']))} ({each['course']})" for each in noisy])
+        these = "that channel's" if len(noisy) == 1 else "these channels'"
+        found.append(f"Look at {these} wiring, shielding and supply while the arm moves: what is left has {bands}.")
+    return found

@@ -106,7 +106,7 @@ def over_time(residuals: GapResiduals) -> str:
     drawing = Drawing(_WIDTH, row * len(columns) + 28, "residuals in time, as means of blocks, before and after")
     t = residuals.recording.t
     shown = shown_units(residuals.recording.units)
-    blocks = np.array_split(np.arange(len(t)), min(_BLOCKS, len(t) // 8))
+    blocks = np.array_split(np.arange(len(t)), _block_count(residuals))
     middle = np.array([t[block].mean() for block in blocks])
     x = Scale(float(t[0]), float(t[-1]), 92, _WIDTH - 46)
     for number, column in enumerate(columns):
@@ -130,6 +130,15 @@ def over_time(residuals: GapResiduals) -> str:
     drawing.x_axis(x, row * len(columns))
     drawing.text(_WIDTH - 40, row * len(columns) + 15, "s", "tick")
     return str(drawing)
+
+
+def _block_count(residuals: GapResiduals) -> int:
+    return min(_BLOCKS, len(residuals.recording.t) // 8)
+
+
+def block_s(residuals: GapResiduals) -> float:
+    """The length of the blocks that ``over_time`` draws the means of [s]."""
+    return len(residuals.recording.t) / _block_count(residuals) * residuals.data.interval_s
 
 
 def _block_means(values: Array, blocks: Sequence[NDArray[np.intp]]) -> Array:

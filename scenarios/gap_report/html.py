@@ -39,10 +39,11 @@ def badge(verdict: str) -> str:
     return f'<span class="badge {verdict}">{VERDICTS[verdict]}</span>'
 
 
-def figure(drawing: str, caption: str = "") -> str:
-    """A drawing with what it shows."""
+def figure(drawing: str, caption: str = "", wide: bool = False) -> str:
+    """A drawing with what it shows; on a narrow screen one that is ``wide`` says that it goes on to the right."""
     words = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    return f"<figure>{drawing}{words}</figure>"
+    kind = ' class="wide"' if wide else ""
+    return f"<figure{kind}>{drawing}{words}</figure>"
 
 
 def key(items: Iterable[tuple[str, str]]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimators.gap.choices import and_words
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import rivals
 from rig.effects import EFFECTS, Kind
@@ -18,8 +19,8 @@ def described(maneuver: TorusSweep | StaticPoses, warmer_degC: float = 0.0) -> s
         minutes += f", the room {warmer_degC:g} degC warmer or colder"
     if isinstance(maneuver, StaticPoses):
         return (
-            f"{len(maneuver.angles)} stops of {maneuver.hold_s:.3g} s, {maneuver.move_s:.3g} s apart, at poses of all "
-            f"joints; {minutes}"
+            f"{len(maneuver.angles)} poses of all joints, each held for {maneuver.hold_s:.3g} s, with "
+            f"{maneuver.move_s:.3g} s to move to the next; {minutes}"
         )
     yaw, pitch, roll = maneuver.joints
     turning = (
@@ -37,9 +38,9 @@ def described(maneuver: TorusSweep | StaticPoses, warmer_degC: float = 0.0) -> s
 
 
 def interval_words(size: float, low: float, high: float | None) -> str:
-    """A promised chi-square: "930 (749-1111)", or "at least 2471" where parts of the cause are not known."""
+    """A promised chi-square: "930 (749-1111)", or "930 (at least 749)" where parts of the cause are not known."""
     if high is None or not np.isfinite(high):
-        return f"at least {max(low, 0.0):.0f}"
+        return f"{size:.0f} (at least {max(low, 0.0):.0f})"
     return f"{size:.0f} ({max(low, 0.0):.0f}-{high:.0f})"
 
 
@@ -52,8 +53,8 @@ def speed_advice(diagnosis: Diagnosis) -> str:
     if not contested:
         return ""
     return (
-        f"{', '.join(dict.fromkeys(each.replace('_', ' ') for each in contested))}: only fast motion that is sampled "
-        "closely tells a delay from a filter: sweep as fast as the arm may, at the board's full rate."
+        "Sweep as fast as the arm may, at the board's full rate: only fast motion that is sampled closely shows what "
+        f"{and_words(list(dict.fromkeys(each.replace('_', ' ') for each in contested)))} do to the readings."
     )
 
 
@@ -62,10 +63,10 @@ def noise_advice(diagnosis: Diagnosis) -> str:
     contested = [each for each in _contested(diagnosis) if EFFECTS[each[0]].kind is Kind.NOISE]
     if not contested:
         return ""
-    titles = ", ".join(cause_title(*each) for each in contested)
+    titles = and_words([cause_title(*each) for each in contested])
     return (
-        f"{titles}: only its spectrum tells such noise from another kind, and no maneuver changes that: record "
-        "longer, or at rest at a higher rate."
+        f"Record longer, or at rest at a higher rate: only the spectrum of noise tells what it is ({titles}), and no "
+        "maneuver changes that."
     )
 
 

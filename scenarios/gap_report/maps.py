@@ -143,8 +143,8 @@ def _attitude_pairs(residuals: GapResiduals) -> list[tuple[Axis, Axis]]:
     ticks = tuple((share, tick_label(360.0 * share - 180.0)) for share in (0.0, 0.25, 0.5, 0.75, 1.0))
     heights = tuple((0.5 + 0.5 * value, tick_label(value)) for value in (-1.0, 0.0, 1.0))
     attitude = (
-        Axis("azimuth of z in frame 6", "deg", azimuth, ticks),
-        Axis("its height", "1", 0.5 + 0.5 * vertical[:, 2], heights),
+        Axis("azimuth of the vertical in the tool", "deg", azimuth, ticks),
+        Axis("its z component", "1", 0.5 + 0.5 * vertical[:, 2], heights),
     )
     position = residuals.data.base.position
     if not position.size or np.ptp(position, axis=0).max() < 1e-3:

@@ -32,7 +32,7 @@ def page(diagnosis: Diagnosis, residuals: GapResiduals | Sequence[GapResiduals],
         *(sections.where(diagnosis, each) for each in every),
         sections.which(diagnosis),
         sections.how_far(diagnosis, every),
-        sections.calibration(diagnosis),
+        sections.calibration(diagnosis, every[0].recording),
         sections.remainder(diagnosis),
         sections.untold(diagnosis),
         _foot(diagnosis),
@@ -53,11 +53,17 @@ def _head(diagnosis: Diagnosis, residuals: Sequence[GapResiduals], without: Sequ
         facts.append(f"without {', '.join(without)} in the catalogue")
     notes = "".join(f'<p class="warning">{escape(warning)}</p>' for warning in diagnosis.warnings)
     return (
-        f'<p class="kicker">Sim-to-real gap of {escape(diagnosis.recording)}</p>\n'
+        f'<p class="kicker">Sim-to-real gap of {escape(_what(diagnosis))}</p>\n'
         f'<h1>{escape(headline(diagnosis))}</h1>\n<p class="lead">{escape(consequences(diagnosis))}</p>\n'
         f'<p class="soft">{html.badge(diagnosis.verdict)}'
         f"{escape(' · '.join(facts))}</p>\n{notes}{_tiles(diagnosis)}"
     )
+
+
+def _what(diagnosis: Diagnosis) -> str:
+    several = "s" * (len(diagnosis.recordings) > 1)
+    beside = "" if diagnosis.rig is None else f" beside the fitted rig {diagnosis.rig['name']}"
+    return f"recording{several} {diagnosis.recording}{beside}"
 
 
 def _tiles(diagnosis: Diagnosis) -> str:
@@ -72,8 +78,8 @@ def _tiles(diagnosis: Diagnosis) -> str:
     tiles.append(_probability(diagnosis))
     if diagnosis.closed.value is not None:
         share, _, interval = closed_words(diagnosis).partition(" (")
-        note = f"95 %: {interval.removesuffix(')')}" if interval else "by the likeliest explanation"
-        tiles.append(("Gap closed", share, note))
+        note = f"95 % interval: {interval.removesuffix(')')}" if interval else "by the likeliest explanation"
+        tiles.append(("Squared gap closed", share, note))
     left = "nothing seen above the floor" if diagnosis.remainder.verdict == "noise" else "more than noise"
     tiles.append(("Left over", diagnosis.remainder.verdict, left))
     return html.tiles(tiles)
@@ -104,8 +110,13 @@ def _foot(diagnosis: Diagnosis) -> str:
         "misses beyond the floor, RMS. <b>Before</b>: that rig. <b>After</b>: the same rig with the causes in the "
         "simulator and the calibration refitted. <b>Closed</b>: 1 − (gap after / gap before)². <b>Probability</b>: "
         "after this recording, from 0 to 1, of all explanations that were weighed.",
-        f"torusrig {escape(package_version())}, {diagnosis.seconds:.1f} s. All numbers: "
-        f"<code>{escape(diagnosis.name)}.diagnosis.json</code>. To simulate a rig with these causes: "
-        f"<code>rig sweep SCENARIO --with {escape(diagnosis.name)}.diagnosis.json -o RUN.parquet</code>",
+        f"Diagnosed by torusrig {escape(package_version())} in {diagnosis.seconds:.1f} s. All numbers: "
+        f"<code>{escape(diagnosis.name)}.diagnosis.json</code>."
+        + (
+            " To simulate a rig with the causes of the likeliest explanation: <code>rig sweep SCENARIO --with "
+            f"{escape(diagnosis.name)}.diagnosis.json -o RUN.parquet</code>"
+            if diagnosis.leading
+            else ""
+        ),
     )
     return "<footer>" + "".join(f"<p>{line}</p>" for line in lines) + "</footer>"

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
+from typing import Any
 
 from estimators.gap.diagnosis import Cause, Diagnosis, chance, percent
+from estimators.gap.remainder_words import is_noise, share_left, source_words, variable_words
+from rig.recording import Recording
 from scenarios.gap_report import charts, curves, html, maps
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.maneuver_words import interval_words
@@ -31,7 +34,7 @@ from scenarios.gap_report.words import (
     share_words,
     status_words,
 )
-from scenarios.shown_units import shown_units
+from scenarios.shown_units import parameter_unit, shown_units
 
 _EXPLANATIONS = 10
 _SHIFTS = 12
@@ -72,8 +75,8 @@ def fitted_rig(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     words = " ".join(escape(line) for line in rig_words(diagnosis))
     return (
         f"<h2>Against the fitted rig</h2>\n<p>{words}</p>\n{html.table(titles, rows, numbers=range(1, 6))}\n"
-        '<p class="soft">Calibrations are refitted for either rig. All that follows is of what the fitted rig leaves.'
-        "</p>"
+        '<p class="soft">Calibrations are refitted for either rig. The verdict and all that follows are of what the '
+        "fitted rig leaves.</p>"
     )
 
 
@@ -83,14 +86,14 @@ def recordings(diagnosis: Diagnosis) -> str:
         return ""
     told = [cause for cause in diagnosis.causes if cause.evidence]
     rows = [
-        (escape(name), *(f"{cause.evidence.get(name, 0.0):.4g}" for cause in told)) for name in diagnosis.recordings
+        (escape(name), *(f"{cause.evidence.get(name, 0.0):,.1f}" for cause in told)) for name in diagnosis.recordings
     ]
     titles = ("recording", *(cause_title(cause.effect, cause.where) for cause in told))
     return "\n".join(
         [
             "<h2>Which recording says so</h2>",
             '<p class="soft">One calibration and the same causes for all of them. By how much the log likelihood of '
-            "each falls where a cause is taken out again: 5 is hundred to one.</p>",
+            "each falls where a cause is taken out again: 5 is about 150 to one.</p>",
             html.table(titles, rows, numbers=range(1, len(titles))) if told else "<p>No cause is told of.</p>",
         ]
     )
@@ -102,37 +105,51 @@ def where(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     if several:
         diagnosis = replace(diagnosis, channels=diagnosis.by_recording[residuals.recording.name])
     explained = residuals.after is not None
-    both = [("before", "before")] + ([("after", "after")] if explained else [])
+    both = [("before", "before"), ("after", "after")] if explained else [("residual", "before")]
+    shown = [(f"gap {words}" if explained else "gap", css) for words, css in both]
+    if diagnosis.verdict == "no-gap":
+        shown = [("residual", "before")]
     named = explained and any(effect.kind.value == "noise" for effect in residuals.causes)
     parts = [
         f"<h2>Where it lies in {escape(residuals.recording.name)}</h2>" if several else "<h2>Where it lies</h2>",
         "<h3>By channel</h3>",
-        html.key([*((f"gap {words}", css) for words, css in both), ("noise floor", "tick")]),
-        html.figure(charts.channel_bars(diagnosis, shown_units(residuals.recording.units))),
+        html.key([*shown, ("noise floor", "tick")]),
+        html.figure(charts.channel_bars(diagnosis, shown_units(residuals.recording.units)), "", wide=True),
     ]
     follows = list(diagnosis.follows)
     if follows and residuals.recording.name == diagnosis.recordings[0]:
         parts += [
             "<h3>By what it follows</h3>",
             '<div class="pair">',
-            html.figure(charts.follow_bars(follows)),
-            '<p class="soft">The share of the gap that one error of the rig explains where it is a smooth function of '
-            "that quantity: the best of all errors that a rig can have. The shares overlap: what repeats with a "
-            "joint's angle also repeats with the orientation.</p></div>",
+            html.figure(charts.follow_bars(follows), ""),
+            '<p class="soft">The share of the squared gap that one error of the rig explains if it changes smoothly '
+            "with that variable: the error, of all that a rig can have, that explains most. The shares overlap: what "
+            "repeats with a joint's angle also repeats with the orientation of the tool.</p></div>",
         ]
     parts += [
-        "<h3>Over the joint angles</h3>" if residuals.recording.q is not None else "<h3>Over attitude and place</h3>",
+        "<h3>Over the joint angles</h3>"
+        if residuals.recording.q is not None
+        else "<h3>Over orientation and position</h3>",
         html.figure(
             maps.maps(residuals),
-            "Whitened residual. An axis marked “out, then back” shows both directions of travel, divided by the white "
-            "line, so that what depends on the direction shows as two halves that differ.",
+            "Whitened residual. A white cell has no sample. An axis marked “out, then back” shows both directions of "
+            "travel, divided by the white line, so that what depends on the direction shows as two halves that differ.",
+            wide=True,
         ),
         "<h3>Over frequency</h3>",
         html.key([*both, ("noise floor", "floor"), *([("floor and the named noise", "named")] if named else [])]),
-        html.figure(curves.spectrum(residuals), "Amplitude density of the residuals."),
+        html.figure(
+            curves.spectrum(residuals),
+            "Amplitude spectral density of the residuals; both axes are logarithmic.",
+            wide=True,
+        ),
         "<h3>Over time</h3>",
-        html.key([*both, ("two standard errors of the floor", "band")]),
-        html.figure(curves.over_time(residuals), "Means of successive blocks of the residuals."),
+        html.key([*both, ("two standard errors of such a mean, from the floor", "band")]),
+        html.figure(
+            curves.over_time(residuals),
+            f"Residuals as means of successive blocks of {curves.block_s(residuals):.3g} s.",
+            wide=True,
+        ),
     ]
     return "\n".join(parts)
 
@@ -178,16 +195,18 @@ def _cause(cause: Cause, status: str) -> str:
     facts = [
         ("probability", chance(cause.probability)),
         ("status", status),
-        ("closes", share_words(cause.closed)),
+        ("closes", f"{share_words(cause.closed)} of the squared gap" if cause.closed.value is not None else "–"),
         ("in the catalogue", f"{cause.effect}, {cause.where}"),
     ]
     listed = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
+    titles = ("parameter", "value ± standard deviation", "in other units", "remark")
+    filled = [index for index in range(len(titles)) if index < 2 or any(row[index] for row in rows)]
     title = cause_title(cause.effect, cause.where)
     parts = [
         f'<section class="cause"><h3>{escape(title[:1].upper() + title[1:])}</h3>',
         f'<p class="soft">{escape(formula(cause.effect))}</p>',
         f'<dl class="facts">{listed}</dl>',
-        html.table(("parameter", "value ± standard deviation", "", ""), rows),
+        html.table([titles[index] for index in filled], [[row[index] for index in filled] for row in rows]),
     ]
     if cause.equivalent:
         parts.append(
@@ -221,12 +240,12 @@ def how_far(diagnosis: Diagnosis, residuals: Sequence[GapResiduals]) -> str:
     )
 
 
-def calibration(diagnosis: Diagnosis) -> str:
-    """What the gap had done to the calibration, the largest shift first."""
+def calibration(diagnosis: Diagnosis, recording: Recording) -> str:
+    """What the gap does to the calibration, the largest shift first."""
     shifts = sorted(diagnosis.calibration_shift.items(), key=lambda item: -abs(item[1]["sigmas"]))
     if not shifts:
         return ""
-    heading = "<h2>What it had done to the calibration</h2>"
+    heading = "<h2>What it does to the calibration</h2>"
     shown = [item for item in shifts if abs(item[1]["sigmas"]) >= _WORTH_SIGMAS][:_SHIFTS]
     rest = len(shifts) - len(shown)
     if not shown:
@@ -235,16 +254,18 @@ def calibration(diagnosis: Diagnosis) -> str:
     for name, shift in shown:
         difference = shift["before"] - shift["after"]
         cells = (_fixed(shift[key], difference) for key in ("before", "after"))
-        rows.append((f"<code>{escape(name)}</code>", *cells))
+        unit = parameter_unit(name, recording.units, recording.metadata.magnetic_field_unit)
+        rows.append((f"<code>{escape(name)}</code>", *cells, escape(unit)))
+    titles = ("parameter", "gap not modelled", "gap modelled", "unit")
     below = f"<p class='soft'>The other {rest} moved less.</p>" if rest else ""
     return "\n".join(
         [
             heading,
-            '<p class="soft">Shift from the calibration with the gap modelled to the one without, in the standard '
-            "deviations that noise alone gives.</p>",
+            '<p class="soft">Shift from the calibration with the gap modelled to the one without, in standard '
+            "deviations of the estimate from noise alone.</p>",
             '<div class="pair even">',
-            html.figure(charts.shift_bars([(name, -shift["sigmas"]) for name, shift in shown])),
-            f"<div>{html.table(('parameter', 'gap not modelled', 'gap modelled'), rows, numbers=(1, 2))}{below}</div>",
+            html.figure(charts.shift_bars([(name, -shift["sigmas"]) for name, shift in shown]), ""),
+            f"<div>{html.table(titles, rows, numbers=(1, 2))}{below}</div>",
             "</div>",
         ]
     )
@@ -260,25 +281,36 @@ def remainder(diagnosis: Diagnosis) -> str:
     """What is left after the likeliest explanation, and what could still hide."""
     parts = ["<h2>What is left</h2>"]
     if diagnosis.remainder.verdict == "noise":
-        parts.append("<p>Noise: beyond the likeliest explanation nothing is more likely there than not.</p>")
+        parts.append("<p>Noise: most likely the likeliest explanation leaves nothing else.</p>")
     elif not diagnosis.remainder.follows:
         parts.append("<p>More than noise, without a pattern that could be told.</p>")
     else:
-        rows = [
-            (
-                escape(place_words(str(each["source"]))),
-                escape(place_words(str(each["course"]))),
-                percent(each["share"]),
-            )
-            for each in diagnosis.remainder.follows
-        ]
-        parts += [
-            "<p>More than noise. Of all errors that a rig can have, these describe it best, each by itself:</p>",
-            html.table(("what is off", "along", "share of the gap"), rows, numbers=(2,)),
-        ]
+        parts += _left(diagnosis.remainder.follows)
     if hidden := hidden_words(diagnosis):
         parts.append(f"<p>{escape(hidden)}</p>")
     return "\n".join(parts)
+
+
+def _left(follows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What is left over: errors of the rig, one of which is meant, and noise that is there beside it."""
+    errors, noise = ([each for each in follows if is_noise(each) == wanted] for wanted in (False, True))
+    parts = []
+    for told, words, changes in (
+        (errors, "More than noise. It acts like an error of the rig, the likeliest first:", "changes with"),
+        (noise, "More noise than the floor" + (", beside that" if errors else "") + ":", "at frequencies of"),
+    ):
+        rows = [
+            (
+                escape(place_words(source_words(str(each["source"])))),
+                escape(place_words(variable_words(str(each["course"])))),
+                share_left(each["share"]),
+            )
+            for each in told
+        ]
+        if rows:
+            titles = ("what is off", changes, "share of the squared gap")
+            parts += [f"<p>{words}</p>", html.table(titles, rows, numbers=(2,))]
+    return parts
 
 
 def untold(diagnosis: Diagnosis) -> str:
@@ -319,6 +351,9 @@ def next_step(diagnosis: Diagnosis) -> str:
     if rows:
         titles = ("if this is true", "this fits worse", "by a chi-square of", "on the recorded maneuver")
         parts.append(html.table(titles, rows, numbers=(2, 3)))
+        parts.append(
+            '<p class="soft">A chi-square of 10 makes the true one about 150 times as likely as the other.</p>'
+        )
     return "\n".join(parts)
 
 

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estimators.gap.diagnosis import Diagnosis, chance, percent
+from estimators.gap.remainder_words import variable_words
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.words import (
@@ -54,10 +55,11 @@ def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
         units: sensor -> recorded unit.
     """
     diagnosis = in_own_names(diagnosis)
+    beside = "" if diagnosis.rig is None else f", beside the fitted rig {diagnosis.rig['name']}"
     parts: list[RenderableType] = [
-        Text(f"{diagnosis.recording}  ", style="bold").append(
-            VERDICTS[diagnosis.verdict].lower(), style=_COLOURS[diagnosis.verdict]
-        ),
+        Text(f"{diagnosis.recording}  ", style="bold")
+        .append(VERDICTS[diagnosis.verdict].lower(), style=_COLOURS[diagnosis.verdict])
+        .append(beside, style="not bold"),
         Text(sentence(diagnosis)),
         Text(""),
         _explanations(diagnosis),
@@ -116,25 +118,29 @@ def _causes(diagnosis: Diagnosis) -> Table:
 
 
 def _channels(diagnosis: Diagnosis, units: Mapping[str, str]) -> Table:
+    """The noise floor and the residual of each channel; its gap where there is one, before and after the causes."""
     shown = shown_units(units)
-    numbers = ("floor", "RMS", "gap", "gap after", "closed")
+    gap = ("gap", "gap after", "closed") if diagnosis.leading else () if diagnosis.verdict == "no-gap" else ("gap",)
+    numbers = ("floor", "RMS", "RMS / floor", *gap)
     result = table("channel", *numbers, "unit", numbers=numbers)
     for name, row in diagnosis.channels.items():
         factor = shown[name].factor
-        sizes = (row.noise_floor, row.rms_before, row.gap_before, row.gap_after)
-        result.add_row(name, *(f"{factor * size:.3g}" for size in sizes), percent(row.closed), shown[name].name)
+        sizes = [f"{factor * size:.3g}" for size in (row.noise_floor, row.rms_before)]
+        sizes.append(f"{row.rms_before / row.noise_floor:.2f}" if row.noise_floor > 0 else "–")
+        told = [f"{factor * row.gap_before:.3g}", f"{factor * row.gap_after:.3g}", percent(row.closed)]
+        result.add_row(name, *sizes, *told[: len(gap)], shown[name].name)
     return result
 
 
 def _recordings(diagnosis: Diagnosis) -> Table:
     """Of several recordings what each says for each cause, and where its gap is largest."""
     told = [cause for cause in diagnosis.causes if cause.evidence]
-    titles = [f"for {cause_title(cause.effect, cause.where)}" for cause in told]
+    titles = [f"log likelihood for {cause_title(cause.effect, cause.where)}" for cause in told]
     result = table("recording", "largest gap / floor", *titles, numbers=("largest gap / floor", *titles))
     for name in diagnosis.recordings:
         own = diagnosis.by_recording[name]
         ratio = max((row.gap_before / row.noise_floor for row in own.values() if row.noise_floor > 0), default=0.0)
-        result.add_row(name, f"{ratio:.2g}", *(f"{cause.evidence.get(name, 0.0):.4g}" for cause in told))
+        result.add_row(name, f"{ratio:.2g}", *(f"{cause.evidence.get(name, 0.0):,.1f}" for cause in told))
     return result
 
 
@@ -143,14 +149,16 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
     lines += [f"one of       {words}" for words in one_of_words(diagnosis)]
     follows = diagnosis.follows[:4]
     if follows:
-        shares = (f"{place_words(str(each['variable']))} {percent(each['share'])}" for each in follows)
-        lines.append("follows      " + "; ".join(shares))
+        shares = [f"{place_words(variable_words(str(each['variable'])))} {percent(each['share'])}" for each in follows]
+        lines.append("follows      " + "; ".join([f"{shares[0]} of the squared gap", *shares[1:]]))
     if diagnosis.closed.value is not None:
-        lines.append(f"closes       {closed_words(diagnosis)} of the gap, judged on {diagnosis.closed_on}")
+        judged = "held-out blocks and on the other maneuver" if diagnosis.closed_on == "both" else diagnosis.closed_on
+        lines.append(f"closes       {closed_words(diagnosis)} of the squared gap, judged on {judged}")
     shifts = sorted(diagnosis.calibration_shift.items(), key=lambda item: -abs(item[1]["sigmas"]))[:_SHIFTS]
     if shifts:
-        lines.append("shifted      " + ", ".join(f"{name} by {abs(shift['sigmas']):.1f} σ" for name, shift in shifts))
-    left = " or ".join(left_words(diagnosis))
+        sizes = [f"{name} by {abs(shift['sigmas']):.1f}" for name, shift in shifts]
+        lines.append("shifts       " + ", ".join([f"{sizes[0]} standard deviations", *sizes[1:]]))
+    left = left_words(diagnosis)
     lines.append(f"left over    {diagnosis.remainder.verdict}" + (f": {left}" if left else ""))
     if hidden := hidden_words(diagnosis):
         lines.append(f"hidden       {hidden}")

@@ -10,6 +10,7 @@ from typing import Final
 
 from estimators.gap.choices import Causes, and_words, cause_name, choice_words, parted
 from estimators.gap.diagnosis import ESTABLISHED, Cause, Closed, Diagnosis, Estimate, Hypothesis, chance, percent
+from estimators.gap.remainder_words import left_over_words
 from rig.effects import EFFECTS
 from scenarios.terminal.tables import plus_minus, shortened
 
@@ -18,6 +19,8 @@ _MOST_NUMBERS: Final = 6
 
 #: A unit as it is written elsewhere -> what to multiply with, and the unit that people think in.
 _PEOPLE: Final = {"rad": (180.0 / math.pi, "deg"), "relative": (100.0, "%"), "V": (1e3, "mV")}
+#: What a unit is written as on paper.
+_WRITTEN: Final = (("degC", "°C"), ("m/s^2", "m/s²"), ("m^3", "m³"), ("sqrt(s)", "√s"))
 
 VERDICTS: Final = {
     "no-gap": "No gap",
@@ -44,6 +47,8 @@ ANSWERS: Final = {
 }
 #: Of what the data do not feel: a maneuver that would show it was not made.
 NOT_FELT: Final = "not felt"
+#: Of a frequency: a faster one looks the same at this sampling rate.
+SAMPLED: Final = " as sampled"
 _EFFECT: Final = re.compile("|".join(rf"\b{name}\b" for name in EFFECTS))
 
 
@@ -58,9 +63,10 @@ def cause_title(effect: str, where: str) -> str:
 
 
 def formula(effect: str) -> str:
-    """The first paragraph of the effect's description."""
+    """The first paragraph of the effect's description, and what its frequency means where it is a tone."""
     paragraph = (inspect.getdoc(EFFECTS[effect]) or "").split("\n\n")[0] if effect in EFFECTS else ""
-    return paragraph.replace("\n", " ")
+    tone = " A frequency as sampled: the true one may differ from it, or from minus it, by any multiple of the rate."
+    return paragraph.replace("\n", " ") + (tone if effect in EFFECTS and EFFECTS[effect].tone else "")
 
 
 def estimate_words(estimate: Estimate) -> str:
@@ -70,7 +76,9 @@ def estimate_words(estimate: Estimate) -> str:
     if not _felt(estimate):
         return NOT_FELT
     unit = "" if estimate.unit in ("relative", "name") else f" {estimate.unit}"
-    return _numbers(estimate, 1.0) + unit
+    for own, written in _WRITTEN:
+        unit = unit.replace(own, written)
+    return _numbers(estimate, 1.0) + unit + (SAMPLED if estimate.unit == "Hz" else "")
 
 
 def estimate_for_people(estimate: Estimate) -> str:
@@ -186,13 +194,9 @@ def hidden_words(diagnosis: Diagnosis) -> str:
     )
 
 
-def left_words(diagnosis: Diagnosis) -> list[str]:
-    """What the remainder follows: the source, its course, and the share of the gap."""
-    return [
-        f"{place_words(str(each['source']))}, along {place_words(str(each['course']))}"
-        f" ({percent(each['share'])} of the gap)"
-        for each in diagnosis.remainder.follows
-    ]
+def left_words(diagnosis: Diagnosis) -> str:
+    """What is left over acts like: errors, one of which is meant, and noise beside it, each with its share."""
+    return place_words(left_over_words(diagnosis.remainder.follows))
 
 
 def closed_words(diagnosis: Diagnosis) -> str:
@@ -204,13 +208,15 @@ def share_words(closed: Closed) -> str:
     """A share with its interval; a dash where nothing is to close."""
     if closed.value is None:
         return "–"
-    return percent(closed.value, closed.low, closed.high).replace("-", "–")
+    words = percent(closed.value, closed.low, closed.high)
+    return words.replace("-", "−" if " to " in words else "–")
 
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The diagnosis' own sentence without the verdict's name before it, as a sentence on paper."""
     words = str(diagnosis.sentence()).removeprefix(f"{diagnosis.verdict}: ")
-    words = re.sub(r"\(([\d.]+)-([\d.]+)\)", r"(\1–\2)", words.replace("+-", "±").replace(" deg", "°"))
+    words = re.sub(r"\(([\d.]+)-([\d.]+)\)", r"(\1–\2)", words.replace("+-", "±"))
+    words = re.sub(r"(?<=[( ])-(?=\d)", "−", words)
     return _as_sentence(place_words(_EFFECT.sub(lambda found: found[0].replace("_", " "), words)))
 
 
@@ -232,7 +238,11 @@ def rig_words(diagnosis: Diagnosis) -> list[str]:
     better = "better than the ideal rig" if found["better"] else "not called better than the ideal rig"
     words = [f"{found['name']} is {better}: {found['why']}."]
     if found["left"] is not None:
-        words.append(f"It leaves {percent(found['left'])} of the squared gap.")
+        words.append(
+            f"It leaves {percent(found['left'])} of the squared gap."
+            if found["left"] <= 1.0
+            else f"With it the squared gap is {found['left']:.2g} times as large."
+        )
     return words
 
 

@@ -46,7 +46,10 @@ _QUASI_STATIC: Final = 3.0
 _NOISIER: Final = 2.0
 #: By how much another room's temperature differs [degC]: as much as a window or a heater does.
 _ANOTHER_ROOM: Final = 5.0
-_NONE: Final = "No maneuver that was tried tells the explanations apart in this time."
+_NONE: Final = (
+    "No maneuver that was tried tells the explanations apart in this time: allow more of it (--minutes M), or repair "
+    "one cause and see whether the gap changes."
+)
 #: Rounds of refinement, with ever smaller steps.
 _STEPS: Final = (1.0, 0.4)
 
@@ -84,11 +87,11 @@ class NextManeuver:
         worst = self.worst
         truth, rival = _titles(worst.truth, worst.rival)
         words = (
-            f"It tells “{truth}” from “{rival}”: if the first is true, the other fits "
-            f"worse by a chi-square of {interval_words(worst.noncentrality, worst.low, worst.high)}"
+            f"If “{truth}” is true, “{rival}” fits worse by a chi-square of "
+            f"{interval_words(worst.noncentrality, worst.low, worst.high)}"
         )
         if len(self.separations) > 2:
-            words += ", and every other pair by more"
+            words += "; every other pair is told apart better"
         if self.alike:
             words += ". No maneuver tried separates " + "; ".join(
                 "“{}” from “{}”".format(*_titles(*pair)) for pair in self.alike

@@ -21,6 +21,8 @@ from rig.effects import EFFECTS, Effect, Kind
 
 Array = NDArray[np.float64]
 
+#: Why an effect that does nothing but what other values of the calibration do cannot be told.
+ABSORBED: Final = "the calibration absorbs it on this maneuver"
 #: Why noise of single channels cannot be told where nothing shows the floor.
 MAY_BE_FLOOR: Final = "no recording at rest tells it from the noise floor"
 #: What is less, of the floor, is a difference of numbers that are equal but for rounding.
@@ -89,6 +91,8 @@ def _channel(
     told = gap_before > 1e-3 * sigma
     if gap_before < _NO_GAP * sigma:
         gap_before = gap_after = 0.0
+    if gap_after < _NO_GAP * sigma:
+        gap_after = 0.0
     closed = max(-1.0, 1.0 - (gap_after / gap_before) ** 2) if told and (means or named) else None
     return Channel(sigma, rms_before, gap_before, rms_after, gap_after, closed)
 
@@ -103,9 +107,8 @@ def cannot_tell(
         at_rest: whether every floor was learned at rest. named: effects that are told all the same.
     """
     shown = {(each.effect.name, each.where) for each in posterior.candidates}
-    why = "the calibration absorbs it on this maneuver"
     found = [
-        {"effect": name, "where": where, "why": why}
+        {"effect": name, "where": where, "why": ABSORBED}
         for name, where in dict.fromkeys((each.effect.name, each.where) for each in posterior.absorbed)
         if (name, where) not in shown
     ]

@@ -1,0 +1,115 @@
+"""The sentences of a diagnosis: true for the recording at hand, and the same wherever they are said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from diagnosed_recordings import backlash, by_hand, recorded
+from shown_diagnoses import SHOWN, TWIN, TWINS, UNITS, read, spoken
+
+from estimators.gap.diagnosis import Hypothesis
+from estimators.gap.remainder_words import course_words
+from scenarios.gap_report import GapResiduals, diagnosis_tables, gap_residuals, page
+from scenarios.gap_report.advice import next_steps
+from scenarios.gap_report.words import left_words, sentence
+
+
+@pytest.fixture(scope="module")
+def residuals() -> GapResiduals:
+    run, locked = recorded(backlash())
+    return gap_residuals(run, by_hand(), locked)
+
+
+def test_what_is_left_is_said_as_errors_of_the_rig_and_noise_beside_them(residuals: GapResiduals) -> None:
+    angle = {"source": "the angle of joint5", "course": "time", "share": 0.2}
+    iron = {"source": "the magnetic field along link1", "course": "the recording", "share": 0.001}
+    noise = [
+        {"source": f"noise of {name} by itself", "course": "2 to 9 Hz", "share": 0.01} for name in ("mag1", "mag2")
+    ]
+    left = replace(by_hand("partly").remainder, follows=(angle, iron, *noise))
+    diagnosis = replace(by_hand("partly"), remainder=left)
+    words = (
+        "an error of the angle of joint 5 that changes with time (20 % of the squared gap), or an error of the "
+        "magnetic field fixed in link 1 that differs between the recordings (less than 1 % of the squared gap)"
+    )
+    assert left_words(diagnosis).startswith(f"{words}, and noise of mag1 alone, 2 to 9 Hz (1 % of the squared gap) and")
+    assert f"acts like {words}" in sentence(diagnosis)
+    look, iron_too, channels = (step for step in next_steps(diagnosis) if "what is left" in step or "it also" in step)
+    assert look.startswith("Look at joint 5 (its encoder")
+    assert iron_too.startswith("Or look for iron")
+    assert channels.startswith("Look at these channels' wiring")
+    text = read(page(diagnosis, residuals))
+    assert "the magnetic field fixed in link 1 the recording less than 1 %" in text
+    assert "noise of mag1 alone 2 to 9 Hz 1 %" in text
+    alone = replace(diagnosis, remainder=replace(left, follows=tuple(noise)))
+    assert "it acts like noise of mag1 alone" in alone.sentence()
+
+
+@pytest.mark.parametrize(
+    ("course", "words"),
+    [
+        ("time, throughout", "that is constant"),
+        ("time, steadily", "that drifts steadily with time"),
+        ("time, in 1 jumps", "that changes in 1 jump"),
+        ("time, in 3 jumps", "that changes in 3 jumps"),
+        ("a sine of 0.5 Hz", "that repeats as a sine of 0.5 Hz"),
+        ("level", "that changes with the level of the reading"),
+        ("the angle of joint5, once a turn", "that changes with the angle of joint5, once a turn"),
+        ("temperature", "that changes with temperature"),
+    ],
+)
+def test_how_an_error_changes_is_said_in_words(course: str, words: str) -> None:
+    assert course_words(course) == words
+
+
+def test_no_gap_says_the_residual_and_what_may_be_there_where_it_is_not_sure(residuals: GapResiduals) -> None:
+    sure = SHOWN["no-gap"]
+    assert "residual noise floor accel1 13.4 mV 1 × floor" in read(page(sure, residuals))
+    assert "RMS / floor" in spoken(diagnosis_tables(sure, UNITS))
+    assert "gap after" not in spoken(diagnosis_tables(sure, UNITS))
+    assert "--with" not in page(sure, residuals)  # there is no cause to simulate
+    drift = Hypothesis((("bias_warmup", "magnetometer"),), False, 0.3)
+    masses = {"nothing": 0.66, "known": 0.33, "other": 0.01}
+    unsure = replace(sure, hypotheses=(replace(sure.hypotheses[0], probability=0.66), drift), posterior=masses)
+    assert "bias warmup of magnetometer may be there (probability .30)" in next_steps(unsure)[1]
+    assert not any("may be there" in step for step in next_steps(sure))
+    lacking = {"effect": "pose_noise", "where": "acquisition", "why": "the recording lacks tool poses"}
+    assert not any("other joints" in step for step in next_steps(replace(sure, cannot_tell=(lacking,))))
+
+
+def test_where_no_maneuver_is_proposed_the_advice_in_words_is_a_step() -> None:
+    words = "Sweep as fast as the arm may."
+    assert words in next_steps(replace(SHOWN["ambiguous"], next={"why": words, "maneuver": None}))[0]
+    some = {"maneuver": "another sweep", "why": "It tells.", "cannot_separate": [[[], []]]}
+    assert "which tells some of them apart" in next_steps(replace(SHOWN["ambiguous"], next=some))[0]
+
+
+def test_what_does_the_same_is_said_as_one_row_of_names() -> None:
+    twins = tuple({**TWIN, "where": where} for where in ("joint2", "joint3"))
+    steps = next_steps(by_hand(causes=(replace(TWINS, equivalent=twins),)))
+    assert any(
+        "joint offset of joint 5, joint offset of joint 2 and joint offset of joint 3." in step for step in steps
+    )
+
+
+def test_a_verdict_beside_a_fitted_rig_says_so(residuals: GapResiduals) -> None:
+    row = dict.fromkeys(("noise_floor", "rms_ideal", "gap_ideal", "rms_fitted", "gap_fitted"), 0.01)
+    rig = {"name": "improved", "better": False, "why": "it is not", "left": 38.9, "channels": {"accel1": row}}
+    named, quiet = (replace(by_hand(verdict), rig=rig) for verdict in ("named", "no-gap"))
+    assert "beside the fitted rig improved" in read(page(named, residuals))
+    assert "beside the fitted rig improved" in spoken(diagnosis_tables(named, UNITS))
+    assert "39 times as large" in spoken(diagnosis_tables(named, UNITS))
+    assert next_steps(named)[0].startswith("What is named comes on top of what improved has")
+    assert not any("repair it" in step for step in next_steps(named))
+    assert next_steps(quiet)[0].startswith("Judge improved by another recording")
+    assert next_steps(replace(quiet, rig={**rig, "better": True}))[0].startswith("Use the fitted rig, improved,")
+
+
+def test_the_sentence_names_the_channels_with_the_largest_gap_only() -> None:
+    named = by_hand()
+    words = "relative to the noise floor, the gap is largest in"
+    assert f"{words} accel1 and accel2; not modelled, it shifts accel1.sensitivity by 12.0 standard" in named.sentence()
+    quiet = replace(named.channels["accel2"], gap_before=0.0)
+    alone = replace(named, channels={**dict.fromkeys(named.channels, quiet), "mag3": named.channels["mag3"]})
+    assert f"{words} mag3;" in alone.sentence()
