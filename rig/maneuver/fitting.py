@@ -19,6 +19,7 @@ from rig.maneuver.torus_sweep import TorusSweep
 
 Array = NDArray[np.float64]
 Fitted = TypeVar("Fitted")
+Ranges = tuple[tuple[float, float], ...]
 
 #: A joint sweeps over at most this share of its range and goes at at most this share of its speed.
 _SHARE: Final = 0.97
@@ -66,11 +67,13 @@ def unlimited(maneuver: type[Any]) -> dict[str, Any]:
     return {"limits_deg": None} if any(item.name == "limits_deg" for item in fields(maneuver)) else {}
 
 
-def stops_at(arm: Arm, values: Array, hold_s: float, move_s: float, rate_Hz: float) -> StaticPoses:
-    """Stops of an arm at poses (k, N) [deg, m]; its limits are the arm's to check."""
+def stops_at(
+    arm: Arm, values: Array, hold_s: float, move_s: float, rate_Hz: float, limits_deg: Ranges | None = None
+) -> StaticPoses:
+    """Stops of an arm at poses (k, N) [deg, m]; without limits these are the arm's to check."""
     poses = tuple(tuple(map(float, row)) for row in values)
     return StaticPoses(
-        poses_deg=poses, hold_s=hold_s, move_s=move_s, rate_Hz=rate_Hz, limits_deg=None, slides=slide_numbers(arm)
+        poses_deg=poses, hold_s=hold_s, move_s=move_s, rate_Hz=rate_Hz, limits_deg=limits_deg, slides=slide_numbers(arm)
     )
 
 

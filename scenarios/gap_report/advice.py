@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from estimators.gap.choices import and_words, parted
-from estimators.gap.diagnosis import Diagnosis, chance
+from estimators.gap.diagnosis import NAMED, Diagnosis, chance
 from estimators.gap.remainder_words import error_words, is_noise, source_words
 from estimators.gap.report.by_channel import ABSORBED
 from estimators.gap.report.separation import rivals
@@ -27,8 +27,6 @@ _LOOK: Final = {
     "the gain": "look at that channel's amplifier, reference voltage and range",
     "single readings": "look at the cable, the connector and the converter's range",
 }
-#: From this probability on "no gap" goes without saying what else may be there.
-_SURE: Final = 0.9
 
 
 def next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -59,15 +57,14 @@ def _no_gap(diagnosis: Diagnosis) -> list[str]:
             f"Judge {rig['name']} by another recording: this one does not show it to be better than the ideal rig."
         ]
     likely = [one for one in diagnosis.hypotheses if one.causes or one.other]
-    if diagnosis.posterior["nothing"] < _SURE and likely:
+    if diagnosis.posterior["nothing"] < NAMED and likely:
         steps.append(
             f"Record for longer to be sure: {explanation_words(likely[0])} may be there (probability "
             f"{chance(likely[0].probability)}), too weak for this recording to show."
         )
     elif diagnosis.remainder.could_hide_snr is not None:
         steps.append("If gaps matter that are too small for this recording to show, record for longer.")
-    reasons = {each["why"] for each in diagnosis.cannot_tell}
-    if ABSORBED in reasons:
+    if any(each["why"] == ABSORBED for each in diagnosis.cannot_tell):
         steps.append(
             "If an effect that the calibration absorbs is likely on the rig (see what this recording cannot tell), "
             "record a maneuver that moves other joints."

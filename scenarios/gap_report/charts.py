@@ -19,6 +19,7 @@ _LABEL: Final = 92.0  # left of the bars
 _VALUES: Final = 190.0  # right of them
 _ROW: Final = 34.0
 _FOLLOWS: Final = 10  # bars of what the gap follows, at most
+_FIFTHS: Final = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 def channel_bars(diagnosis: Diagnosis, shown: Mapping[str, Shown]) -> str:
@@ -66,13 +67,12 @@ def _beside(closed: float | None, relative: float) -> str:
 
 def follow_bars(follows: Sequence[Mapping[str, Any]]) -> str:
     """Shares of the squared gap by what it follows, the largest first."""
-    rows = sorted(follows, key=lambda each: -float(each["share"]))[:_FOLLOWS]
     bars = []
-    for each in rows:
-        channel = each.get("channel")
+    for each in sorted(follows, key=lambda each: -float(each["share"]))[:_FOLLOWS]:
+        share, channel = _within_one(float(each["share"])), each.get("channel")
         words = place_words(variable_words(str(each["variable"])))
         words += f", {channel}" if channel and channel != "all" else ""
-        bars.append((words, percent(min(float(each["share"]), 1.0)), float(each["share"]), "share"))
+        bars.append((words, percent(share), share, "share"))
     ticks = {tick: f"{100 * tick:.0f} %" for tick in (0.0, 0.25, 0.5, 0.75, 1.0)}
     return _bars(bars, ticks, "shares of the squared gap by what it follows")
 
@@ -84,7 +84,7 @@ def posterior_bar(diagnosis: Diagnosis) -> str:
         (words, chance(chances[name]), chances[name], "before" if name == "other" else "after")
         for name, words in ANSWERS.items()
     ]
-    ticks = {tick: tick_label(tick) for tick in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)}
+    ticks = {tick: tick_label(tick) for tick in _FIFTHS}
     return _bars(bars, ticks, "probability of each of three answers")
 
 
@@ -104,25 +104,29 @@ def _bars(bars: Sequence[tuple[str, str, float, str]], ticks: Mapping[float, str
         y = _BAR * number
         drawing.text(scale.start, y + 14, words, "name")
         drawing.text(scale.end, y + 14, told, "value", "end")
-        drawing.rect(scale.start, y + 19, scale.at(min(max(value, 0.0), 1.0)) - scale.start, 10, css)
+        drawing.rect(scale.start, y + 19, scale.at(_within_one(value)) - scale.start, 10, css)
     return str(drawing)
+
+
+def _within_one(value: float) -> float:
+    return min(max(value, 0.0), 1.0)
 
 
 def closed_bar(diagnosis: Diagnosis) -> str:
     """The share of the squared gap that is gone, with its interval."""
     drawing = Drawing(_NARROW, 76, f"share of the squared gap that closes: {closed_words(diagnosis)}")
     scale = Scale(0.0, 1.0, 14.0, _NARROW - 18.0)
-    value = min(max(diagnosis.closed.value or 0.0, 0.0), 1.0)
+    value = _within_one(diagnosis.closed.value or 0.0)
     drawing.text(scale.start, 14, f"{closed_words(diagnosis)} of the squared gap", "value")
     drawing.rect(scale.at(0), 28, scale.at(1) - scale.at(0), 20, "left")
     drawing.rect(scale.at(0), 28, scale.at(value) - scale.at(0), 20, "after")
     ends = diagnosis.closed.low, diagnosis.closed.high
     if ends[0] is not None and ends[1] is not None:
-        low, high = (scale.at(min(max(each, 0.0), 1.0)) for each in ends if each is not None)
+        low, high = (scale.at(_within_one(each)) for each in ends if each is not None)
         drawing.line(low, 38, high, 38, "interval")
         for end in (low, high):
             drawing.line(end, 31, end, 45, "interval")
-    for tick in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
+    for tick in _FIFTHS:
         drawing.line(scale.at(tick), 48, scale.at(tick), 53, "axis")
         drawing.text(scale.at(tick), 66, f"{100 * tick:.0f} %", "tick", "middle")
     return str(drawing)

@@ -114,14 +114,14 @@ def where(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
         f"<h2>Where it lies in {escape(residuals.recording.name)}</h2>" if several else "<h2>Where it lies</h2>",
         "<h3>By channel</h3>",
         html.key([*shown, ("noise floor", "tick")]),
-        html.figure(charts.channel_bars(diagnosis, shown_units(residuals.recording.units)), "", wide=True),
+        html.figure(charts.channel_bars(diagnosis, shown_units(residuals.recording.units)), wide=True),
     ]
     follows = list(diagnosis.follows)
     if follows and residuals.recording.name == diagnosis.recordings[0]:
         parts += [
             "<h3>By what it follows</h3>",
             '<div class="pair">',
-            html.figure(charts.follow_bars(follows), ""),
+            html.figure(charts.follow_bars(follows)),
             '<p class="soft">The share of the squared gap that one error of the rig explains if it changes smoothly '
             "with that variable: the error, of all that a rig can have, that explains most. The shares overlap: what "
             "repeats with a joint's angle also repeats with the orientation of the tool.</p></div>",
@@ -264,7 +264,7 @@ def calibration(diagnosis: Diagnosis, recording: Recording) -> str:
             '<p class="soft">Shift from the calibration with the gap modelled to the one without, in standard '
             "deviations of the estimate from noise alone.</p>",
             '<div class="pair even">',
-            html.figure(charts.shift_bars([(name, -shift["sigmas"]) for name, shift in shown]), ""),
+            html.figure(charts.shift_bars([(name, -shift["sigmas"]) for name, shift in shown])),
             f"<div>{html.table(titles, rows, numbers=(1, 2))}{below}</div>",
             "</div>",
         ]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.maneuver import HandTumble, Maneuver, StaticPoses, TorusSweep
-from rig.maneuver.fitting import slide_numbers
+from rig.maneuver.fitting import slide_numbers, stops_at
 
 Array = NDArray[np.float64]
 
@@ -159,11 +159,4 @@ def _waypoints(
         degrees = np.where((degrees < low) | (degrees > high), (degrees + 180.0) % 360.0 - 180.0, degrees)
         degrees = np.clip(degrees, low, high)
     cycle = duration_s / len(rows)
-    return StaticPoses(
-        poses_deg=tuple(tuple(_rounded(angle) for angle in pose) for pose in degrees.tolist()),
-        hold_s=0.1 * cycle,
-        move_s=0.9 * cycle,
-        rate_Hz=rate_Hz,
-        limits_deg=limits,
-        slides=slide_numbers(arm),
-    )
+    return stops_at(arm, np.round(degrees, 3) + 0.0, 0.1 * cycle, 0.9 * cycle, rate_Hz, limits)

@@ -238,9 +238,8 @@ def planned(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float,
     poses = search.timed(q, seconds)
     if contact := search.clearance.first_contact(between(q)):
         raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")
-    maneuver = stops_at(arm, shown, poses.hold_s, poses.move_s, _RATE_HZ)
-    if arm.is_a465:
-        maneuver = replace(maneuver, limits_deg=StaticPoses.limits_deg)
+    limits = StaticPoses.limits_deg if arm.is_a465 else None
+    maneuver = stops_at(arm, shown, poses.hold_s, poses.move_s, _RATE_HZ, limits)
     samples = (poses.hold_s - 2.0 * SETTLE_S) * search.rate_Hz
     gram = samples * search.grams(poses.q)
     return Plan(
