@@ -16,8 +16,9 @@ from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.discrepancy import Discrepancies, weighed, weighed_terms
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.jumps import best, roughly
-from estimators.gap.evidence.laplace import Linear, _shape
+from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.refine import Fitted
+from estimators.gap.evidence.shapes import shape_prior
 from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.courses import courses
@@ -65,16 +66,17 @@ def test_a_tone_is_expected_anywhere_in_its_band(data: WhitenedData, name: str) 
     (item,) = [each for each in candidate.effect.parameters() if each.name == "freq_Hz"]
     bands = candidate.effect.bands
     band = sum(high - low for low, high in bands) if bands else 0.5 / data.interval_s
-    fit = Fitted(candidate, np.ones(1), {})
-    width_Hz = float(_shape(fit, item, data)[1][0]) * item.typical
+    nothing = {each.name: (0.0,) * each.size if each.size > 1 else 0.0 for each in candidate.strengths}
+    tone = candidate.effect.from_mapping({"where": candidate.where, **nothing})
+    width_Hz = float(shape_prior(tone, item, data)[1][0]) * item.typical
     assert 1.0 / (np.sqrt(2.0 * np.pi) * width_Hz) == pytest.approx(1.0 / band, rel=1e-12)
     (phase,) = [each for each in candidate.effect.parameters() if each.name == "phase_rad"]
-    assert (_shape(fit, phase, data)[1] == 1.0).all()
+    assert (shape_prior(tone, phase, data)[1] == 1.0).all()
     if not bands:  # of several recordings the one in which it acts says how fast it was read, single samples counted
         beside = SimpleNamespace(parts=[data, SimpleNamespace(samples=4, interval_s=2.0)])
-        second = Fitted(replace(candidate, effect=only_in(candidate.effect, 1)), np.ones(1), {})
-        expected = _shape(fit, item, data)[1] * 2.0 * data.interval_s
-        assert _shape(second, item, beside)[1] == pytest.approx(expected, rel=1e-12)  # type: ignore[arg-type]
+        second = only_in(candidate.effect, 1).from_mapping(vars(tone))
+        expected = shape_prior(tone, item, data)[1] * 2.0 * data.interval_s
+        assert shape_prior(second, item, beside)[1] == pytest.approx(expected, rel=1e-12)  # type: ignore[arg-type]
 
 
 def test_a_shape_is_expected_among_those_that_are_searched(data: WhitenedData) -> None:
@@ -86,17 +88,18 @@ def test_a_shape_is_expected_among_those_that_are_searched(data: WhitenedData) -
     middle = np.array([0.5 * (axis[0] + axis[-1]) for axis in axes])
     steps = np.array([axis[1] - axis[0] for axis in axes])
     for off in (0.0, 1.3, -2.0):  # the last two beyond the grid's ends
-        away, width = _shape(Fitted(dipole, np.array([1e-4, 0.0, 0.0, *middle + off]), {}), place, data)
+        away, width = shape_prior(Fitted(dipole, np.array([1e-4, 0.0, 0.0, *middle + off]), {}).effect, place, data)
         assert away * place.typical == pytest.approx(np.full(3, -off), abs=1e-12)
         density = 1.0 / (np.sqrt(2.0 * np.pi) * width * place.typical)
         assert density == pytest.approx(1.0 / (steps * [len(axis) for axis in axes]), rel=1e-9)
     warm = next(each for each in all_candidates(data) if each.effect.name == "bias_warmup")
     (tau,) = [each for each in warm.effect.parameters() if each.name == "tau_s"]
-    for index in (2, 4):  # a step from the middle each: of a grid that doubles, half the way to both neighbours
-        away, width = _shape(Fitted(warm, np.array([1e-3, 0.0, 0.0, tau.grid[index]]), {}), tau, data)
-        size = tau.grid[index] / tau.typical
-        assert away == pytest.approx((3 - index) * 0.75 * size, rel=1e-9)
-        assert width == pytest.approx(len(tau.grid) * 0.75 * size / np.sqrt(2.0 * np.pi), rel=1e-9)
+    for index in (2, 4, 9):  # the last one beyond the end
+        tau_s = tau.grid[0] * 2.0**index
+        away, width = shape_prior(Fitted(warm, np.array([1e-3, 0.0, 0.0, tau_s]), {}).effect, tau, data)
+        octave = tau_s * np.log(2.0) / tau.typical
+        assert away == pytest.approx((3 - index) * octave, rel=1e-9)
+        assert width == pytest.approx(len(tau.grid) * octave / np.sqrt(2.0 * np.pi), rel=1e-9)
 
 
 def test_a_tone_that_means_would_hide_is_taken_out_of_the_channels_that_it_moves(arm: Arm) -> None:

@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, kstest
 
 from estimators.gap.data.blocks import block_means, block_size
+from estimators.gap.floor.alike import moved_together
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.learned import Learned, Spectrum, parts
 from estimators.gap.floor.periodogram import Periodogram
@@ -130,3 +131,32 @@ def test_an_excess_on_a_coloured_floor_is_measured() -> None:
         pulls.append((found - extra) / spread)
     assert np.abs(np.mean(pulls)) < 4.0 / np.sqrt(40)
     assert kstest(np.array(pulls), "norm").statistic < 0.4
+
+
+def slower(extra: float, rng: np.random.Generator, count: int) -> Spectrum:
+    """Of a channel that was white at rest: its sweep, with a part slower than that shows, so many times the white."""
+    noise = ChannelNoise(1.0, ((1e-6, 100.0),), samples=6000, duration_s=300.0, holds=3)
+    frequency = np.arange(1, count) / (2.0 * count)
+    floor = parts(noise, frequency, DT)
+    power = (1.0 + extra * floor.coloured[0] / 1e-6) * rng.standard_normal(count - 1) ** 2
+    return Spectrum(Learned(noise, 1), floor, power, np.ones(count - 1))
+
+
+def test_what_rest_did_not_show_is_alike_in_the_channels_of_a_sensor() -> None:
+    """Forty draws of three channels: where all have the slow part it is likelier that they have it together than that
+    each has one by itself, by what two more free sizes cost, and where one alone has, it is not."""
+    rng, gains = np.random.default_rng(8), {0.1: [], 0.0: []}  # type: ignore[var-annotated]
+    for extra in (0.1, 0.0) * 40:
+        spectra = [slower(0.1, rng, 4096), slower(extra, rng, 4096), slower(extra, rng, 4096)]
+        apart = sum(moved_together([each])[1] + fit(each, moved_together([each])[0][0]) for each in spectra)
+        points, price = moved_together(spectra)
+        gains[extra].append(price + sum(fit(each, at) for each, at in zip(spectra, points, strict=True)) - apart)
+    for extra, sign in ((0.1, 1.0), (0.0, -1.0)):
+        own = sign * np.array(gains[extra])
+        assert own.mean() > 5.0 * own.std() / np.sqrt(40), extra
+
+
+def fit(spectrum: Spectrum, point: np.ndarray) -> float:
+    """Log likelihood of the sweep."""
+    total = spectrum.floor.at(point)
+    return -0.5 * float(spectrum.counts @ np.log(total) + np.sum(spectrum.power / total))

@@ -21,6 +21,7 @@ from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import Left
 from estimators.gap.search.beam import Search
 from estimators.gap.search.noises import Noises, Promise
+from estimators.gap.search.posterior import explain
 from rig.arm import Arm
 from rig.effects import EFFECTS, Effect, make_effect
 from rig.effects._numerics import gauss_markov
@@ -114,3 +115,14 @@ def test_coloured_noise_is_the_floor_where_nothing_shows_that() -> None:
         assert found[-1].state.labels == ()
         assert found[-1].log_mass > max(each.log_mass for each in named) + 3.0
         assert Noises(prior, (), at_rest=True).as_floor(given, nothing) == []
+
+
+def test_a_floor_that_walks_is_told_beside_a_clock_that_jitters(locked: Recording) -> None:
+    """Beside either alone the other looks like something without a name: three draws, each by far."""
+    jitter = make_effect("timing_jitter", {"where": "acquisition", "sigma_s": 0.05})
+    for seed in range(3):
+        base = scenarios.load("ann-arbor").with_acquisition(decimation=200)
+        run, arm = posed(base.with_effects([WALK, jitter]).simulate(seed=seed), None)
+        found = explain(set_up(run, floor_and_step(run, locked, arm)[0], arm)).leading
+        assert found.labels == ("timing_jitter@acquisition",)
+        assert (found.state.name, found.other) == (SLOWER, False)

@@ -25,9 +25,10 @@ from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.considered import set_prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained, Score
-from estimators.gap.search import posterior
+from estimators.gap.search import posterior, weighing
 from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation
+from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Noises, Promise
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
@@ -195,11 +196,36 @@ def test_what_nothing_shows_is_not_moved(arm: Arm) -> None:
     """A phase of what has no amplitude: its derivative is rounding, and a step along it was one of 1e135 rad."""
     columns, left = np.array([[2.0, 0.0], [0.0, 1e-130]]), np.array([1.0, 1e5])
     slopes = _Slopes(np.zeros(2), columns, columns.T @ columns, Basis((), 2), np.zeros(2))
-    step = slopes.step(_Point(np.zeros(2), [], np.zeros(0), left, 0.0), 0.0)
+    step = slopes.step(_Point(np.zeros(2), [], np.zeros(0), left, 0.0, np.zeros(2), np.zeros(2)), 0.0)
     np.testing.assert_allclose(step, [0.5, 0.0], rtol=1e-9, atol=0.0)
     data = whitened_data(1, arm)
     fit = Fitted(next(each for each in all_candidates(data) if each.label == "scale_cubic@mag1"), np.zeros(1), {})
-    assert _Problem([fit], data, np.zeros(1)).at(np.array([1e70])).misfit == np.inf
+    assert _Problem([fit], data).at(np.array([1e70])).misfit == np.inf
+
+
+def test_a_drift_without_an_end_tells_a_slope_and_no_time(arm: Arm) -> None:
+    """A warm-up twelve times slower than the recording is a straight line, which any slow one is: the time is fitted
+    where it is expected, within what a normal prior leaves (three and a half widths cost six nats)."""
+    drift = make_effect("bias_warmup", {"where": "magnetometer", "coefficient": (0.6, -0.6, 0.6), "tau_s": 2e4})
+    data = whitened_data(1, arm, drift)
+    candidate = next(each for each in all_candidates(data) if each.label == "bias_warmup@magnetometer")
+    start = Fitted(candidate, np.array([0.1, -0.1, 0.1, 1920.0]), {})
+    found = converged([start], data)
+    linear = linearised(found)
+    assert abs(linear.pull[3] / linear.width[3]) < 3.5
+    assert found.misfit == pytest.approx(data.size, abs=6.0 * np.sqrt(2.0 * data.size))
+
+
+def test_an_instant_is_moved_to_where_it_is_likeliest_beside_the_rest(arm: Arm) -> None:
+    """A step that was found three readings early, beside nothing else."""
+    data = whitened_data(1, arm, make_effect("bias_step", {"where": "mag2", "volts": 0.1, "at_s": 800.0}))
+    scanner = Scanner.of(data)
+    candidates = [each for each in all_candidates(data) if each.label == "bias_step@mag2"]
+    search = Search(scanner, candidates, set_prior(candidates, {}, data, {}))
+    (members,) = search.additions(search.fine(()), 1)
+    early = replace(members[0].fit, kept={"at_s": float(members[0].fit.kept["at_s"]) - 3.0 * data.interval_s})
+    found = search.run([[replace(members[0], fit=early)]], deep=False)[0]
+    assert abs(float(found.members[0].fit.kept["at_s"]) - 800.0) <= 0.5 * data.interval_s
 
 
 def test_a_calibration_that_gets_worse_is_not_followed(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -229,9 +255,9 @@ def test_sets_far_from_everything_are_followed_while_noise_is_likelier_beside_th
     scanner = Scanner.of(data)
     candidates = [each for each in all_candidates(data) if each.label in ("base_dipole@base", "scale_cubic@mag1")]
     prior = set_prior(candidates, {}, data, {})
-    work = posterior._Weighing(scanner, candidates, prior, (), at_rest=True, progress=None)
+    work = weighing.Weighing(scanner, candidates, prior, (), at_rest=True, progress=None)
     nothing = Search(scanner, candidates, prior).fine(())
-    work.enter(posterior.Hypothesis(nothing, posterior.NoiseState(), (), 0.0))
+    work.enter(Hypothesis(nothing, posterior.NoiseState(), (), 0.0))
     told, run = iter(promises), Search.run
     ran: list[Search] = []
 

@@ -139,8 +139,9 @@ class WhitenedData:
 
     @property
     def floor_samples(self) -> Array:
-        """(6,) how many of the means tell as much of the noise as the floor was learned from."""
-        return np.array([channel.samples_at(self.interval_s) for channel in self.floor])
+        """(6,) how many of the means, of normal noise, tell as much of the noise as the floor was learned from."""
+        judged = self.count * self.samples
+        return np.array([channel.samples_at(self.interval_s) * channel.told(judged) for channel in self.floor])
 
     @property
     def columns(self) -> list[int]:

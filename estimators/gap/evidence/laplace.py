@@ -18,11 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
-from estimators.gap.data.stack import part_of
-from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.refine import Fitted, Refit
+from estimators.gap.evidence.refine import Refit
+from estimators.gap.evidence.shapes import shape_prior
 from estimators.gap.hypotheses.prior import ONE_AXIS, scales
-from rig.effects.parameters import Parameter
 
 Array = NDArray[np.float64]
 
@@ -32,8 +30,6 @@ _UNFELT: Final = 1e-9
 _FULL: Final = 64
 #: By what the prior precision of strengths grows where another one of their effect acts alone.
 _ALONE: Final = 1e6
-#: One over the density of a normal number of width one, where it is highest.
-_NORMAL: Final = float(np.sqrt(2.0 * np.pi))
 
 #: The scale of an effect's strengths, the number of the one that acts alone (None: all act), and its log prior.
 _Way = tuple[float, int | None, float]
@@ -197,40 +193,8 @@ def linearised(refitted: Refit, searched: float = 0.0) -> Linear:
     left, tangent = (project(data.absorbed, each) for each in (refitted.left, refitted.columns))
     point = np.concatenate([fit.values / fit.scale for fit in fits])
     strength = np.concatenate([np.full(item.size, item.strength) for fit in fits for item in fit.free])
-    shapes = [_shape(fit, item, data) for fit in fits for item in fit.free]
+    shapes = [shape_prior(fit.effect, item, data) for fit in fits for item in fit.free]
     away, width = (np.concatenate(each) for each in zip(*shapes, strict=True))
     owner = np.concatenate([np.full(len(fit.values), index, dtype=np.intp) for index, fit in enumerate(fits)])
     by_axis = np.concatenate([np.full(item.size, item.by_axis) for fit in fits for item in fit.free])
     return Linear(left, tangent, point, strength.astype(bool), width, owner, searched, by_axis.astype(bool), away)
-
-
-def _shape(fit: Fitted, item: Parameter, data: WhitenedData) -> tuple[Array, Array]:
-    """Prior mean less the fitted value, and prior width, of a parameter's components in typical sizes.
-
-    A shape that is searched on a grid is normal in the grid's steps, about its middle, with the density of its values
-    there; a tone's frequency has a density of one over its band.
-    """
-    effect = fit.candidate.effect
-    nothing = np.zeros(item.size)
-    if item.name == "freq_Hz" and effect.tone:
-        own = data.parts[part_of(effect) or 0]
-        band = sum(high - low for low, high in effect.bands) if effect.bands else 0.5 * own.samples / own.interval_s
-        return nothing, nothing + band / _NORMAL / item.typical
-    grids = () if item.strength else effect.ranges(data.base).get(item.name, ())
-    if not grids:
-        return nothing, nothing + 1.0
-    fitted = np.atleast_1d(np.asarray(getattr(fit.effect, item.name), dtype=float))
-    places = [_place(own, grid) for own, grid in zip(fitted, grids, strict=True)]
-    away = [(0.5 * (len(grid) - 1) - place) * step for (place, step), grid in zip(places, grids, strict=True)]
-    width = [len(grid) * step / _NORMAL for (_, step), grid in zip(places, grids, strict=True)]
-    return np.array(away) / item.typical, np.array(width) / item.typical
-
-
-def _place(value: float, grid: Array) -> tuple[float, float]:
-    """Where a value is in a grid, in its steps, beyond its ends too; and the step there."""
-    step = np.gradient(grid)
-    index = float(np.interp(value, grid, np.arange(len(grid))))
-    own = float(np.interp(value, grid, step))
-    if not grid[0] <= value <= grid[-1]:
-        index += (value - grid[0 if value < grid[0] else -1]) / own
-    return index, own

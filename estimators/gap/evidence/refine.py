@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import Basis, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.shapes import searched, shape_prior
 from estimators.gap.hypotheses.candidates import Candidate, Shape
 from estimators.gap.hypotheses.scan import KEPT, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained
@@ -181,9 +182,10 @@ class Refit:
 def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24) -> Refit:
     """All parameters of all effects together by nonlinear least squares.
 
-    The calibration moves along its tangent, which is projected out. The derivatives, which cost most, are taken anew
-    only where the misfit does not fall as they foretold (Levenberg-Marquardt with a chord: Nocedal and Wright,
-    Numerical Optimization, 2006, section 10.3; Kelley, Iterative Methods, 1995, section 5.4).
+    The calibration moves along its tangent, which is projected out. Strengths are held near nothing, and shapes among
+    what is searched: a warm-up slower than the recording tells no time, only a slope. The derivatives, which cost most,
+    are taken anew only where the misfit does not fall as they foretold (Levenberg-Marquardt with a chord: Nocedal and
+    Wright, Numerical Optimization, 2006, section 10.3; Kelley, Iterative Methods, 1995, section 5.4).
 
     Args:
         most: steps at most.
@@ -192,8 +194,7 @@ def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24) -> Refit:
     if not fits:
         return at(fits, data)
     scale = np.concatenate([each.scale for each in fits])
-    held = _HELD * np.concatenate([np.full(item.size, float(item.strength)) for each in fits for item in each.free])
-    problem = _Problem(fits, data, held**2)
+    problem = _Problem(fits, data)
     here = problem.at(np.concatenate([each.values for each in fits]) / scale)
     slopes, damping, gone = problem.slopes(here), _DAMPED, 0.0
     for _ in range(most):
@@ -216,32 +217,35 @@ def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24) -> Refit:
 @dataclass(frozen=True)
 class _Point:
     """Parameters (p,) in typical sizes, the effects there, what they change of the readings (n, 6) and leave of the
-    whitened residual, its misfit."""
+    whitened residual, its misfit; how far the prior's mean is away, and its precisions (p,)."""
 
     point: Array
     fits: list[Fitted]
     change: Array
     left: Array
     misfit: float
+    away: Array
+    precision: Array
 
 
 @dataclass(frozen=True)
 class _Slopes:
-    """Whitened derivatives (c count, p) at a point; their Gram matrix, the calibration projected out, the prior in."""
+    """Whitened derivatives (c count, p) at a point; their Gram matrix, the calibration projected out, the prior's
+    precisions (p,) in."""
 
     at: Array
     columns: Array
     gram: Array
     absorbed: Basis
-    prior: Array
+    precision: Array
 
     def moment(self, here: _Point) -> Array:
         """(p,) minus half the misfit's gradient."""
-        return np.asarray(self.columns.T @ project(self.absorbed, here.left) - self.prior * here.point)
+        return np.asarray(self.columns.T @ project(self.absorbed, here.left) + here.precision * here.away)
 
     def step(self, here: _Point, damping: float) -> Array:
         """(p,), in the directions that the calibration does not absorb."""
-        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + self.prior + _UNFELT)
+        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + self.precision + _UNFELT)
         values, vectors = np.linalg.eigh(self.gram / np.outer(length, length))
         free = values > ABSORBED**2
         along = vectors[:, free].T @ (self.moment(here) / length)
@@ -254,11 +258,10 @@ class _Slopes:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Effects to be fitted; the prior (p,) that holds their strengths near zero: one over its variance."""
+    """Effects to be fitted."""
 
     fits: Sequence[Fitted]
     data: WhitenedData
-    prior: Array
 
     def at(self, point: Array) -> _Point:
         """The misfit (chi-square) with the calibration's tangent projected out; infinite beyond what can be said."""
@@ -268,12 +271,27 @@ class _Problem:
             for each in self.fits
         ]
         if not all((np.abs(each.values) <= MAGNITUDES[1]).all() for each in fits):
-            return _Point(point, fits, np.zeros(0), np.zeros(0), np.inf)
+            return _Point(point, fits, np.zeros(0), np.zeros(0), np.inf, np.zeros(0), np.zeros(0))
         change = self.data.change([each.effect for each in fits])
         left = self.data.whiten(self.data.residual - change)
         absorbed = self.data.absorbed.along(left)
-        misfit = float(left @ left - absorbed @ absorbed + self.prior @ point**2)
-        return _Point(point, fits, change, left, misfit)
+        away, precision = self._expected(point, fits)
+        misfit = float(left @ left - absorbed @ absorbed + precision @ away**2)
+        return _Point(point, fits, change, left, misfit, away, precision)
+
+    def _expected(self, point: Array, fits: Sequence[Fitted]) -> tuple[Array, Array]:
+        """How far the prior's mean is away, and its precisions: of strengths about nothing, of searched shapes among
+        the values that are searched. What nothing holds may lie anywhere."""
+        away, precision, first = -point, np.zeros(len(point)), 0
+        for each in fits:
+            for item in each.free:
+                own = slice(first, first := first + item.size)
+                if item.strength:
+                    precision[own] = _HELD**2
+                elif searched(each.candidate.effect, item, self.data):
+                    away[own], width = shape_prior(each.effect, item, self.data)
+                    precision[own] = 1.0 / width**2
+        return away, precision
 
     @cached_property
     def touched(self) -> list[NDArray[np.bool_]]:
@@ -284,8 +302,8 @@ class _Problem:
         """The derivatives at a point."""
         columns = side_by_side(*tangents(here.fits, self.data, self.touched, here.change))
         shared = self.data.absorbed.along(columns)
-        gram = columns.T @ columns - shared.T @ shared + np.diag(self.prior)
-        return _Slopes(here.point, columns, gram, self.data.absorbed, self.prior)
+        gram = columns.T @ columns - shared.T @ shared + np.diag(here.precision)
+        return _Slopes(here.point, columns, gram, self.data.absorbed, here.precision)
 
 
 def touched_by(fits: Sequence[Fitted], data: WhitenedData) -> list[NDArray[np.bool_]]:

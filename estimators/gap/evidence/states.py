@@ -18,7 +18,8 @@ from scipy.fft import dct
 from estimators.gap.data.projection import side_by_side
 from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.laplace import Linear
-from estimators.gap.floor.learned import going_on, groups, remembers
+from estimators.gap.floor.alike import moved_together
+from estimators.gap.floor.learned import board_of, going_on, groups, remembers
 from estimators.gap.hypotheses.noise_effects import fitted_noises
 from estimators.gap.hypotheses.prior import (
     FLOOR_MOVED,
@@ -202,18 +203,26 @@ def _moved(lefts: Sequence[Left], slower: bool = False) -> tuple[tuple[Step, ...
     """Steps to the floor as the sweep says it is, and what its parameters cost."""
     steps, weight = [], 0.0
     for number, left in enumerate(lefts):
+        alike: dict[tuple[range, tuple[float, ...]], list[int]] = {}
         for column in left.data.columns:
-            learned, own = (left.spectrum(column, way) for way in (False, slower))
-            point, _ = own.alone
-            before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
-            factor = np.sqrt(before / after)
-            if np.abs(np.log(factor)).max() < 1e-3:
+            unseen = left.spectrum(column, slower).learned.unseen_s
+            alike.setdefault((board_of(column), unseen), []).append(column)
+        for columns in alike.values():
+            points, price = moved_together([left.spectrum(column, slower) for column in columns])
+            factors = [_factor(left, column, slower, point) for column, point in zip(columns, points, strict=True)]
+            if all(np.abs(np.log(factor)).max() < 1e-3 for factor in factors):
                 continue
-            group = groups(left.data.count, 1)
-            full = np.concatenate([factor[:1], factor[group]])
-            steps.append(Step(column, full, in_time=False, part=number))
-            weight += own.price(point) - 0.5 * own.learned.penalty(point)[0]
+            steps += [Step(column, factor, False, number) for column, factor in zip(columns, factors, strict=True)]
+            weight += price
     return tuple(steps), weight
+
+
+def _factor(left: Left, column: int, slower: bool, point: Array) -> Array:
+    """(n,) what whitens a channel's floor by cosine transform once that is moved to a point."""
+    learned, own = (left.spectrum(column, way) for way in (False, slower))
+    before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
+    factor = np.sqrt(before / after)
+    return np.concatenate([factor[:1], factor[groups(left.data.count, 1)]])
 
 
 def unseen_floor(found: NoiseState) -> NoiseState:

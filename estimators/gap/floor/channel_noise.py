@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 from scipy.signal import lfilter
 
+from rig.effects.tails import level_spread
+
 Array = NDArray[np.float64]
 
 #: The filter has forgotten its start once its memory is below this share.
@@ -72,6 +74,12 @@ class ChannelNoise:
         Of white noise every sample tells alike; of coloured noise only what lies within the other rate's band.
         """
         return min(float(self.samples), self.duration_s / interval_s) if self.parts else float(self.samples)
+
+    def told(self, judged: int) -> float:
+        """What a sample tells of the level, as a share of what one of normal noise does: long tails tell less, where
+        the floor is learned and in so many readings that are judged by it."""
+        spread = 1.0 if self.degrees is None else level_spread(self.degrees)
+        return 1.0 / (spread + (spread - 1.0) * self.samples / max(judged, 1))
 
     @property
     def variance(self) -> float:

@@ -117,7 +117,7 @@ def going_on(floor: Sequence[ChannelNoise], column: int, until_s: float) -> tupl
     Args:
         floor: of the six channels. until_s: the slowest worth looking at [s].
     """
-    coloured = [floor[index] for index in _board(column) if floor[index].seen]
+    coloured = [floor[index] for index in board_of(column) if floor[index].seen]
     own = [floor[column]] if floor[column].seen or not coloured else coloured
     held_s = own[0].duration_s / own[0].holds
     if not held_s:
@@ -134,10 +134,11 @@ def going_on(floor: Sequence[ChannelNoise], column: int, until_s: float) -> tupl
 
 def remembers(floor: Sequence[ChannelNoise], column: int) -> bool:
     """Whether any channel of a channel's sensor was seen to be coloured at rest."""
-    return any(floor[index].seen for index in _board(column))
+    return any(floor[index].seen for index in board_of(column))
 
 
-def _board(column: int) -> range:
+def board_of(column: int) -> range:
+    """The channels of a channel's sensor."""
     (own,) = [range(6)[of] for of in COLUMNS_OF.values() if column in range(6)[of]]
     return own
 
@@ -148,15 +149,22 @@ class Learned:
 
     Attributes:
         noise: as it was learned. unseen: how many parts, the last ones, are slower than it shows.
+        told: what a sample tells, as a share of what one of normal noise does.
     """
 
     noise: ChannelNoise
     unseen: int = 0
+    told: float = 1.0
 
     @property
     def free(self) -> int:
         """The length of a point."""
         return 1 + 2 * len(self.noise.parts)
+
+    @property
+    def unseen_s(self) -> tuple[float, ...]:
+        """Times of the parts that it does not show [s]."""
+        return tuple(tau_s for _, tau_s in self.noise.parts[len(self.noise.parts) - self.unseen :])
 
     @cached_property
     def _at_rest(self) -> tuple[Array, Parts]:
@@ -169,12 +177,12 @@ class Learned:
         middles = np.asarray(0.5 * (edges[1:] + edges[:-1]) / (2.0 * ordinates), dtype=float)
         interval_s = max(self.noise.duration_s, 1e-12) / self.noise.samples
         found = parts(self.noise, middles, interval_s)
-        return counts, found.times(1.0 / found.at(np.zeros(self.free)))
+        return self.told * counts, found.times(1.0 / found.at(np.zeros(self.free)))
 
     def information(self, point: Array) -> Array:
         """Fisher information of a point in the recording at rest."""
         if self.free == 1:
-            return np.array([[0.5 * self.noise.samples]])
+            return np.array([[0.5 * self.told * self.noise.samples]])
         counts, shares = self._at_rest
         slopes = shares.gradient(point) / shares.at(point)
         return np.asarray((slopes * counts) @ slopes.T)
@@ -185,7 +193,7 @@ class Learned:
         Of channels that share the shape of their noise each tells its own part: tests add up what they tell.
         """
         if self.free == 1:
-            samples = float(self.noise.samples)
+            samples = self.told * self.noise.samples
             value = samples * (point[0] + np.exp(-point[0]) - 1.0)
             return float(value), np.array([samples * (1.0 - np.exp(-point[0]))])
         counts, shares = self._at_rest
@@ -203,12 +211,14 @@ class Spectrum:
         learned: the floor at rest.
         floor: its spectrum, whitened.
         power: (b,) sums of squares. counts: (b,) how many.
+        believed: a point's prior mean and precisions, (free,) each, where something beside this channel tells of them.
     """
 
     learned: Learned
     floor: Parts
     power: Array
     counts: Array
+    believed: tuple[Array, Array] | None = None
 
     @cached_property
     def alone(self) -> tuple[Array, float]:
@@ -219,7 +229,7 @@ class Spectrum:
             value, gradient = self._loss(np.array([*point, -np.inf]), nothing)
             return value, gradient[:-1]
 
-        starts = [self._expected.copy()]
+        starts = [self.expected.copy()]
         if not self.learned.unseen and len(self.learned.noise.parts) > 1:  # the slowest may be larger than it seemed
             starts.append(np.where(np.arange(self.learned.free) == self.learned.free - 2, _LARGER, 0.0))
         ways = [minimize(loss, start, jac=True, method="L-BFGS-B", bounds=self._bounds) for start in starts]
@@ -278,39 +288,39 @@ class Spectrum:
             variance = 1.0 / float(information[-1, -1])
         return float(np.sqrt(variance))
 
-    def price(self, point: Array) -> float:
-        """log of the share that a point takes of what the recording at rest, and a prior, leave possible (Laplace)."""
-        total = self.floor.at(point)
-        slopes = self.floor.gradient(point) / total
-        sweep = 0.5 * (slopes * self.counts) @ slopes.T
-        known = self.learned.information(point) + np.diag(self._prior)
-        spread = np.linalg.slogdet(known + sweep)[1] - np.linalg.slogdet(known)[1]
-        return -0.5 * float(spread + self._prior @ (point - self._expected) ** 2)
+    def information(self, point: Array) -> Array:
+        """(free, free) Fisher information of a point in the sweep."""
+        slopes = self.floor.gradient(point) / self.floor.at(point)
+        return np.asarray(0.5 * (slopes * self.counts) @ slopes.T)
 
     @cached_property
-    def _prior(self) -> Array:
-        """Prior precisions of the logarithms of the white part, and of the coloured parts' sizes and times."""
+    def precision(self) -> Array:
+        """(free,) prior precisions of the logarithms of the white part, and of the coloured parts' sizes and times."""
+        if self.believed is not None:
+            return self.believed[1]
         found = np.array([1e-2, *[1.0 / _SIZES**2, 1.0 / _TIMES**2] * (self.learned.free // 2)])
         seen = self.learned.free > 1 + 2 * self.learned.unseen
-        found[self._unseen] = 1.0 / (_UNSEEN if seen else _UNTOLD) ** 2
+        found[self.unseen] = 1.0 / (_UNSEEN if seen else _UNTOLD) ** 2
         return found
 
     @cached_property
-    def _expected(self) -> Array:
-        """Their prior means."""
+    def expected(self) -> Array:
+        """(free,) their prior means."""
+        if self.believed is not None:
+            return self.believed[0]
         found = np.zeros(self.learned.free)
-        found[self._unseen] = -np.log(_NEXT_TO_NOTHING)
+        found[self.unseen] = -np.log(_NEXT_TO_NOTHING)
         return found
 
     @property
-    def _unseen(self) -> slice:
+    def unseen(self) -> slice:
         """Where a point has the sizes of parts that were not seen."""
         return slice(self.learned.free - 2 * self.learned.unseen, None, 2)
 
     @property
     def _bounds(self) -> list[tuple[float, float]]:
         found = [_WHITE, *[_COLOURED, _TIME] * (self.learned.free // 2)]
-        found[self._unseen] = [(0.0, _FARTHEST * _UNTOLD - np.log(_NEXT_TO_NOTHING))] * self.learned.unseen
+        found[self.unseen] = [(0.0, _FARTHEST * _UNTOLD - np.log(_NEXT_TO_NOTHING))] * self.learned.unseen
         return found
 
     def _loss(self, point: Array, unit: Array) -> tuple[float, Array]:
@@ -319,8 +329,8 @@ class Spectrum:
         total = floor + added * unit
         penalty, pull = self.learned.penalty(point[:-1])
         slope = (self.counts - self.power / total) / total
-        off = point[:-1] - self._expected
-        pulled = self._prior * off
+        off = point[:-1] - self.expected
+        pulled = self.precision * off
         value = float(self.counts @ np.log(total) + np.sum(self.power / total) + pulled @ off) + penalty
         gradient = slopes @ slope + pull + 2.0 * pulled
         return value, np.array([*gradient, added * float(unit @ slope)])

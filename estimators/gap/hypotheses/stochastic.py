@@ -243,7 +243,8 @@ def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: boo
     named = np.maximum(1.0 - np.bincount(group, _named(data, column, len(frequency))) / many, 0.0)
     whitened = floor.times(middle, named)
     squares: Array = np.asarray(np.bincount(group, power), dtype=float)
-    return Spectrum(Learned(learned, len(more)), whitened, squares, many.astype(float))
+    told = learned.told(data.count * data.samples)
+    return Spectrum(Learned(learned, len(more), told), whitened, squares, many.astype(float))
 
 
 def whitened_response(data: WhitenedData, column: int, frequency: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from estimators.gap.data.projection import project
 from estimators.gap.data.stack import Stack, part_of
 from estimators.gap.diagnosis import Cause
-from estimators.gap.search.posterior import Hypothesis
+from estimators.gap.search.hypothesis import Hypothesis
 
 
 def of_several(cause: Cause, label: str, index: int, holder: Hypothesis, data: Stack) -> Cause:

@@ -21,7 +21,8 @@ from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report import closure
 from estimators.gap.report.p_values import WAYS
 from estimators.gap.search.explanation import Explanation
-from estimators.gap.search.posterior import Hypothesis, Posterior
+from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.posterior import Posterior
 
 Array = NDArray[np.float64]
 

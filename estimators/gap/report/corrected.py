@@ -25,7 +25,8 @@ from estimators.gap.evidence.common import is_common
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.refine import Fitted, tangents
-from estimators.gap.search.posterior import Hypothesis, Posterior
+from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.posterior import Posterior
 from estimators.known_angle.assemble import assemble
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.from_recording import reads_of, summarise

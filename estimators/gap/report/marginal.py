@@ -14,7 +14,8 @@ from estimators.gap.diagnosis import Estimate
 from estimators.gap.evidence.refine import Fitted
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.search.explanation import Member
-from estimators.gap.search.posterior import Hypothesis, Posterior
+from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.posterior import Posterior
 from rig.effects import EFFECTS
 
 Array = NDArray[np.float64]

@@ -27,7 +27,7 @@ from estimators.gap.report.one_of import at_least_one
 from estimators.gap.report.p_values import defect_probability, doubts
 from estimators.gap.report.recorded_units import in_recorded_units
 from estimators.gap.report.shift import calibration_shift
-from estimators.gap.search.posterior import Hypothesis as Weighing
+from estimators.gap.search.hypothesis import Hypothesis as Found
 from estimators.gap.search.posterior import Posterior
 from rig.channels import CHANNELS
 from rig.effects import Effect
@@ -174,7 +174,7 @@ def _listed(
     return tuple(listed), masses, max(0.0, 1.0 - sum(one.probability for one in listed)), at_least_one(sets)
 
 
-def _believed(each: Weighing, doubted: Sequence[float] | None) -> list[tuple[str, float]]:
+def _believed(each: Found, doubted: Sequence[float] | None) -> list[tuple[str, float]]:
     """Labels of a hypothesis, mean effects first, and the probability of each where the hypothesis holds."""
     labels = [*(member.label for member in each.explanation.members), *each.state.labels]
     return list(zip(labels, doubted or (1.0,) * len(labels), strict=True))
@@ -193,7 +193,7 @@ def _subsets(causes: Sequence[tuple[tuple[str, str], float]]) -> list[tuple[tupl
     return found
 
 
-def _at_every_sample(leading: Weighing, data: WhitenedData) -> list:  # type: ignore[type-arg]
+def _at_every_sample(leading: Found, data: WhitenedData) -> list:  # type: ignore[type-arg]
     """The fits of an explanation; of means over blocks, once more with the rig evaluated at every sample."""
     fits = leading.explanation.fits
     if data.block == 1 or not fits:
@@ -204,7 +204,7 @@ def _at_every_sample(leading: Weighing, data: WhitenedData) -> list:  # type: ig
 
 def _causes(
     posterior: Posterior,
-    leading: Weighing,
+    leading: Found,
     places: Mapping[str, marginal.Place],
     same: Mapping[str, str],
     defects: Sequence[tuple[Defect, int]],
@@ -216,7 +216,7 @@ def _causes(
     rng: np.random.Generator,
 ) -> tuple[Cause, ...]:
     """Those of the leading explanation (``means``: the numbers of its reported members), and others that are likely."""
-    holders: dict[tuple[str, int], list[tuple[Weighing, float, int]]] = {}
+    holders: dict[tuple[str, int], list[tuple[Found, float, int]]] = {}
     reported = set()
     for number, (each, weight) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
         believed: dict[str, list[tuple[float, int]]] = {}

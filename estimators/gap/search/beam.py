@@ -17,7 +17,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.means import Means
-from estimators.gap.evidence.refine import explained_by, started
+from estimators.gap.evidence.refine import Refit, explained_by, started
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
@@ -133,9 +133,30 @@ class Search:
             rough = self.rough if all(member.fit.candidate.smooth for member in members) else None
             refitted = converged([member.fit for member in members], data, rough)
             own = tuple(replace(member, fit=fit) for member, fit in zip(members, refitted.fits, strict=True))
+            for index in [number for number, member in enumerate(own) if member.widths and fine]:
+                own, refitted = self._at_its_instant(own, index, refitted)
             prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
             self.found[key] = Explanation(own, refitted.data, prior, fine, refitted)
         return self.found[key]
+
+    def _at_its_instant(
+        self, members: tuple[Member, ...], index: int, refitted: Refit
+    ) -> tuple[tuple[Member, ...], Refit]:
+        """The set with one effect at the instant that is likeliest beside the others: it was found without these."""
+        member, others = members[index], [*refitted.fits[:index], *refitted.fits[index + 1 :]]
+        look = self.scanner.beside([fit.effect for fit in others], refitted.data.pipeline).fine
+        explained = explained_by(others, refitted.data)
+        tested = look.best(member.fit.candidate, explained)[0]
+        fit, same = member.fit, all(member.fit.kept[name] == tested.shape[name] for name in tested.widths)
+        again = refitted
+        if not same and tested.score.strengths.size:
+            fit = started(tested, look.data, explained)
+            again = converged([*refitted.fits[:index], fit, *refitted.fits[index + 1 :]], refitted.data)
+            if again.misfit > refitted.misfit:
+                return members, refitted
+        own = [replace(each, fit=other) for each, other in zip(members, again.fits, strict=True)]
+        own[index] = replace(own[index], searched=tested.spread, widths=tested.widths)
+        return tuple(own), again
 
     def additions(self, parent: Explanation, most: int, floor: float = -np.inf) -> list[tuple[Member, ...]]:
         """The set with one more effect each: the most promising ones, of those that promise more than ``floor``."""

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimators.gap.data.projection import project
-from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.data.whitened import Step, WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.refine import Refit
@@ -29,11 +29,13 @@ from estimators.gap.evidence.states import (
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
-from estimators.gap.hypotheses.stochastic import Left
+from estimators.gap.hypotheses.stochastic import FittedNoise, Left
 from estimators.gap.search.explanation import Explanation, Member
 
 #: Log odds by which one more part of a floor must be better.
 _BETTER: Final = 1.0
+#: The floor is moved beside so many noise effects, the likeliest of those that could be there.
+_MOVED: Final = 2
 #: Beside so many explanations the parts of a floor that nothing shows are learned.
 _BESIDE: Final = 4
 
@@ -48,12 +50,14 @@ class Promise:
     Attributes:
         log_mass: of the explanation that it was learned beside, without a discrepancy. state: the noise.
         given: the state that it goes beyond. explanation: that it was learned beside.
+        determinant: the part of the state's log weight that is its steps'.
     """
 
     log_mass: float
     state: NoiseState
     given: Given
     explanation: Explanation
+    determinant: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,16 @@ class Noises:
     without: Sequence[str]
     at_rest: bool
 
+    def moved_under(self, given: Given, each: Explanation, common: FittedNoise) -> list[NoiseState]:
+        """The floor moved where there is noise that all channels share, taken as if each had that by itself.
+
+        Args:
+            given: state, and its scanner. each: explanation under it.
+        """
+        here = each.on(given[1].fine.data)
+        floors = self.floors_under(here, common.steps(here.data))
+        return [one.state for one in self._promised(given, each, here.data, here.linear, floors)]
+
     def beyond(self, given: Given, each: Explanation) -> list[Promise]:
         """States beyond a given one, beside an explanation under that."""
         data = given[1].fine.data
@@ -78,6 +92,35 @@ class Noises:
             states += self._unnamed(given[0], lefts)
         found = self._promised(given, each, data, each.linear, states)
         return found if given[0].name else found + self.as_floor(given, each)
+
+    def moved_beside(self, promises: Sequence[Promise]) -> list[Promise]:
+        """The floor moved beside the likeliest named noise: alone that explains little where the floor is not quite
+        what was learned. Beside the explanation that each is likeliest beside, and the smallest."""
+        every: dict[tuple[str, ...], list[Promise]] = {}
+        for one in sorted(promises, key=lambda one: -one.log_mass):
+            if not one.state.name and len(one.state.fitted) > len(one.given[0].fitted):
+                every.setdefault(one.state.labels, []).append(one)
+        found = []
+        for likeliest, *others in list(every.values())[:_MOVED]:
+            fewest = min((likeliest, *others), key=lambda one: len(one.explanation.members))
+            for one in (likeliest,) if fewest is likeliest else (likeliest, fewest):
+                here = one.explanation.on(one.given[1].fine.data)
+                bare = replace(one.state, log_weight=one.state.log_weight - one.determinant)
+                floors = self.floors_under(here, bare.steps[len(one.given[0].steps) :])
+                moved = [bare.beyond(floor) for floor in floors]
+                found += self._promised(one.given, one.explanation, here.data, here.linear, moved)
+        return found
+
+    def floors_under(self, here: Explanation, steps: Sequence[Step]) -> list[NoiseState]:
+        """The floor moved, and one that goes on below what the poses at rest show, where further noise is known.
+
+        Args:
+            here: an explanation. steps: that whiten the noise beyond its data's.
+        """
+        own = here.data.stepped(steps)
+        unexplained = here.data.residual - here.data.change([fit.effect for fit in here.fits])
+        lefts = left_of(own, Explained(own.absorbed, project(own.absorbed, own.whiten(unexplained))))
+        return self._floors(lefts)
 
     def again(self, every: Sequence[tuple[Given, Explanation]]) -> list[Promise]:
         """Floors, and noise without a name, beyond given states: beside explanations found under other ones.
@@ -137,8 +180,12 @@ class Noises:
         return self._promised(given, here, here.data, here.linear, self._nameless(lefts))
 
     def _unnamed(self, given: NoiseState, lefts: Sequence[Left]) -> list[NoiseState]:
+        return [given.beyond(state) for state in (*self._floors(lefts), *self._nameless(lefts))]
+
+    def _floors(self, lefts: Sequence[Left]) -> list[NoiseState]:
+        """The floor moved, and one that goes on below what the poses at rest show."""
         floors = [moved_floor(lefts, self.at_rest, slower) for slower in (False, True)]
-        return [given.beyond(state) for state in (*floors, *self._nameless(lefts)) if state is not None]
+        return [floor for floor in floors if floor is not None]
 
     def _nameless(self, lefts: Sequence[Left]) -> list[NoiseState]:
         """Noise without a name; where nothing shows the floor, it may be that."""
@@ -180,7 +227,8 @@ class Noises:
             prior = self.prior.log_set([*state.drawn, *(member.drawn for member in each.members)])
             under, determinant = under_steps(pieces, linear, state.steps[taken:])
             weight = state.log_weight + determinant
-            found.append(Promise(under.averaged[0] + prior + weight, replace(state, log_weight=weight), given, each))
+            own = replace(state, log_weight=weight)
+            found.append(Promise(under.averaged[0] + prior + weight, own, given, each, determinant))
         return found
 
 

@@ -1,0 +1,243 @@
+"""Weighing: every hypothesis that a search comes upon, with its log mass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from estimators.gap.evidence.common import CommonNoise, beside, beside_other
+from estimators.gap.evidence.discrepancy import Discrepancies, total, weighed
+from estimators.gap.evidence.states import NoiseState
+from estimators.gap.hypotheses.candidates import Candidate
+from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE, Prior
+from estimators.gap.hypotheses.scan import Scanner
+from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
+from estimators.gap.search.beam import Search
+from estimators.gap.search.explanation import Explanation, Member
+from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.noises import Noises, Promise
+
+#: Log odds against the leading hypothesis beyond which a state of the noise is not followed.
+FAR: Final = 14.0
+#: Log odds against the leading explanation within which others are.
+_NEAR: Final = 6.0
+#: Searches under common noise, each beside what the last one found.
+_OUTWARDS: Final = 2
+#: So many explanations of a state are weighed beside discrepancies, and beside other noise.
+_BESIDE: Final = 4
+#: Terms of a discrepancy that are kept of each, for what is left.
+_KEPT: Final = 12
+
+
+@dataclass
+class Weighing:
+    """All that was weighed so far.
+
+    Attributes:
+        scanner: of the data under the floor as it was learned. candidates: what is considered. prior: of sets.
+        without: effects left out of the catalogue. at_rest: whether the floor was learned at rest.
+        progress: called with the share of a search that is done. common: noise that all channels share.
+        discrepancies: under the floor as it was learned. hypotheses: the likeliest of each kind.
+    """
+
+    scanner: Scanner
+    candidates: Sequence[Candidate]
+    prior: Prior
+    without: Sequence[str]
+    at_rest: bool
+    progress: Callable[[float], None] | None
+    common: Sequence[CommonNoise] = ()
+    discrepancies: Discrepancies | None = None
+    hypotheses: dict[tuple[tuple[str, ...], str, bool, bool], Hypothesis] = field(default_factory=dict)
+
+    @property
+    def leading(self) -> Hypothesis:
+        """The likeliest."""
+        return max(self.hypotheses.values(), key=lambda each: each.log_mass)
+
+    @property
+    def best(self) -> float:
+        """Its log mass."""
+        return self.leading.log_mass
+
+    def best_under(self, state: NoiseState) -> float:
+        """The same of what has the same named noise: with more of that, every set of effects may be likelier."""
+        own = [each.log_mass for each in self.hypotheses.values() if each.state.labels == state.labels]
+        return max(own, default=-np.inf)
+
+    def beside_other(self, state: NoiseState) -> list[Explanation]:
+        """The explanation that is likeliest under a state of the noise beside a discrepancy, if there is one."""
+        own = [each for each in self.hypotheses.values() if each.state is state and each.terms]
+        return [max(own, key=lambda each: each.log_mass).explanation] if own else []
+
+    def known(self, explanation: Explanation, state: NoiseState) -> float:
+        """Log mass without a discrepancy, but for its own prior."""
+        return explanation.log_mass + state.log_weight
+
+    def alone(self, each: Explanation, state: NoiseState) -> Hypothesis:
+        """An explanation without a discrepancy."""
+        return Hypothesis(each, state, (), self.known(each, state) + _nothing_else(state))
+
+    def enter(self, hypothesis: Hypothesis) -> None:
+        """A hypothesis, where none of its kind is likelier."""
+        key = hypothesis.labels, hypothesis.state.name, bool(hypothesis.terms), hypothesis.state.other
+        if key not in self.hypotheses or self.hypotheses[key].log_mass < hypothesis.log_mass:
+            self.hypotheses[key] = hypothesis
+
+    def promised(self, one: Promise) -> None:
+        """A state of the noise beside the explanation that it was learned beside."""
+        self.enter(Hypothesis(one.explanation, one.state, (), one.log_mass + _nothing_else(one.state)))
+
+    def enter_nameless(self, each: Explanation, state: NoiseState, discrepancies: Discrepancies) -> None:
+        """An explanation beside discrepancies."""
+        changes = {
+            (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
+            for index, member in enumerate(each.members)
+        }
+        nameless = self.known(each, state) + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
+        least = self.best_under(state) - FAR - nameless
+        if terms := weighed(each.linear, discrepancies, changes, least):
+            found = Hypothesis(each, state, tuple(terms[:_KEPT]), nameless + total([term.log_mass for term in terms]))
+            self.enter(found)
+            # noise of all channels is what changes from sample to sample, too: it is weighed beside what does not
+            slow = [term for term in terms if term.term.edges is None]
+            if slow:
+                for log_mass, fitted, both in beside_other(each.linear, self.common, each.data.absorbed, slow):
+                    self._enter_with(replace(found, terms=tuple(both), log_mass=nameless + log_mass), fitted)
+
+    def enter_common(self, found: Hypothesis) -> None:
+        """A hypothesis beside each noise effect that all channels share."""
+        for log_mass, fitted in beside(found.explanation.linear, self.common):
+            self._enter_with(replace(found, log_mass=found.log_mass + log_mass), fitted)
+
+    def _enter_with(self, found: Hypothesis, fitted: FittedNoise) -> None:
+        """A hypothesis, but for the prior of one more noise effect."""
+        each = found.explanation
+        named = replace(found.state, fitted=(*found.state.fitted, fitted))
+        prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
+        self.enter(replace(found, state=named, log_mass=found.log_mass - each.log_prior + prior))
+
+    def move_floor(self) -> None:
+        """What has no name, beside the floor that known causes are likeliest beside: it was weighed there only where
+        something else led to that floor."""
+        known = [each for each in self.hypotheses.values() if not each.other and not each.state.labels]
+        floor = max(known, key=lambda each: each.log_mass).state
+        plain = [each.log_mass for each in known if not each.state.steps]
+        nameless = [each for each in self.hypotheses.values() if each.terms and not each.state.steps]
+        there = [each for each in self.hypotheses.values() if each.terms and each.state.steps and not each.state.labels]
+        if not floor.steps or not nameless or any(each.state.name == floor.name for each in there):
+            return
+        each = max(nameless, key=lambda one: one.log_mass)
+        if each.log_mass + self.best - max(plain, default=-np.inf) < self.best - _NEAR:
+            return
+        scanner = self.scanner.stepped(floor.steps)
+        moved = each.explanation.on(scanner.fine.data)
+        self.enter(self.alone(moved, floor))
+        self.enter_nameless(moved, floor, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.without))
+
+    def weigh(
+        self, state: NoiseState, scanner: Scanner, seeds: Sequence[Sequence[Member]], deep: bool
+    ) -> list[Explanation]:
+        """Search under a state of the noise, and enter what was found, with and without a discrepancy."""
+        search = Search(scanner, self.candidates, self.prior, self.progress, given=tuple(state.drawn))
+        discrepancies = None
+        target = -np.inf
+        if deep:  # what a discrepancy alone comes to tells how far sets of effects are worth following
+            self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough, self.without)
+            self._beside([search.fine(())], state, search, discrepancies)
+            self._under_common(state, scanner, discrepancies)
+            target = self.best - state.log_weight - search.fine(()).log_mass
+        found = search.run(seeds, deep, target)
+        for each in found:
+            self.enter(self.alone(each, state))
+        # where something without a name leads by far, causes can be there beside it, if not without it
+        best = self.best_under(state)
+        near = self.known(found[0], state) > best - FAR or (self.leading.terms and self.leading.state is state)
+        if near or deep:  # of a floor that is far off, what leads: something else may be beside it
+            discrepancies = discrepancies or Discrepancies.of(search.data, search.rough, self.without)
+            self._beside(found if near else found[:1], state, search, discrepancies)
+        return found
+
+    def _under_common(self, floor: NoiseState, scanner: Scanner, discrepancies: Discrepancies) -> None:
+        """Sets of effects where noise that all channels share is far likelier than none: searched as if each channel
+        had noise of that size by itself, and weighed as what it is."""
+        data = scanner.fine.data
+        for _ in range(_OUTWARDS):
+            leading = self.leading
+            if (common := self._common()) is None:
+                return
+            steps = list(common.steps(data))
+            search = Search(
+                scanner.stepped(steps), self.candidates, self.prior, self.progress, given=tuple(leading.state.drawn)
+            )
+            alone = self.hypotheses.get((leading.state.labels, floor.name, False, False))
+            target = -np.inf if alone is None else leading.log_mass - alone.log_mass
+            for each in search.run(leading.explanation.seeds, False, target)[:_BESIDE]:
+                prior = self.prior.log_set([member.drawn for member in each.members])
+                moved = replace(each.on(data), log_prior=prior)
+                self.enter_common(self.alone(moved, floor))
+            if self.leading is leading:
+                return
+            self.enter_nameless(self.leading.explanation, floor, discrepancies)
+
+    def _common(self) -> FittedNoise | None:
+        """Noise that all channels share, where that is far likelier than none."""
+        fitted = self.leading.state.fitted
+        return fitted[-1] if fitted and fitted[-1].part == EVERY and 0.5 * fitted[-1].gain > FAR else None
+
+    def move_floor_under_common(self, noises: Noises, floor: NoiseState) -> None:
+        """The same beside other floors: as it was learned, the floor was judged beside nothing else."""
+        leading = self.leading
+        if (common := self._common()) is None or leading.state.steps:
+            return
+        for state in noises.moved_under((floor, self.scanner), leading.explanation, common):
+            scanner = self.scanner.stepped(state.steps)
+            self.enter_common(self.alone(leading.explanation.on(scanner.fine.data), state))
+            if self.leading.state.name == state.name:
+                discrepancies = Discrepancies.of(scanner.fine.data, scanner.rough.data, self.without)
+                self._under_common(state, scanner, discrepancies)
+
+    def _beside(
+        self, found: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
+    ) -> None:
+        """Explanations beside discrepancies, and additions once one of these is there."""
+        done: set[tuple[str, ...]] = set()
+        near = near_leading(found)
+        leading_members = found[0].members
+        drops = {
+            tuple(sorted(member.label for member in leading_members if member is not out)) for out in leading_members
+        }
+        queue = near + [each for each in found if not each.members or each.key in drops]
+        extended = len(found) == 1
+        while queue:
+            each = queue.pop(0)
+            if each.key in done:
+                continue
+            done.add(each.key)
+            self.enter_common(self.alone(each, state))
+            self.enter_nameless(each, state, discrepancies)
+            if queue:
+                continue
+            nameless = [one for one in self.hypotheses.values() if one.terms and one.state is state]
+            leading = max(nameless, key=lambda one: one.log_mass, default=None)
+            if leading is None or leading.log_mass < self.best - _NEAR:
+                continue
+            # what was needed without a discrepancy may do a part of what that does
+            queue += [rest for rest in search.without_one(leading.explanation) if rest.key not in done]
+            if not queue and not extended:
+                extended = True
+                queue += search.beside(leading.explanation, leading.terms[0])
+
+
+def _nothing_else(state: NoiseState) -> float:
+    """log probability that beside a state of the noise there is nothing without a name; noise without one says it."""
+    return 0.0 if state.other else float(np.log1p(-OTHER))
+
+
+def near_leading(found: Sequence[Explanation]) -> list[Explanation]:
+    """The leading explanation and those nearly as likely: other noise and discrepancies are weighed beside them all."""
+    return [each for each in found if each.log_mass > found[0].log_mass - _NEAR][:_BESIDE]
