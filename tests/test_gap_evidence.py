@@ -12,7 +12,8 @@ from whitened_examples import data, discrepancies, recorded, unexplained  # noqa
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.projection import project
 from estimators.gap.data.stack import only_in
-from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.gap.data.steps import Step
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.discrepancy import Discrepancies, weighed, weighed_terms
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.jumps import best, roughly

@@ -8,18 +8,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from whitened_examples import data, recorded  # noqa: F401
+from whitened_examples import data, recorded, unexplained  # noqa: F401
 
 import estimators
 from estimators.gap.data import tangent
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.defects import readings_of
 from estimators.gap.data.projection import orthonormal, project
+from estimators.gap.data.steps import Gaps, Step, after_steps
 from estimators.gap.data.tangent import ChannelTangent
-from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.refine import Fitted
-from estimators.gap.evidence.states import unnamed
+from estimators.gap.evidence.states import pieces_of, under_steps, unnamed
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
@@ -232,6 +233,34 @@ def test_noise_without_a_name_may_come_and_go(data: WhitenedData) -> None:
             white = step(white) if step.column == column else white
         for part in (white[size < 10.0], white[size > 10.0]):
             assert 0.85 < float(np.mean(part**2)) < 1.15
+
+
+def test_a_level_does_not_jump_where_readings_are_left_out() -> None:
+    """A slow level of ten on white noise, its lowest frequencies whitened: of readings left out at both ends and one in
+    ten between, each would leave a hundred beside it. What is left is a chi-square, to five standard deviations."""
+    rng, count = np.random.default_rng(2), 4000
+    weights = (rng.random(count) > 0.1).astype(float)
+    weights[[0, 1, -2, -1]] = 0.0
+    level = 10.0 * np.cos(np.pi * np.arange(count) / count)
+    factor = np.minimum(1.0, np.arange(count) / 40.0)
+    gaps = Gaps.of(weights)
+    assert gaps is not None
+    left = after_steps([Step(0, factor, in_time=False)], weights * (level + rng.standard_normal(count)), gaps)
+    assert not left[weights == 0.0].any()
+    assert float(left @ left) == pytest.approx(weights.sum(), abs=5.0 * np.sqrt(2.0 * weights.sum()) + 40.0)
+    assert Gaps.of(np.ones(3)) is None
+    assert Gaps.of(np.zeros(3)) is None
+
+
+def test_products_after_a_step_are_those_of_stepped_data_with_readings_left_out(data: WhitenedData) -> None:
+    out = np.zeros((len(data.base), 6), dtype=bool)
+    out[[0, 1, 700, -1], 4] = True
+    some = data.without(out)
+    steps = [Step(4, np.linspace(0.1, 1.0, data.count), in_time=False)]
+    under, _ = under_steps(pieces_of(some, unexplained(some.whitened)), unexplained(some.whitened), steps)
+    stepped = some.stepped(steps)
+    left = project(stepped.absorbed, stepped.whiten(stepped.residual))
+    assert under.left @ under.left == pytest.approx(left @ left, rel=1e-6)
 
 
 def test_derivatives_are_taken_beside_what_changes_them(data: WhitenedData) -> None:

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
+from estimators.gap.data.steps import Step
 from estimators.gap.data.tangent import ChannelTangent, size
-from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.gap.data.whitened import WhitenedData
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.directions import tangent_basis
 from rig.effects import Effect

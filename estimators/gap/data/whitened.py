@@ -14,11 +14,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct, idct
 
 from estimators.gap.data import tangent
 from estimators.gap.data.blocks import block_means, block_poses, neighbours
 from estimators.gap.data.projection import Basis, project
+from estimators.gap.data.steps import Gaps, Step, after_steps
 from estimators.gap.data.tangent import ChannelTangent
 from estimators.gap.floor.channel_noise import ChannelNoise, Whitener
 from rig.channels import CHANNELS, COLUMNS_OF, MAGNETOMETER
@@ -28,36 +28,6 @@ from rig.pipeline import Pipeline
 from rig.signals import Signals
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Step:
-    """A further factor of the whitening.
-
-    Attributes:
-        column: the channel.
-        factor: (count,) of each whitened reading, or of each coefficient of their cosine transform (DCT-II).
-        in_time: which of the two.
-        part: the number of the recording, of several, whose readings it is of.
-    """
-
-    column: int
-    factor: Array
-    in_time: bool
-    part: int = 0
-
-    def shortened(self, count: int) -> Step:
-        """For means over neighbouring samples: the step's lowest frequencies, or the mean of its factors."""
-        if not self.in_time:
-            return replace(self, factor=self.factor[:count])
-        factor = self.factor[: len(self.factor) // count * count].reshape(count, -1).mean(axis=1)
-        return replace(self, factor=factor)
-
-    def __call__(self, white: Array) -> Array:
-        """Whitened values (..., count)."""
-        if self.in_time:
-            return white * self.factor
-        return np.asarray(idct(dct(white, norm="ortho") * self.factor, norm="ortho"))
 
 
 @dataclass(frozen=True)
@@ -196,10 +166,14 @@ class WhitenedData:
             means = means.copy()
             means[..., gap] = (1.0 - share) * means[..., before] + share * means[..., after]
         white = self.whiteners[column](means) * self.weights[:, column]
-        for step in self.steps:
-            if step.column == column:
-                white = step(white)
-        return np.asarray(white.T)
+        return np.asarray(
+            after_steps([step for step in self.steps if step.column == column], white, self.gaps[column]).T
+        )
+
+    @cached_property
+    def gaps(self) -> tuple[Gaps | None, ...]:
+        """Where the readings of each channel are left out."""
+        return tuple(Gaps.of(weights) for weights in self.weights.T)
 
     def _means(self, column: int, values: Array) -> Array:
         if self.block == 1:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from estimators.gap.data.projection import side_by_side
-from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.gap.data.steps import Step, after_steps
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.floor.alike import moved_together
 from estimators.gap.floor.learned import board_of, going_on, groups, remembers
@@ -119,17 +120,15 @@ class Pieces:
         found = dict(self._grams)
         for place in dict.fromkeys((step.column, step.part) for step in steps):
             *before, last = (step for step in steps if (step.column, step.part) == place)
+            column, part = place
             _, values = self._values[place]
-            for step in before:
-                values = step(values)
-            if not last.in_time:  # the transform keeps products: it need not be undone
-                if before:
-                    values = dct(values, norm="ortho")
-                else:
-                    if place not in self._spectra:
-                        self._spectra[place] = dct(values, norm="ortho")
-                    values = self._spectra[place]
-            values = values * last.factor
+            gaps = self.data.parts[part].gaps[column]
+            if before or gaps is not None or last.in_time:
+                values = after_steps([*before, last], values, gaps)
+            else:  # the transform keeps products: it need not be undone
+                if place not in self._spectra:
+                    self._spectra[place] = dct(values, norm="ortho")
+                values = self._spectra[place] * last.factor
             found[place] = values @ values.T
         whole = np.zeros((self.columns.shape[1],) * 2)
         for place, gram in found.items():
@@ -337,8 +336,11 @@ def _any_spectrum(part: WhitenedData, own: Mapping[int, Array], root: Array, lea
     many = np.bincount(band, minlength=_BANDS).astype(float)
     gain, price, factors = 0.0, 0.0, []
     for column, white in own.items():
-        here = part.weights[:, column] > 0
-        power = dct(white / root, norm="ortho")[1:] ** 2 / max(float(np.mean(here)), 1e-9)
+        here, gaps = part.weights[:, column] > 0, part.gaps[column]
+        scaled = white / root
+        power = dct(scaled if gaps is None else gaps.filled(scaled), norm="ortho")[1:] ** 2 / max(
+            float(np.mean(here)), 1e-9
+        )
         ratio = np.bincount(band, power, minlength=_BANDS) / np.maximum(many, 1.0)
         raised = np.where(many > 0, np.maximum(ratio, least), 1.0)
         gains = 0.5 * many * (ratio - np.log(raised) - ratio / raised)
@@ -363,7 +365,9 @@ def _coming_and_going(part: WhitenedData, own: Mapping[int, Array]) -> _Way:
     for _ in range(_ALTERNATE):
         left = dict(own)
         for column, factor, _ in found[2]:
-            left[column] = Step(column, factor, in_time=False)(own[column] / root) * root
+            left[column] = (
+                after_steps([Step(column, factor, in_time=False)], own[column] / root, part.gaps[column]) * root
+            )
         square = np.bincount(piece, sum(white**2 for white in left.values()), minlength=_PIECES)
         root = np.sqrt(np.where(many > 0, np.maximum(square / np.maximum(many, 1.0), _LEAST), 1.0))[piece]
         found = _any_spectrum(part, own, root, _LEAST)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.stack import part_of
-from estimators.gap.data.whitened import Columns, Step, WhitenedData
+from estimators.gap.data.steps import Step, after_steps
+from estimators.gap.data.whitened import Columns, WhitenedData
 from estimators.gap.hypotheses.candidates import Candidate, Shape, still
 from estimators.gap.hypotheses.score import Explained, Score, solve
 from estimators.gap.hypotheses.tones import best_tone, envelopes
@@ -258,7 +259,8 @@ def _stepped(columns: Columns, data: WhitenedData, steps: Sequence[Step]) -> Col
         own = slice(first, first + _length(data, step))
         if 0 <= first < len(values) and values[own].any():
             values = values if values is not columns.values else values.copy(order="F")
-            values[own] = step(values[own].T).T
+            gaps = data.parts[step.part].gaps[step.column]
+            values[own] = after_steps([step], values[own].T, gaps).T
     return Columns(values, columns.first)
 
 

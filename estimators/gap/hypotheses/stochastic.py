@@ -16,7 +16,8 @@ from scipy.fft import dct
 from scipy.optimize import minimize
 
 from estimators.gap.data.blocks import block_means
-from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.gap.data.steps import Step
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.learned import Learned, Spectrum, going_on, groups, parts
 from estimators.gap.hypotheses.score import Explained, evidence
 from rig.channels import CHANNELS
@@ -226,7 +227,8 @@ def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: boo
     Cosines are close to the eigenvectors of slowly correlated noise and of a random walk, without the jump between its
     ends that a Fourier transform would see.
     """
-    residual = data.channel(explained.residual, column)
+    residual, gaps = data.channel(explained.residual, column), data.gaps[column]
+    residual = residual if gaps is None else gaps.filled(residual)
     count = len(residual)
     frequency = np.arange(count)[_TAKEN:] / (2.0 * count)
     alive = max(float(np.mean(data.weights[:, column] > 0)), 1e-9)

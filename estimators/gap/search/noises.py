@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 
 from estimators.gap.data.projection import project
-from estimators.gap.data.whitened import Step, WhitenedData
+from estimators.gap.data.steps import Step
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.refine import Refit

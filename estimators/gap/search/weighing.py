@@ -25,6 +25,8 @@ from estimators.gap.search.noises import Noises, Promise
 FAR: Final = 14.0
 #: Log odds against the leading explanation within which others are.
 _NEAR: Final = 6.0
+#: Log odds by which a floor that is hardly likelier changes nothing else.
+_HARDLY: Final = 1.0
 #: Searches under common noise, each beside what the last one found.
 _OUTWARDS: Final = 2
 #: So many explanations of a state are weighed beside discrepancies, and beside other noise.
@@ -131,8 +133,8 @@ class Weighing:
         there = [each for each in self.hypotheses.values() if each.terms and each.state.steps and not each.state.labels]
         if not floor.steps or not nameless or any(each.state.name == floor.name for each in there):
             return
-        each = max(nameless, key=lambda one: one.log_mass)
-        if each.log_mass + self.best - max(plain, default=-np.inf) < self.best - _NEAR:
+        each, gained = max(nameless, key=lambda one: one.log_mass), self.best - max(plain, default=-np.inf)
+        if gained < _HARDLY or each.log_mass + gained < self.best - _NEAR:
             return
         scanner = self.scanner.stepped(floor.steps)
         moved = each.explanation.on(scanner.fine.data)
