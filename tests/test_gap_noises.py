@@ -117,12 +117,20 @@ def test_coloured_noise_is_the_floor_where_nothing_shows_that() -> None:
         assert Noises(prior, (), at_rest=True).as_floor(given, nothing) == []
 
 
-def test_a_floor_that_walks_is_told_beside_a_clock_that_jitters(locked: Recording) -> None:
-    """Beside either alone the other looks like something without a name: three draws, each by far."""
-    jitter = make_effect("timing_jitter", {"where": "acquisition", "sigma_s": 0.05})
-    for seed in range(3):
+@pytest.mark.parametrize(
+    ("noise", "tau_s"),
+    [
+        (make_effect("timing_jitter", {"where": "acquisition", "sigma_s": 0.05}), 5000.0),
+        (make_effect("noise_excess", {"where": "mag3", "extra_sigma": 0.02}), 400.0),
+    ],
+    ids=["a clock that jitters", "noise in excess"],
+)
+def test_a_slower_floor_is_told_beside_noise_with_a_name(noise: Effect, tau_s: float, locked: Recording) -> None:
+    """Beside either alone the other looks like something without a name: two draws, each by far."""
+    slow = replace(WALK, tau_s=tau_s)
+    for seed in range(2):
         base = scenarios.load("ann-arbor").with_acquisition(decimation=200)
-        run, arm = posed(base.with_effects([WALK, jitter]).simulate(seed=seed), None)
+        run, arm = posed(base.with_effects([slow, noise]).simulate(seed=seed), None)
         found = explain(set_up(run, floor_and_step(run, locked, arm)[0], arm)).leading
-        assert found.labels == ("timing_jitter@acquisition",)
+        assert found.labels == (f"{noise.name}@{noise.where}",)
         assert (found.state.name, found.other) == (SLOWER, False)

@@ -133,11 +133,19 @@ class Search:
             rough = self.rough if all(member.fit.candidate.smooth for member in members) else None
             refitted = converged([member.fit for member in members], data, rough)
             own = tuple(replace(member, fit=fit) for member, fit in zip(members, refitted.fits, strict=True))
-            for index in [number for number, member in enumerate(own) if member.widths and fine]:
-                own, refitted = self._at_its_instant(own, index, refitted)
             prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
-            self.found[key] = Explanation(own, refitted.data, prior, fine, refitted)
+            each = Explanation(own, refitted.data, prior, fine, refitted)
+            instants = [index for index, member in enumerate(own) if member.widths] if fine else []
+            if instants and each.log_mass > self._best_fine() - _FAR:
+                for index in instants:
+                    own, refitted = self._at_its_instant(own, index, refitted)
+                each = Explanation(own, refitted.data, prior, fine, refitted)
+            self.found[key] = each
         return self.found[key]
+
+    def _best_fine(self) -> float:
+        """The largest log mass of a set that was fitted sample by sample."""
+        return max((each.log_mass for each in self.found.values() if each.fine), default=-np.inf)
 
     def _at_its_instant(
         self, members: tuple[Member, ...], index: int, refitted: Refit
