@@ -59,6 +59,16 @@ def test_spikes_are_told_from_long_tails() -> None:
     assert int(found.affected.sum()) == 10
 
 
+@pytest.mark.parametrize("size", [5.4, 8.0])
+def test_spikes_just_beyond_the_noise_are_no_long_tails(size: float) -> None:
+    """One reading in 300, off by so many deviations to either side: 20 draws, in which tails were never likelier."""
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        spikes = size * rng.choice([-1.0, 1.0], COUNT) * (rng.random(COUNT) < 1.0 / 300.0)
+        values = rng.standard_normal(COUNT) + spikes
+        assert np.isinf(tails_of(beside_neighbours(values), None)[0])
+
+
 @pytest.mark.parametrize("degrees", [3.0, 4.0, 8.0])
 def test_the_level_of_long_tails_scatters_as_is_said(degrees: float) -> None:
     """Of 600 recordings at rest, its limit learned in each: 6 % of the variance for one deviation, 10 % with what a

@@ -167,12 +167,16 @@ class Outliers(Effect):
         affected = np.zeros_like(readings.values, dtype=bool)
         sizes = np.zeros(len(CHANNELS))
         log_p, spikes = 0.0, []
-        for column in columns:
-            local = beside_neighbours(readings.white[:, column])
-            degrees, scale = tails_of(local, readings.degrees[column])
-            hit = np.abs(local) > max(limit(SIGNIFICANT / total, degrees) * scale, 6.5)
-            if np.count_nonzero(hit) >= _SEVERAL:  # there are spikes: those that stand out less belong to them
-                hit = np.abs(local) > as_rare_as(_LESS, degrees) * scale
+        every = {column: beside_neighbours(readings.white[:, column]) for column in columns}
+        tails = {column: tails_of(local, readings.degrees[column]) for column, local in every.items()}
+        least = {
+            column: max(limit(SIGNIFICANT / total, tails[column][0]) * tails[column][1], 6.5) for column in columns
+        }
+        several = sum(np.count_nonzero(np.abs(every[column]) > least[column]) for column in columns) >= _SEVERAL
+        for column, local in every.items():
+            degrees, scale = tails[column]
+            # where there are spikes, in whichever channel, those that stand out less belong to them
+            hit = np.abs(local) > (as_rare_as(_LESS, degrees) * scale if several else least[column])
             hit &= ~readings.left_out[:, column]
             affected[:, column] = hit
             if hit.any():

@@ -20,6 +20,8 @@ _STEPS: Final = 20
 _NEIGHBOURS: Final = 3
 #: Readings beyond so many deviations of normal noise may be spikes.
 _FAR: Final = 4.5
+#: Sizes of spikes that are tried, and steps to the likeliest share of each.
+_SIZES, _SHARES = 8, 8
 #: Draws of noise that tell what is done to it.
 _SIMULATED: Final = 100_000
 #: The share of long-tailed readings, on one side, that is drawn in.
@@ -133,11 +135,22 @@ def _likelihood(values: Array, degrees: float, scale: float) -> float:
 
 
 def _with_spikes(local: Array, spread: float) -> float:
-    """Log likelihood of normal noise with a share of spikes of any size up to the largest."""
+    """Log likelihood of normal noise with some spikes: all sizes up to the largest alike, or normal ones."""
+    largest = float(np.abs(local).max())
     count = int(np.count_nonzero(np.abs(local) > _FAR * spread))
-    noise = -0.5 * (local / spread) ** 2 - 0.5 * np.log(2.0 * np.pi) - np.log(spread)
+    noise = _log_normal(local, spread)
     if not count:
         return float(noise.sum())
     share = count / len(local)
-    spikes = np.log(share / (2.0 * float(np.abs(local).max())))
-    return float(np.logaddexp(np.log1p(-share) + noise, spikes).sum())
+    found = [float(np.logaddexp(np.log1p(-share) + noise, np.log(share / (2.0 * largest))).sum())]
+    for size in np.geomspace(2.0 * spread, max(largest, 2.0 * spread), _SIZES):
+        spikes, share = _log_normal(local, float(np.hypot(size, spread))), count / len(local)
+        for _ in range(_SHARES):
+            both = np.logaddexp(np.log1p(-share) + noise, np.log(share) + spikes)
+            share = float(np.clip(np.mean(np.exp(np.log(share) + spikes - both)), 0.5 / len(local), 0.5))
+        found.append(float(np.logaddexp(np.log1p(-share) + noise, np.log(share) + spikes).sum()))
+    return max(found)
+
+
+def _log_normal(values: Array, deviation: float) -> Array:
+    return np.asarray(-0.5 * (values / deviation) ** 2 - 0.5 * np.log(2.0 * np.pi) - np.log(deviation))
