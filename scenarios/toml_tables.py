@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.assets import models_root
 from rig.directions import direction_from_angles
 from rig.environment import Environment
@@ -189,7 +189,7 @@ class EarthTable:
     base_tilt_azimuth_deg: float = 0.0
 
     @property
-    def R_local_base(self) -> NDArray[np.float64]:
+    def R_local_base(self) -> Array:
         """(3, 3) rotation from the base frame to north, west, up."""
         azimuth = self.base_tilt_azimuth_deg
         turns = [-azimuth, self.base_tilt_deg, azimuth - self.base_yaw_deg]
@@ -212,6 +212,6 @@ class EarthTable:
         )
 
 
-def _triple(vector: NDArray[np.float64]) -> Triple:
+def _triple(vector: Array) -> Triple:
     x, y, z = vector
     return float(x), float(y), float(z)

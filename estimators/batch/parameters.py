@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.known_angle.identifiability import NULL_EIGENVALUE
 from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
+from rig.arrays import Array, Mask, Rows
 from rig.directions import tangent_basis
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +120,7 @@ class Uncertainty:
 
     covariance: Array
     leverage: Array
-    determined: Flags
+    determined: Mask
 
     @classmethod
     def of(cls, per_channel: Array, noise: ArrayLike, method: Method) -> Self:
@@ -146,7 +144,7 @@ class Uncertainty:
         return np.asarray(self.covariance @ middle @ self.covariance)
 
 
-def places(method: Method) -> list[NDArray[np.intp]]:
+def places(method: Method) -> list[Rows]:
     """For each channel, the columns of its S, delta, axis and field."""
     return [np.r_[start : start + 4, of_field] for _, start, of_field in columns_of_channels(method)]
 
@@ -160,7 +158,7 @@ def _together(own: Array, method: Method) -> Array:
     return matrix
 
 
-def _inverse(scaled: Array) -> tuple[Array, Flags]:
+def _inverse(scaled: Array) -> tuple[Array, Mask]:
     """Inverses of information matrices (m, p, p) of unit diagonal, without their null directions; and which have none.
 
     The trace of an inverse bounds its largest eigenvalue, so most need no eigenvalues to be computed.

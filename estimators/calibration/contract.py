@@ -13,19 +13,17 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from estimators._json import Reader, dump
 from estimators.calibration.parts import AxisCalibration, FieldDirection, Quality
 from estimators.calibration.table import summary
+from rig.arrays import Array
 from rig.channels import READS, SENSORS
 from rig.documents import parse_json, plain, read_bytes
 from rig.errors import RigError, shown, unknown_name
 from rig.files import write_text
 from rig.units import UNITS
-
-Array = NDArray[np.float64]
 
 #: The format of a calibration, version included.
 FORMAT: Final = "rig-calibration/1"

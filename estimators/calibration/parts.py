@@ -7,14 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimators._json import AsJson, Reader
+from rig.arrays import Array
 from rig.documents import plain
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

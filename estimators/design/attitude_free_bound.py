@@ -12,15 +12,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.coverage.attitude_free_information import design_rows
 from estimators.design.prediction import Prediction
 from estimators.ellipsoid.monomials import PAIRS
 from estimators.known_angle.identifiability import Told, is_open
 from estimators.known_angle.refusal import UNCERTAINTY_LIMIT
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import SensorCalibration
 from estimators.ellipsoid.alignment import Alignment, align
@@ -17,11 +16,11 @@ from estimators.ellipsoid.levenberg import Start
 from estimators.ellipsoid.thinned import Thinned
 from estimators.stillness import average_poses, find_still
 from estimators.stillness.poses import counts_of
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Recording, RecordingScan
 
-Array = NDArray[np.float64]
 Rest = Literal["auto", "all", "poses"]
 Floor = tuple[Array, Array]
 

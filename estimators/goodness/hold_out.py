@@ -17,13 +17,11 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.goodness.optimum import inverted, unit_scale
 from estimators.goodness.quadratic_form import tail_probability
 from estimators.goodness.residuals import Part, Residuals
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 BLOCKS: Final = 10
 #: The share of a block that is left out on either side of it.

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import chdtrc, ndtr
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 
 def tail_probability(form: Array, covariance: Array, value: float) -> float:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import SensorCalibration
 from estimators.coverage.attitude_free_information import design_rows
 from estimators.known_angle.model import METHODS, Method, SensorParameters
 from estimators.stillness.poses import counts_of
+from rig.arrays import Array, Mask
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording
@@ -20,8 +20,6 @@ from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from rig.arm import Arm
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +116,7 @@ def fitted_parameters(calibration: SensorCalibration) -> SensorParameters:
     )
 
 
-def selected(recording: Recording, rows: NDArray[np.bool_]) -> Recording:
+def selected(recording: Recording, rows: Mask) -> Recording:
     """Some of the samples, and their counts if they are means over poses."""
     counts = counts_of(recording)
     part = recording.select(rows)

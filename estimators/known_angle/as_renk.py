@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators._json import AsJson
 from estimators.calibration import Calibration, SensorCalibration
@@ -18,8 +17,6 @@ from rig.recording import Recording, RecordingScan
 
 if TYPE_CHECKING:
     from rig.arm import Arm
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,11 @@ from functools import cache, cached_property
 from typing import Final, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rig.arrays import Array
 from rig.directions import tangent_basis
 from rig.sensor import TriaxialSensor
-
-Array = NDArray[np.float64]
 
 Method = Literal["simultaneous", "separate"]
 METHODS: Final[tuple[Method, ...]] = ("simultaneous", "separate")

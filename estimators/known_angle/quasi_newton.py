@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from estimators.known_angle.model import Method, SensorParameters
 from estimators.known_angle.statistics import Statistics
+from rig.arrays import Array
 from rig.directions import direction_from_angles
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 #: beta, gamma, S, delta of a channel, and phi, psi [rad, V per unit, V]; the field straight down.
 CHANNEL_START: Final = (0.0, 0.0, 1.0, 2.5)

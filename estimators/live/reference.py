@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import SensorCalibration
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, design_rows
@@ -15,13 +14,13 @@ from estimators.goodness.residuals import fitted_parameters
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.model import SensorParameters
 from estimators.live.estimate import SensorEstimate
+from rig.arrays import Array
 from rig.recording import Recording
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 
 #: A calibration from n samples of k values predicts new ones with the variance p / (k n) on average, and several times
 #: that in directions it has hardly seen.

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from rig.arrays import Array
 from rig.recording.columns import TIME
-from rig.recording.table import Array, Table
+from rig.recording.table import Table
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,9 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError, one_line
-
-Array = NDArray[np.float64]
 
 SUFFIXES: Final = (".parquet", ".csv")
 

@@ -8,16 +8,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-from numpy.typing import NDArray
 
 from estimators.design.maneuver_bound import Growth
+from rig.arrays import Array
 from scenarios.colours import AXES_ON_PAPER, GREY, PURPLE, SKY_BLUE
 from scenarios.plots.style import new_figure, style
 
 if TYPE_CHECKING:
     from scenarios.bound import ScenarioBound, SensorBound
 
-Array = NDArray[np.float64]
 
 _FREE_LABELS: Final = ("A11", "A22", "A33", "A12", "A13", "A23")
 

@@ -10,17 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure, SubFigure
-from numpy.typing import NDArray
 
 from estimators.coverage import coverage
+from rig.arrays import Array
 from rig.errors import RigError
 from scenarios.colours import AXES_ON_PAPER, BLACK, ELAPSED
 from scenarios.decimation import evenly
 from scenarios.overlay import Overlay
 from scenarios.plots.coverage_cells import on_map, outlines, unseen
 from scenarios.plots.style import new_figure, style
-
-Array = NDArray[np.float64]
 
 #: Time gone by, as in the viewer.
 ELAPSED_MAP: Final = LinearSegmentedColormap.from_list("elapsed", ELAPSED)

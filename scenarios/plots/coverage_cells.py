@@ -7,12 +7,10 @@ from typing import Final
 
 import numpy as np
 from matplotlib.collections import PolyCollection
-from numpy.typing import NDArray
 
 from estimators.coverage import SphereCells
+from rig.arrays import Array
 from scenarios.colours import GREY
-
-Array = NDArray[np.float64]
 
 _STEP: Final = np.radians(4.0)  # of a polygon's edge, which is curved on the map
 

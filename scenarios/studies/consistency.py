@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from estimators.batch import fit_many
 from estimators.known_angle.model import METHODS
+from rig.arrays import Array, Mask
 from rig.threads import one_blas_thread
 from scenarios.studies.coordinates import Coordinates, coordinate_names
 from scenarios.studies.settings import Settings, expected, increments
 from scenarios.studies.store import StudyFolder
 from scenarios.workers import Workers
-
-Array = NDArray[np.float64]
 
 #: 95 % of a normal error lie within this many standard deviations.
 NORMAL_95: Final = 1.959963984540054
@@ -79,10 +78,10 @@ def _rows(
     labels: tuple[str, str, str, int],
     levels: Array,
     draw: NDArray[np.int_],
-    told: NDArray[np.bool_],
+    told: Mask,
     names: Sequence[str],
     errors: Array,
-    covered: NDArray[np.bool_],
+    covered: Mask,
 ) -> pa.Table:
     sensor, method, order, count = labels
     m = len(draw)

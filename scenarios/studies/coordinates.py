@@ -12,14 +12,13 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.batch import ManyFits, ManyParameters
 from estimators.known_angle.identifiability import bound
 from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
+from rig.arrays import Array
 from rig.directions import angles_from_direction, tangent_basis
-
-Array = NDArray[np.float64]
 
 #: A unit vector's natural size: a radian, in degrees.
 RADIAN_DEG: Final = float(np.degrees(1.0))

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimators.known_angle.model import Method
+from rig.arrays import Array
 
-Array = NDArray[np.float64]
 FloorSource = Literal["locked recording", "given", "residuals"]
 
 #: Intervals are given at this level.

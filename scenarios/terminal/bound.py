@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from estimators.design.maneuver_bound import Growth
 from estimators.design.prediction import KnownAnglePrediction, Prediction
+from rig.arrays import Array
 from scenarios.bound import FreeGrowth, ScenarioBound, SensorBound
 from scenarios.shown_units import per_field
 from scenarios.terminal.calibration import symbol
@@ -80,7 +80,7 @@ def _lines(found: KnownAnglePrediction) -> Iterable[str]:
     yield f"angles of axes  {pairs} deg"
 
 
-def _minutes(grown: Growth | FreeGrowth, minutes: NDArray[np.float64]) -> Table:
+def _minutes(grown: Growth | FreeGrowth, minutes: Array) -> Table:
     """The worst of the axes after some of the intervals, and the share of what is learned in the end."""
     if isinstance(grown, Growth):
         columns = ["S [%]", "δ [mV]", "axis [deg]", "field [deg]"]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
+
+from rig.arrays import Array
 
 #: The timeline's name.
 TIMELINE: Final = "t"
 
 
-def at(t: NDArray[np.float64]) -> list[rr.TimeColumn]:
+def at(t: Array) -> list[rr.TimeColumn]:
     """The index of ``send_columns`` for rows at times (m,) [s]."""
     return [rr.TimeColumn(TIMELINE, duration=t)]
