@@ -61,7 +61,7 @@ class ManyFits:
         """(m, p) standard deviations in tangent coordinates."""
         return np.asarray(np.sqrt(np.einsum("mii->mi", self.covariance)))
 
-    def errors(self, truth: SensorParameters | ManyParameters) -> Array:
+    def errors(self, truth: SensorParameters) -> Array:
         """(m, p) truth, one of all or (m,) of each, minus estimate, in the coordinates of the covariance."""
         return self.parameters.errors(truth, self.method)
 

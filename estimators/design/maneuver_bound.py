@@ -136,7 +136,7 @@ def growth(grams: ArrayLike, truth: SensorParameters, noise: ArrayLike, method: 
     parts = np.asarray(grams, dtype=float)
     sigma = np.broadcast_to(np.asarray(noise, dtype=float), (len(parts), 3))
     with one_blas_thread():
-        many = ManyParameters.of([truth] * len(parts))
+        many = ManyParameters.stacked([truth] * len(parts))
         own = many.information(parts)
         found = Uncertainty.of(np.cumsum(own, axis=0), sigma, method)
         final = found.covariance[-1]
