@@ -13,7 +13,7 @@ from statistics_draws import draw_many
 from estimators.batch import ManyParameters, fit_many
 from estimators.known_angle.model import METHODS, Method, SensorParameters, columns_of_channels, parameter_names
 from rig.directions import direction_from_angles
-from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, calibration_values, elevation_azimuth_basis
+from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, elevation_azimuth_basis
 from scenarios.studies.second_order import _curvatures, second_order_bias
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def test_fits_state_the_bound_where_they_are_right(method: Method) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_calibration_values_are_the_reported_ones(method: Method) -> None:
     truth = TRUTHS["table5"][0]
-    values = calibration_values(ManyParameters.stacked([truth]), method)[0]
+    values = ManyParameters.stacked([truth]).values(method)[0]
     table = dict(zip(parameter_names(method), values, strict=True))
     assert table["beta1_deg"] == pytest.approx(85.3089, abs=1e-9)
     assert table["gamma3_deg"] == pytest.approx(272.1489, abs=1e-9)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rig.arrays import Array
-from rig.directions import tangent_basis
+from rig.directions import angles_from_direction, tangent_basis
 from rig.sensor import TriaxialSensor
 
 Method = Literal["simultaneous", "separate"]
@@ -62,6 +62,17 @@ class SensorParameters:
             sensor.axes,
             np.tile(vector / magnitude, (3, 1)),
         )
+
+    def values(self, method: Method) -> Array:
+        """(p,) as a calibration has them, by ``parameter_names``: S, delta [recorded unit], angles [deg]."""
+        result = np.empty((*self.sensitivity.shape[:-1], PARAMETERS_OF[method]))
+        axes, fields = (np.stack(angles_from_direction(vectors), axis=-1) for vectors in (self.axes, self.fields))
+        for k, start, of_field in columns_of_channels(method):
+            result[..., start] = self.sensitivity[..., k]
+            result[..., start + 1] = self.offset[..., k]
+            result[..., start + 2 : start + 4] = axes[..., k, :]
+            result[..., of_field] = fields[..., k, :]
+        return result
 
     @property
     def length(self) -> Array:
