@@ -31,9 +31,8 @@ from rig.recording.columns import (
     Columns,
 )
 from rig.recording.metadata import Metadata
-from rig.recording.numbered_table import NumberedTable
 from rig.recording.samples import Recording
-from rig.recording.table import SUFFIXES, Table
+from rig.recording.table import SUFFIXES, NumberedTable, Table
 from rig.recording.table_io import TableWriter, open_table
 
 _COPIES = 3  # of every number, at most, while a file is read whole

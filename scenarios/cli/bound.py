@@ -94,7 +94,7 @@ def _effects(scenario: Scenario, output: Path | None, as_json: bool) -> None:
         found = isolability_of(scenario, progress=progress)
     if output is not None:
         from scenarios.plots import save
-        from scenarios.plots.isolability import isolability_figure
+        from scenarios.plots.bound import isolability_figure
 
         save(isolability_figure(found), output)
     if as_json:

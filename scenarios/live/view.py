@@ -25,8 +25,7 @@ from scenarios.terminal.tables import plus_minus
 from scenarios.view.arm import ArmView
 from scenarios.view.series import READINGS, RESIDUALS
 from scenarios.view.spheres import SPHERES, globe
-from scenarios.view.stream import new_stream
-from scenarios.view.timeline import TIMELINE, at
+from scenarios.view.stream import TIMELINE, at, new_stream
 from scenarios.view.viewer import start_viewer
 
 if TYPE_CHECKING:

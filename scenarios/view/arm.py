@@ -17,7 +17,7 @@ from rig.errors import RigError, one_line
 from rig.files import scratch_folder
 from scenarios.colours import GREY, rgb
 from scenarios.view.geoms import Shapes
-from scenarios.view.timeline import at
+from scenarios.view.stream import at
 
 ARM: Final = "arm"
 TRANSFORMS: Final = "transforms"

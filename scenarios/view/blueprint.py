@@ -16,8 +16,8 @@ from scenarios.overlay import Overlay
 from scenarios.view.arm import ARM
 from scenarios.view.series import READINGS, RESIDUALS
 from scenarios.view.spheres import SPHERES
+from scenarios.view.stream import TIMELINE
 from scenarios.view.sweep import SWEEP
-from scenarios.view.timeline import TIMELINE
 
 #: The whole recording is played in about this many seconds.
 PLAYED_IN_S: Final = 60.0

@@ -14,7 +14,7 @@ from rig.arrays import Array
 from scenarios.colours import VERMILLION, rgb
 from scenarios.motion import SensorMotion
 from scenarios.view.arm import ArmView
-from scenarios.view.timeline import at
+from scenarios.view.stream import at
 
 FAULT: Final = "fault"
 #: The ellipsoid about a stray magnet has so many standard deviations as half axes.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rig.arm import Arm
 from rig.arrays import Array
-from scenarios.view.timeline import at
+from scenarios.view.stream import at
 
 Colour = tuple[int, int, int]
 

@@ -12,7 +12,7 @@ from rig.channels import CHANNELS_OF
 from scenarios.colours import AXES_ON_DARK, GREY, rgb
 from scenarios.decimation import extremes
 from scenarios.overlay import Overlay
-from scenarios.view.timeline import at
+from scenarios.view.stream import at
 
 READINGS: Final = "readings"
 RESIDUALS: Final = "residuals"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig.arrays import Array, Rows
 from scenarios.colours import AXES_ON_DARK, elapsed, rgb, signed
 from scenarios.overlay import Overlay
-from scenarios.view.timeline import at
+from scenarios.view.stream import at
 
 SPHERES: Final = "directions"
 SPACING: Final = 2.6

@@ -17,8 +17,7 @@ from rig.files import in_utf8
 from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
 from scenarios.studies.error_summary import RATES, Cell, Summary, first_draw
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
-from scenarios.studies.subset_files import read_subsets
-from scenarios.studies.subset_results import SubsetStudy
+from scenarios.studies.subset_results import SubsetStudy, read_subsets
 from scenarios.studies.table_files import fitting_together
 from scenarios.studies.verdict import verdicts
 from scenarios.view.blueprint import layout

@@ -16,7 +16,7 @@ from scenarios.colours import AXES_ON_DARK, GRAVITY, MAGNETIC, elapsed, rgb
 from scenarios.decimation import evenly
 from scenarios.motion import SensorMotion
 from scenarios.overlay import Overlay
-from scenarios.view.timeline import at
+from scenarios.view.stream import at
 
 SWEEP: Final = "sweep"
 BRISTLES: Final = f"{SWEEP}/bristles"
