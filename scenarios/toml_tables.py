@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -201,14 +201,11 @@ class EarthTable:
         magnitude = float(np.linalg.norm(field))
         if magnitude == 0.0:
             raise RigError("north_G, east_G, down_G: found a field of zero, expected at least one that is not")
-        return Environment(
-            gravity_m_s2=rest.gravity_m_s2,
+        return replace(
+            rest,
             gravity_direction=_triple(-self.R_local_base[2]),
             magnetic_field=magnitude,
             magnetic_direction=_triple(field @ self.R_local_base),
-            temperature_degC=rest.temperature_degC,
-            temperature_rise_degC=rest.temperature_rise_degC,
-            temperature_tau_s=rest.temperature_tau_s,
         )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimators.batch import fit_many
 from estimators.known_angle.model import METHODS
+from estimators.known_angle.reported import NORMAL_95
 from rig.arrays import Array, Mask
 from rig.threads import one_blas_thread
 from scenarios.studies.coordinates import Coordinates, coordinate_names
@@ -22,8 +23,6 @@ from scenarios.studies.settings import Settings, expected, increments
 from scenarios.studies.store import StudyFolder
 from scenarios.workers import Workers
 
-#: 95 % of a normal error lie within this many standard deviations.
-NORMAL_95: Final = 1.959963984540054
 #: Every coordinate of either method, as columns of the table.
 COORDINATES: Final = tuple(dict.fromkeys(name for method in METHODS for name in coordinate_names(method)))
 _LABEL: Final = pa.dictionary(pa.int8(), pa.string())
