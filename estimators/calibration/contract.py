@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Self
 
 import numpy as np
@@ -106,6 +106,10 @@ class SensorCalibration:
     def axis_vectors(self) -> Array:
         """(3, 3) unit vectors P_k as rows, frame 6; not of attitude-free calibrations."""
         return np.array([axis.axis for axis in self.axes])
+
+    def warned(self, *words: str) -> Self:
+        """With further warnings of its quality, behind those it has."""
+        return replace(self, quality=replace(self.quality, warnings=(*self.quality.warnings, *words)))
 
     def value(self, name: str) -> float:
         """The estimate of a parameter; of either form, angles or components."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -127,7 +127,7 @@ def calibrate_attitude_free(
             counts=own.counts,
             R_common_own=None if aligned is None or sensor != MAGNETOMETER else aligned.R_accelerometer_magnetometer,
         )
-        results[sensor] = _noted(made, own.notes)
+        results[sensor] = made.warned(*own.notes)
     return AttitudeFree(results, extra)
 
 
@@ -224,13 +224,6 @@ def _aligned(
     except RefusedFit as refused:
         return None, {"alignment": {"refused": str(refused)}}
     return found, {"alignment": found.to_json()}
-
-
-def _noted(calibration: SensorCalibration, notes: tuple[str, ...]) -> SensorCalibration:
-    if not notes:
-        return calibration
-    quality = calibration.quality
-    return replace(calibration, quality=replace(quality, warnings=(*quality.warnings, *notes)))
 
 
 def read_thinned(

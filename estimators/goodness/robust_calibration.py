@@ -90,8 +90,7 @@ def robust_calibrate(
                 " deviations)"
             )
             left_out = {"count": rejection.rejected, "share": rejection.rejected / len(run)}
-            warnings = (*own.quality.warnings, words)
-            own = replace(own, quality=replace(own.quality, outliers=left_out, warnings=warnings))
+            own = replace(own, quality=replace(own.quality, outliers=left_out)).warned(words)
         found[sensor], rejected[sensor], name = own, rejection, result.arm
     return Calibration(found, run.name, name), rejected
 

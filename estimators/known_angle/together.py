@@ -172,10 +172,9 @@ def calibrate_together(
             reads=reads_of(sources[0].metadata, sensor),
         )
         told[sensor] = contributions(joint)
-        warnings = [*own.quality.warnings, *_disagreements(told[sensor])]
         count = sum(part.statistics.count for part in parts[sensor])
         rms = np.sqrt(joint.residual_square.sum(axis=0) / count)
-        results[sensor] = replace(own, fit_rms=rms, quality=replace(own.quality, warnings=tuple(warnings)))
+        results[sensor] = replace(own, fit_rms=rms).warned(*_disagreements(told[sensor]))
     name = in_short([each.name for each in sources])
     known_arm = next((each for each in arms if each is not None), None)
     return Calibration(results, name, known_arm, {"recordings": told})
