@@ -83,7 +83,7 @@ def bound(
 def _effects(scenario: Scenario, output: Path | None, as_json: bool) -> None:
     """What the maneuver can show of the catalogue's effects."""
     from scenarios.isolability import isolability_of
-    from scenarios.terminal.isolability import isolability_report
+    from scenarios.terminal.bound import isolability_report
 
     with progress_bar(f"effects on {scenario.name}") as progress:
         found = isolability_of(scenario, progress=progress)

@@ -29,7 +29,7 @@ from scenarios.plan.poses import WORTHLESS, PosePlan, PoseSearch
 from scenarios.plan.sweeps import SweepPlan, SweepSearch, sweep_curve, tenths
 from scenarios.plan.telling import telling, telling_sweep
 from scenarios.scenario import Scenario
-from scenarios.terminal.isolability import names
+from scenarios.terminal.bound import names
 
 Kind = Literal["poses", "sweep"]
 

@@ -16,7 +16,7 @@ from rig.arrays import Array
 from scenarios.colours import AXES_ON_PAPER, BLUE, GREY, PURPLE, SKY_BLUE
 from scenarios.isolability import EffectsBound
 from scenarios.plots.style import new_figure, style
-from scenarios.terminal.isolability import names
+from scenarios.terminal.bound import names
 
 if TYPE_CHECKING:
     from scenarios.bound import ScenarioBound, SensorBound
