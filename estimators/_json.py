@@ -10,12 +10,10 @@ from dataclasses import fields
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.documents import plain
 from rig.errors import RigError, nearest, shown
-
-Array = NDArray[np.float64]
 
 #: By so much, beside the largest variance, a covariance may be off in its last digits.
 _ROUNDED: Final = 1e-9

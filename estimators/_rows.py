@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 _LINE: Final = 8  # doubles of a cache line
 _APART: Final = 9 * _LINE  # beyond a row: rows a power of two apart would share their places in the caches

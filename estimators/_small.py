@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 _lapack: Any = lapack
 _UNIT: Final = [np.eye(size, order="F") for size in range(11)]

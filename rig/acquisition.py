@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import CHANNELS, COLUMNS_OF, READS, SENSORS, Reads
 from rig.errors import RigError, unknown_name
 from rig.units import UNITS
 
 Pose = Literal["joints", "tool", "none"]
 POSES: Final[tuple[Pose, ...]] = ("joints", "tool", "none")
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,15 +14,15 @@ from typing import Final
 import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rig.arm import Arm
 from rig.arm.servos import Driven, driven
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import Maneuver
 from rig.trajectory import JointTrajectory, sample_times
 
-Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 _STEP_RATE_HZ: Final = 1000.0

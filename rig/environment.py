@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError, shown
-
-Array = NDArray[np.float64]
 
 #: No magnitude of anything recorded is smaller or larger, and its fourth power is still a number.
 MAGNITUDES: Final = (1e-60, 1e60)

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER, SENSORS
 from rig.effects.base import Effect, Stage, apply_stage
@@ -17,8 +16,6 @@ from rig.environment import Environment
 from rig.errors import RigError
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

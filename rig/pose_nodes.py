@@ -11,14 +11,12 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
+from rig.arrays import Array, Mask, Rows
 from rig.read_times import read_times
-
-Array = NDArray[np.float64]
 
 #: A kink's change of velocity is this many times that of the samples around it, and not below this share of the path's
 #: large ones: rounding makes kinks at rest.
@@ -127,7 +125,7 @@ def find_nodes(t: Array, R_base_tool: Array, position: Array) -> PoseNodes | Non
     return found if np.linalg.norm(missed) < _CHORD * np.linalg.norm(curved) else None
 
 
-def _instants(kinked: NDArray[np.bool_], change: Array) -> tuple[NDArray[np.intp], Array]:
+def _instants(kinked: Mask, change: Array) -> tuple[Rows, Array]:
     """The sample at or before each node, and the share of the way to the next one.
 
     A node between two samples kinks the path at both, in proportion to how near they are.

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 _ROWS = 4096  # samples a block: its products and its result stay in the second-level cache
 

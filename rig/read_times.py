@@ -13,12 +13,11 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: So many nodes on either side tell when one was read.
 _NEIGHBOURS: Final = 6

@@ -7,12 +7,12 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rig.arrays import Array
 from rig.directions import angles_from_direction, direction_from_angles
 from rig.errors import RigError
 
-Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 

@@ -8,15 +8,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.pose_nodes import PoseNodes, find_nodes
 
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 _SCALAR_PER_SAMPLE = ("t", "temperature", "supply")
 
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.memory import check_fits
-
-Array = NDArray[np.float64]
 
 #: Of a simulation, from its motion to its readings.
 _BYTES_A_SAMPLE: Final = 600

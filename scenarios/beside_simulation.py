@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from estimators.gap.data.basefit import set_up, signals_of
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.report.fitted_rig import delayed
+from rig.arrays import Array
 from rig.channels import CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import Kind
 from rig.errors import RigError
@@ -19,8 +19,6 @@ from rig.recording import Recording
 from scenarios.overlay import Overlay, field_name
 from scenarios.scenario import Scenario
 from scenarios.shown_units import shown_unit
-
-Array = NDArray[np.float64]
 
 #: The noise that a scenario states may be so much smaller than the real one: it is measured, or rounded.
 _STATED: Final = 1.05

@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.design.attitude_free_bound import FreeSensor
 from estimators.design.maneuver_bound import Growth, growth, predict
@@ -16,14 +15,13 @@ from estimators.design.prediction import Prediction
 from estimators.known_angle.identifiability import Told, is_open
 from estimators.known_angle.model import Method, SensorParameters
 from estimators.known_angle.statistics import Statistics
+from rig.arrays import Array, Mask, Rows
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.documents import plain
 from rig.errors import RigError
 from rig.trajectory import PoseTrajectory
 from scenarios.scenario import Scenario
 from scenarios.shown_units import field_unit
-
-Array = NDArray[np.float64]
 
 #: The interval of a maneuver whose worth is told apart [s]: a minute, or less so that there are this many.
 INTERVAL_S: Final = 60.0
@@ -159,7 +157,7 @@ def noise_of(scenario: Scenario) -> Array:
     return noise
 
 
-def _rotations(scenario: Scenario) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _rotations(scenario: Scenario) -> tuple[Array, Array, Mask]:
     """Of the samples that will be recorded: times (n,) [s], vec R_base_tool (n, 9), and whether the sensor is at rest
     (n,)."""
     trajectory = scenario.maneuver.trajectory()
@@ -177,7 +175,7 @@ def _rotations(scenario: Scenario) -> tuple[Array, Array, NDArray[np.bool_]]:
     return trajectory.t[kept], arm.rotation_map.rotations(trajectory.q[kept]), still
 
 
-def _free(sensor: FreeSensor, directions: Array, noise: Array, cuts: NDArray[np.intp]) -> tuple[Prediction, FreeGrowth]:
+def _free(sensor: FreeSensor, directions: Array, noise: Array, cuts: Rows) -> tuple[Prediction, FreeGrowth]:
     parts = np.array([sensor.information(directions[a:b], noise) for a, b in pairwise(cuts)])
     total = np.cumsum(parts, axis=0)
     std = np.full(total.shape[:2], np.nan)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Rows = NDArray[np.intp]
+from rig.arrays import Array, Rows
 
 
 def evenly(count: int, at_most: int) -> Rows:
@@ -15,7 +14,7 @@ def evenly(count: int, at_most: int) -> Rows:
     return np.linspace(0, count - 1, at_most).round().astype(np.intp)
 
 
-def extremes(values: NDArray[np.float64], at_most: int) -> Rows:
+def extremes(values: Array, at_most: int) -> Rows:
     """Row numbers (m,), ascending, at which a series is to be drawn so that no peak is lost.
 
     Up to ``at_most`` samples are all kept. A longer series is cut into intervals of equally many samples, half as many

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array, Rows
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 #: Length [m] of a bristle where no wrist is known: about that of the A465's, from wrist to sensor.
 BRISTLE_M = 0.1

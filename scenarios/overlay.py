@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.goodness.residuals import Residuals, residuals_of
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.recording import Recording
 from scenarios.shown_units import shown_unit
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

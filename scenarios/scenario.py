@@ -8,9 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from estimators.known_angle.model import SensorParameters, parameter_names
 from rig.arm import Arm
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
-from rig.directions import angles_from_direction
 from rig.effects import Effect
 from rig.effects.parameters import Value
 from rig.environment import Environment
@@ -66,15 +66,10 @@ class Truth:
         towards = environment.gravity_direction if sensor == ACCELEROMETER else environment.magnetic_direction
         turned = towards[2] > 0.0 if field_points == "down" else towards[2] < 0.0
         sign = -1.0 if turned else 1.0
-        beta, gamma = angles_from_direction(sign * truth.axes)
-        phi, psi = angles_from_direction(sign * np.asarray(towards))
-        values: dict[str, float] = {}
-        for axis in range(3):
-            values[f"sensitivity{axis + 1}"] = truth.sensitivity[axis]
-            values[f"offset{axis + 1}"] = truth.offset[axis]
-            values[f"beta{axis + 1}_deg"] = float(beta[axis])
-            values[f"gamma{axis + 1}_deg"] = float(gamma[axis])
-        return {**values, "phi_deg": float(phi), "psi_deg": float(psi)}
+        fields = np.tile(sign * np.asarray(towards), (3, 1))
+        sensitivity, offset = np.array(truth.sensitivity), np.array(truth.offset)
+        own = SensorParameters(1.0, sensitivity, offset, sign * truth.axes, fields)
+        return dict(zip(parameter_names("simultaneous"), own.values("simultaneous").tolist(), strict=True))
 
 
 #: What is stated of a sensor, under ``nominal`` in a recording's metadata.

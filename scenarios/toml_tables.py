@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.assets import models_root
 from rig.directions import direction_from_angles
 from rig.environment import Environment
@@ -189,7 +189,7 @@ class EarthTable:
     base_tilt_azimuth_deg: float = 0.0
 
     @property
-    def R_local_base(self) -> NDArray[np.float64]:
+    def R_local_base(self) -> Array:
         """(3, 3) rotation from the base frame to north, west, up."""
         azimuth = self.base_tilt_azimuth_deg
         turns = [-azimuth, self.base_tilt_deg, azimuth - self.base_yaw_deg]
@@ -201,17 +201,14 @@ class EarthTable:
         magnitude = float(np.linalg.norm(field))
         if magnitude == 0.0:
             raise RigError("north_G, east_G, down_G: found a field of zero, expected at least one that is not")
-        return Environment(
-            gravity_m_s2=rest.gravity_m_s2,
+        return replace(
+            rest,
             gravity_direction=_triple(-self.R_local_base[2]),
             magnetic_field=magnitude,
             magnetic_direction=_triple(field @ self.R_local_base),
-            temperature_degC=rest.temperature_degC,
-            temperature_rise_degC=rest.temperature_rise_degC,
-            temperature_tau_s=rest.temperature_tau_s,
         )
 
 
-def _triple(vector: NDArray[np.float64]) -> Triple:
+def _triple(vector: Array) -> Triple:
     x, y, z = vector
     return float(x), float(y), float(z)

@@ -26,7 +26,7 @@ def agrees(fits: ManyFits, index: int, single: object) -> bool:
     two searches differ by 1e-8 of one.
     """
     parameters, problem = single.parameters, single.problem  # type: ignore[attr-defined]
-    error = ManyParameters.of([fits.parameters[index]]).errors(parameters, fits.method)[0]
+    error = ManyParameters.stacked([fits.parameters[index]]).errors(parameters, fits.method)[0]
     return bool(fits.told[index] == (problem is None)) and (
         problem is not None or np.abs(error / fits.std[index]).max() < 1e-4
     )
@@ -105,13 +105,16 @@ def test_they_are_the_single_fits_on_any_poses(poses: str, method: Method) -> No
 def test_errors_and_coefficients_are_those_of_single_parameters() -> None:
     rng = np.random.default_rng(2)
     points = [random_truth(rng) for _ in range(5)]
-    many = ManyParameters.of(points)
+    many = ManyParameters.stacked(points)
     for i, point in enumerate(points):
         assert np.abs(many.coefficients[i] - point.coefficients).max() < 1e-15
         assert np.array_equal(many[i].axes, point.axes)
     assert not many.errors(many, "separate").any() or np.abs(many.errors(many, "separate")).max() < 1e-15
     other = points[0]
-    against_one, against_each = many.errors(other, "separate"), many.errors(ManyParameters.of([other] * 5), "separate")
+    against_one, against_each = (
+        many.errors(other, "separate"),
+        many.errors(ManyParameters.stacked([other] * 5), "separate"),
+    )
     assert np.array_equal(against_one, against_each)
 
 
@@ -119,7 +122,7 @@ def test_draws_of_no_noise_are_exact_and_any_truth_has_its_own() -> None:
     rng = np.random.default_rng(3)
     base = sweep_statistics(100)
     truths = [random_truth(rng) for _ in range(4)]
-    drawn = draw_many(rng, base.gram, 100, ManyParameters.of(truths).coefficients, np.zeros(3), 4)
+    drawn = draw_many(rng, base.gram, 100, ManyParameters.stacked(truths).coefficients, np.zeros(3), 4)
     for i, truth in enumerate(truths):
         theta = truth.coefficients
         assert np.abs(drawn.cross[i] - base.gram @ theta).max() < 1e-12 * np.abs(drawn.cross[i]).max()

@@ -20,7 +20,7 @@ from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.overlay import Overlay, overlays
 from scenarios.plots import coverage_figure
-from scenarios.plots.coverage_cells import outlines
+from scenarios.plots.coverage import outlines
 from validation.plots.camps_directions import projection_figure, spherical
 
 Array = NDArray[np.float64]

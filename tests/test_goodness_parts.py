@@ -31,7 +31,7 @@ from estimators.goodness import (
     robust_calibrate,
     whiteness,
 )
-from estimators.goodness.quadratic_form import tail_probability
+from estimators.goodness.hold_out import tail_probability
 from estimators.goodness.residuals import selected
 from estimators.stillness import still_poses
 from rig.arm import Arm

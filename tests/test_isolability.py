@@ -15,7 +15,7 @@ import scenarios
 from estimators.design.isolability import Isolability
 from rig.effects import make_effect
 from scenarios.isolability import EffectsBound, isolability_of
-from scenarios.terminal.isolability import classes, names
+from scenarios.terminal.bound import classes, names
 
 
 @pytest.fixture(scope="module")

@@ -90,7 +90,7 @@ def test_variance_is_the_bound_and_intervals_cover(name: str, count: int, factor
     fits = drawn_fits(name, count, factor, method)
     assert fits.told.all()
     assert fits.converged.all()
-    about_truth = ManyParameters.of([truth] * DRAWS).errors(fits.parameters, method)
+    about_truth = ManyParameters.stacked([truth] * DRAWS).errors(fits.parameters, method)
     ratio = np.square(about_truth).mean(axis=0) / expected**2  # about the truth: a bias would count
     inside = (np.abs(fits.errors(truth)) <= NORMAL_95 * fits.std).mean(axis=0)
     names = parameter_names(method)

@@ -12,8 +12,7 @@ from cli_support import Rig
 
 import estimators
 import scenarios
-from estimators.known_angle.as_renk import as_renk
-from estimators.known_angle.quasi_newton import quasi_newton
+from estimators.known_angle.quasi_newton import as_renk, quasi_newton
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.errors import RigError

@@ -84,7 +84,7 @@ def test_recordings_of_it_are_as_certain_as_promised(plan: Plan) -> None:
             reference_magnitude=known.reference_magnitude,
             field_points=known.fields[0],
         )
-        errors = ManyParameters.of([known] * len(drawn)).errors(fits.parameters, "simultaneous")
+        errors = ManyParameters.stacked([known] * len(drawn)).errors(fits.parameters, "simultaneous")
         ratios.append(np.square(errors).mean(axis=0) / bound(x.T @ x, known, noise, "simultaneous").diagonal())
     found = np.sqrt(np.concatenate(ratios))
     assert found.min() > 0.8

@@ -13,7 +13,7 @@ from statistics_draws import draw_many
 from estimators.batch import ManyParameters, fit_many
 from estimators.known_angle.model import METHODS, Method, SensorParameters, columns_of_channels, parameter_names
 from rig.directions import direction_from_angles
-from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, calibration_values, elevation_azimuth_basis
+from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, elevation_azimuth_basis
 from scenarios.studies.second_order import _curvatures, second_order_bias
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def test_errors_are_the_tangent_ones_in_other_axes(name: str, method: Method) ->
     truth = TRUTHS[name][0]
     coordinates = Coordinates(truth, method)
     step = 1e-6 * np.random.default_rng(3).standard_normal(len(coordinates.names))
-    found = coordinates.errors(ManyParameters.of([moved(truth, step, method)]))[0]
+    found = coordinates.errors(ManyParameters.stacked([moved(truth, step, method)]))[0]
     # Second order: 1e-12 of a radian, in degrees.
     np.testing.assert_allclose(found, coordinates.from_tangent @ step, atol=1e-9)
 
@@ -51,7 +51,7 @@ def test_directions_move_along_their_angles(method: Method) -> None:
     beta, gamma = -85.6307, 185.8359
     turned = truth.axes.copy()
     turned[1] = direction_from_angles(beta + step, gamma + 2.0 * step)
-    found = Coordinates(truth, method).errors(ManyParameters.of([replace(truth, axes=turned)]))[0]
+    found = Coordinates(truth, method).errors(ManyParameters.stacked([replace(truth, axes=turned)]))[0]
     place = Coordinates(truth, method).names.index("axis2_beta_deg")
     assert found[place] == pytest.approx(step, rel=1e-4)
     assert found[place + 1] == pytest.approx(2.0 * step * np.cos(np.radians(beta)), rel=1e-4)
@@ -88,7 +88,7 @@ def test_fits_state_the_bound_where_they_are_right(method: Method) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_calibration_values_are_the_reported_ones(method: Method) -> None:
     truth = TRUTHS["table5"][0]
-    values = calibration_values(ManyParameters.of([truth]), method)[0]
+    values = ManyParameters.stacked([truth]).values(method)[0]
     table = dict(zip(parameter_names(method), values, strict=True))
     assert table["beta1_deg"] == pytest.approx(85.3089, abs=1e-9)
     assert table["gamma3_deg"] == pytest.approx(272.1489, abs=1e-9)

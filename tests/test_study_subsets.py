@@ -20,8 +20,7 @@ from rig.effects import Effect, make_effect
 from rig.errors import RigError
 from rig.recording import Recording, scan_recording
 from scenarios.studies.store import StudyFolder
-from scenarios.studies.subset_files import read_subsets, write_subsets
-from scenarios.studies.subset_results import SubsetStudy
+from scenarios.studies.subset_results import SubsetStudy, read_subsets, write_subsets
 from scenarios.studies.subsets import study
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.batch.optimum import Centred, Optimum, parameters_of, separate, simultaneous
 from estimators.batch.parameters import ManyParameters, Uncertainty
@@ -20,12 +20,10 @@ from estimators.known_angle.model import (
     columns_of_channels,
 )
 from estimators.known_angle.refusal import AMBIGUOUS_CHI_SQUARE, SAME_SIGMAS, UNCERTAINTY_LIMIT
+from rig.arrays import Array, Mask
 from rig.directions import tangent_basis
 from rig.errors import RigError, unknown_name
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 #: Data sets fitted at a time: their matrices stay below some 50 MB.
 _BLOCK: Final = 2000
@@ -51,8 +49,8 @@ class ManyFits:
     residual_square: Array
     noise: Array
     covariance: Array
-    converged: Flags
-    told: Flags
+    converged: Mask
+    told: Mask
 
     def __len__(self) -> int:
         """m."""
@@ -63,7 +61,7 @@ class ManyFits:
         """(m, p) standard deviations in tangent coordinates."""
         return np.asarray(np.sqrt(np.einsum("mii->mi", self.covariance)))
 
-    def errors(self, truth: SensorParameters | ManyParameters) -> Array:
+    def errors(self, truth: SensorParameters) -> Array:
         """(m, p) truth, one of all or (m,) of each, minus estimate, in the coordinates of the covariance."""
         return self.parameters.errors(truth, self.method)
 
@@ -203,7 +201,7 @@ def _fit(table: _Table, method: Method, weighting: Weighting, magnitude: float) 
     return ManyFits(method, parameters, residual, noise, covariance, optimum.converged, told)
 
 
-def _uncertain(covariance: Array, method: Method) -> Flags:
+def _uncertain(covariance: Array, method: Method) -> Mask:
     """(m,) whether any S, delta, axis or field is less certain than ``UNCERTAINTY_LIMIT``."""
     variance = np.einsum("mii->mi", covariance)
     limit = UNCERTAINTY_LIMIT**2
@@ -215,7 +213,7 @@ def _uncertain(covariance: Array, method: Method) -> Flags:
     return found
 
 
-def _ambiguous(optimum: Optimum, fields: Array, covariance: Array, noise: Array, count: Array, method: Method) -> Flags:
+def _ambiguous(optimum: Optimum, fields: Array, covariance: Array, noise: Array, count: Array, method: Method) -> Mask:
     """(m,) whether another minimum fits alike, in a direction that the covariance does not cover."""
     found = np.zeros(len(fields), dtype=bool)
     columns = [of_field for _, _, of_field in columns_of_channels(method)]

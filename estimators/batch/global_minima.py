@@ -16,14 +16,11 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from rig.arrays import Array, Mask, Rows
 from rig.directions import spiral, tangent_basis
 from rig.errors import RefusedFit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 #: Directions on the half sphere, 7 degrees apart: on well-conditioned poses the projected cost has no detail below some
 #: tens of degrees. On others it can have narrow basins, which a grid four times as fine finds.
@@ -46,7 +43,7 @@ _BLOCK_NUMBERS = 1 << 19
 
 
 @cache
-def half_sphere(points: int) -> tuple[Array, Indices, Array]:
+def half_sphere(points: int) -> tuple[Array, Rows, Array]:
     """Directions (g, 3) spread evenly over a half sphere, the neighbours (g, 8) of each, and products f_i f_j (g, 9).
 
     A direction at the rim has neighbours across it, as f and -f are the same here.
@@ -97,7 +94,7 @@ class Problems:
         """Maps m_j f_k to B_il, what couples f and m."""
         return _permuted(self.covariance, (0, 3, 1, 2))
 
-    def select(self, rows: Indices | slice) -> Problems:
+    def select(self, rows: Rows | slice) -> Problems:
         """Some of them."""
         shared = self.covariance.ndim == 2
         return Problems(self.covariance if shared else self.covariance[rows], self.cross[:, rows], self.variance[rows])
@@ -125,18 +122,18 @@ class Minima:
         converged: (L,) whether the last step was short enough.
     """
 
-    problem: Indices
+    problem: Rows
     field: Array
     scaled_axes: Array
     mean_square: Array
-    converged: NDArray[np.bool_]
+    converged: Mask
 
     @property
     def cost(self) -> Array:
         """(L,)."""
         return np.asarray(self.mean_square.sum(axis=1))
 
-    def best(self) -> Indices:
+    def best(self) -> Rows:
         """(P,) the row of each problem's lowest minimum.
 
         Raises:
@@ -157,8 +154,8 @@ def local_minima(problems: Problems) -> Minima:
     directions = half_sphere(points)[0]
     channels = problems.cross.shape[2]
     size = max(1, _BLOCK_NUMBERS // (points * 3 * channels))
-    columns: list[Indices] = []
-    starts: list[Indices] = []
+    columns: list[Rows] = []
+    starts: list[Rows] = []
     for begin in range(0, problems.count, size):
         value = _explained(problems.select(slice(begin, begin + size)), points)
         rows, which = _peaks(value, points)
@@ -209,7 +206,7 @@ def _explained(problems: Problems, points: int) -> Array:
     return np.asarray((z * z).sum(axis=(0, 1)).T)
 
 
-def _peaks(value: Array, points: int) -> tuple[Indices, Indices]:
+def _peaks(value: Array, points: int) -> tuple[Rows, Rows]:
     """Directions and problems of the local maxima of (g, P) values, the ``MOST_STARTS`` highest of each problem."""
     neighbours = half_sphere(points)[1]
     peak = np.ones(value.shape, dtype=bool)
@@ -222,7 +219,7 @@ def _peaks(value: Array, points: int) -> tuple[Indices, Indices]:
     return rows, columns
 
 
-def descend(problems: Problems, field: Array, label: Indices) -> Minima:
+def descend(problems: Problems, field: Array, label: Rows) -> Minima:
     """The local minimum next to a field direction, for every problem.
 
     Args:

@@ -6,15 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.batch.global_minima import RANK_TOLERANCE, Minima, Problems, descend, local_minima
 from estimators.batch.parameters import ManyParameters
 from estimators.known_angle.model import PARAMETERS_OF, Weighting
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.intp]
+from rig.arrays import Array, Mask, Rows
 
 #: Relative change of the weights that ends their iteration: it moves the estimate by a millionth of its standard
 #: deviation.
@@ -43,7 +39,7 @@ class Centred:
     mean: Array
     rounding: Array
     floor: Array
-    rank: Indices
+    rank: Rows
 
     @classmethod
     def of(cls, gram: Array, cross: Array, square: Array, count: Array) -> Centred:
@@ -88,7 +84,7 @@ class Rivals:
     """
 
     channel: int | None
-    row: Indices
+    row: Rows
     field: Array
     excess: Array
 
@@ -107,7 +103,7 @@ class Optimum:
     scaled_axes: Array
     mean_square: Array
     noise: Array
-    converged: Flags
+    converged: Mask
     rivals: tuple[Rivals, ...]
 
 

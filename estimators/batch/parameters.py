@@ -7,35 +7,20 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.known_angle.identifiability import NULL_EIGENVALUE
 from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
-from rig.directions import tangent_basis
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from rig.arrays import Array, Mask, Rows
 
 
 @dataclass(frozen=True, eq=False)
-class ManyParameters:
-    """m points of the parameter space of one sensor, each as of ``SensorParameters``.
-
-    Attributes:
-        reference_magnitude: |f| [m/s^2, field unit], of all.
-        sensitivity, offset: (m, 3) [recorded unit per field unit], [recorded unit].
-        axes, fields: (m, 3, 3) unit vectors as rows; frame 6, base frame.
-    """
-
-    reference_magnitude: float
-    sensitivity: Array
-    offset: Array
-    axes: Array
-    fields: Array
+class ManyParameters(SensorParameters):
+    """m points of the parameter space of one sensor, of one reference magnitude; arrays begin with the axis (m,)."""
 
     @classmethod
-    def of(cls, points: Iterable[SensorParameters]) -> Self:
-        """Those of the same reference magnitude, stacked."""
+    def stacked(cls, points: Iterable[SensorParameters]) -> Self:
+        """Points of the same reference magnitude."""
         rows = list(points)
         return cls(
             rows[0].reference_magnitude,
@@ -59,19 +44,7 @@ class ManyParameters:
         """One after the other."""
         return (self[index] for index in range(len(self)))
 
-    @property
-    def length(self) -> Array:
-        """(m, 3) S_k |f| [recorded unit]."""
-        return self.reference_magnitude * self.sensitivity
-
-    @property
-    def coefficients(self) -> Array:
-        """(m, 10, 3) theta_k as of ``SensorParameters.coefficients`` [recorded unit]."""
-        scaled = self.length[:, :, None] * self.axes
-        linear = (self.fields[:, :, :, None] * scaled[:, :, None, :]).reshape(len(self), 3, 9)
-        return np.concatenate([linear.transpose(0, 2, 1), self.offset[:, None]], axis=1)
-
-    def errors(self, truth: SensorParameters | ManyParameters, method: Method) -> Array:
+    def errors(self, truth: SensorParameters, method: Method) -> Array:
         """(m, p) truth minus these, in the coordinates of ``SensorParameters.jacobian`` at these.
 
         Args:
@@ -79,7 +52,7 @@ class ManyParameters:
             method: which coordinates.
         """
         result = np.empty((len(self), PARAMETERS_OF[method]))
-        axis_bases, field_bases = tangent_basis(self.axes), tangent_basis(self.fields)
+        axis_bases, field_bases = self.bases
         for k, start, of_field in columns_of_channels(method):
             result[:, start] = truth.sensitivity[..., k] / self.sensitivity[:, k] - 1.0
             result[:, start + 1] = (truth.offset[..., k] - self.offset[:, k]) / self.length[:, k]
@@ -93,20 +66,9 @@ class ManyParameters:
         Args:
             gram: (10, 10) or (m, 10, 10) of [vec R, 1].
         """
-        m = len(self)
-        length = self.length[:, :, None]
-        along = self.axes * length
-        axis_basis = tangent_basis(self.axes) * length[..., None]
-        field_basis = tangent_basis(self.fields)
-        jacobian = np.zeros((m, 3, 6, 10))
-        fields = self.fields[:, :, :, None]
-        jacobian[:, :, 0, :9] = (fields * along[:, :, None, :]).reshape(m, 3, 9)
-        jacobian[:, :, 1, 9] = length[..., 0]
-        for a in range(2):
-            jacobian[:, :, 2 + a, :9] = (fields * axis_basis[:, :, a, None, :]).reshape(m, 3, 9)
-            jacobian[:, :, 4 + a, :9] = (field_basis[:, :, a, :, None] * along[:, :, None, :]).reshape(m, 3, 9)
-        flat = jacobian.reshape(m, 18, 10)  # one product for all channels, and for all data sets of the same poses
-        half = (flat.reshape(-1, 10) @ gram if gram.ndim == 2 else flat @ gram).reshape(m, 3, 6, 10)
+        jacobian = np.ascontiguousarray(self.by_channel.swapaxes(-1, -2))
+        flat = jacobian.reshape(-1, 18, 10)  # one product for all channels, and for all data sets of the same poses
+        half = (flat.reshape(-1, 10) @ gram if gram.ndim == 2 else flat @ gram).reshape(jacobian.shape)
         return np.asarray(half @ jacobian.swapaxes(-1, -2))
 
 
@@ -122,7 +84,7 @@ class Uncertainty:
 
     covariance: Array
     leverage: Array
-    determined: Flags
+    determined: Mask
 
     @classmethod
     def of(cls, per_channel: Array, noise: ArrayLike, method: Method) -> Self:
@@ -146,7 +108,7 @@ class Uncertainty:
         return np.asarray(self.covariance @ middle @ self.covariance)
 
 
-def places(method: Method) -> list[NDArray[np.intp]]:
+def places(method: Method) -> list[Rows]:
     """For each channel, the columns of its S, delta, axis and field."""
     return [np.r_[start : start + 4, of_field] for _, start, of_field in columns_of_channels(method)]
 
@@ -160,7 +122,7 @@ def _together(own: Array, method: Method) -> Array:
     return matrix
 
 
-def _inverse(scaled: Array) -> tuple[Array, Flags]:
+def _inverse(scaled: Array) -> tuple[Array, Mask]:
     """Inverses of information matrices (m, p, p) of unit diagonal, without their null directions; and which have none.
 
     The trace of an inverse bounds its largest eigenvalue, so most need no eigenvalues to be computed.

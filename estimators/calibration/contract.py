@@ -9,23 +9,21 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from estimators._json import Reader, dump
 from estimators.calibration.parts import AxisCalibration, FieldDirection, Quality
 from estimators.calibration.table import summary
+from rig.arrays import Array
 from rig.channels import READS, SENSORS
 from rig.documents import parse_json, plain, read_bytes
 from rig.errors import RigError, shown, unknown_name
 from rig.files import write_text
 from rig.units import UNITS
-
-Array = NDArray[np.float64]
 
 #: The format of a calibration, version included.
 FORMAT: Final = "rig-calibration/1"
@@ -108,6 +106,10 @@ class SensorCalibration:
     def axis_vectors(self) -> Array:
         """(3, 3) unit vectors P_k as rows, frame 6; not of attitude-free calibrations."""
         return np.array([axis.axis for axis in self.axes])
+
+    def warned(self, *words: str) -> Self:
+        """With further warnings of its quality, behind those it has."""
+        return replace(self, quality=replace(self.quality, warnings=(*self.quality.warnings, *words)))
 
     def value(self, name: str) -> float:
         """The estimate of a parameter; of either form, angles or components."""

@@ -6,15 +6,12 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration.contract import Calibration, SensorCalibration
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.number_text import number
 from rig.units import conversion_factor
-
-Array = NDArray[np.float64]
 
 _TESLA_PER_GAUSS = 1e-4
 

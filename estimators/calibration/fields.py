@@ -6,14 +6,13 @@ import os
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.calibration.contract import Calibration, SensorCalibration
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.recording import Recording, RecordingWriter, scan_recording
 from rig.units import conversion_factor
-
-Array = NDArray[np.float64]
 
 
 def field_of(calibration: SensorCalibration, readings: ArrayLike, unit: str | None = None) -> Array:

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimators._json import AsJson, Reader
+from rig.arrays import Array
 from rig.documents import plain
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +116,13 @@ class Quality(AsJson):
     outliers: Any = None
     verdict: Mapping[str, Any] | None = None
     warnings: tuple[str, ...] = ()
+
+    def condemned(self, reasons: Sequence[str]) -> Self:
+        """With a verdict of not good for these ``reasons``, where there is a verdict at all."""
+        if self.verdict is None:
+            return self
+        text = f"not good: because {'; '.join(reasons)}"
+        return replace(self, verdict={**self.verdict, "good": False, "reasons": list(reasons), "text": text})
 
     @classmethod
     def read(cls, reader: Reader) -> Self:

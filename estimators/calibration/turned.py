@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration.contract import SensorCalibration
 from estimators.calibration.parts import AxisCalibration, FieldDirection
 from rig.channels import READS
-
-Array = NDArray[np.float64]
 
 _ELEVATIONS = ("beta", "phi")
 _AZIMUTHS = ("gamma", "psi")

@@ -17,12 +17,11 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.known_angle.identifiability import Told, is_open
+from rig.arrays import Array
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 Parameters = Literal[6, 9]
 

@@ -14,11 +14,10 @@ from functools import lru_cache
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rig.arrays import Array, Rows
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +33,8 @@ class SphereCells:
 
     count: int
     z: Array
-    around: NDArray[np.intp]
-    first: NDArray[np.intp]
+    around: Rows
+    first: Rows
 
     @classmethod
     @lru_cache(maxsize=16)
@@ -66,7 +65,7 @@ class SphereCells:
         """The side of a square as large as a cell [deg]."""
         return float(np.degrees(np.sqrt(4.0 * np.pi / self.count)))
 
-    def number(self, directions: ArrayLike) -> NDArray[np.intp]:
+    def number(self, directions: ArrayLike) -> Rows:
         """The cell (n,) that each direction lies in.
 
         Args:

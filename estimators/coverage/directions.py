@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rig.arrays import Array
 from rig.errors import RigError
-
-if TYPE_CHECKING:
-    pass
-
-Array = NDArray[np.float64]
 
 #: The axes, the diagonals of their planes and the space diagonals: the 26 neighbours of a cube.
 _NEIGHBOURS: Final = np.array(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, Parameters
 from estimators.coverage.cells import SphereCells
@@ -20,10 +20,9 @@ from estimators.coverage.directions import direction_name
 from estimators.coverage.seen import Coverage, coverage
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import columns_of_channels
+from rig.arrays import Array
 from rig.documents import plain
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 _CANDIDATES: Final = 500
 #: Beyond a tenth of itself (of a radian) a parameter cannot be told: a data sheet knows it better.

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from estimators.coverage.cells import SphereCells
 from estimators.coverage.directions import direction_name, direction_names
+from rig.arrays import Array, Rows
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 #: Numbers of cells to choose from, 59 to 16 degrees wide. No cell lies across the equator, so that a hemisphere is half
 #: of them.
@@ -40,7 +39,7 @@ class Coverage:
     """
 
     cells: SphereCells
-    counts: NDArray[np.intp]
+    counts: Rows
     hole_deg: float
     hole: Array
 

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.coverage.attitude_free_information import design_rows
 from estimators.design.prediction import Prediction
+from estimators.ellipsoid.likelihood import parameter_names
 from estimators.ellipsoid.monomials import PAIRS
 from estimators.known_angle.identifiability import Told, is_open
 from estimators.known_angle.refusal import UNCERTAINTY_LIMIT
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +79,7 @@ class FreeSensor:
         matrix = np.asarray(information, dtype=float)
         told = Told.of(matrix)
         open_ = is_open(told.null)
-        names = (
-            *(f"gain{i + 1}{j + 1}" for i, j in PAIRS[: parameters - 3]),
-            *(f"offset{k}" for k in (1, 2, 3)),
-        )
+        names = parameter_names(parameters)
         std = np.sqrt(told.covariance.diagonal())
         untold = {name: "left open by these directions" for name, is_open in zip(names, open_, strict=True) if is_open}
         problem = None

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.known_angle.model import SensorParameters
+from rig.arrays import Array, Mask
 from rig.channels import CHANNELS_OF, COLUMNS_OF
 from rig.documents import plain
 from rig.effects import EFFECTS, Effect, Kind
@@ -26,7 +26,6 @@ from rig.pipeline import Pipeline
 from rig.signals import Signals
 from rig.threads import one_blas_thread
 
-Array = NDArray[np.float64]
 Key = tuple[str, str]
 
 #: An effect that leaves so many standard deviations is seen, and two that differ by so many are told apart.
@@ -62,7 +61,7 @@ class Isolability:
         return np.asarray(both)
 
     @property
-    def visible(self) -> NDArray[np.bool_]:
+    def visible(self) -> Mask:
         """(m,) whether an effect is seen."""
         return self.seen >= SEEN
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.batch.parameters import ManyParameters, Uncertainty, places
 from estimators.design.prediction import KnownAnglePrediction
@@ -20,10 +20,9 @@ from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
 from estimators.known_angle.reported import report
 from estimators.known_angle.statistics import Statistics
+from rig.arrays import Array
 from rig.errors import RefusedFit
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 
 def predict(
@@ -137,7 +136,7 @@ def growth(grams: ArrayLike, truth: SensorParameters, noise: ArrayLike, method: 
     parts = np.asarray(grams, dtype=float)
     sigma = np.broadcast_to(np.asarray(noise, dtype=float), (len(parts), 3))
     with one_blas_thread():
-        many = ManyParameters.of([truth] * len(parts))
+        many = ManyParameters.stacked([truth] * len(parts))
         own = many.information(parts)
         found = Uncertainty.of(np.cumsum(own, axis=0), sigma, method)
         final = found.covariance[-1]

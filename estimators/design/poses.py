@@ -12,13 +12,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.known_angle.model import SensorParameters, columns_of_channels
+from rig.arrays import Array, Mask, Rows
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 #: Of a parameter that nothing tells, over the reference.
 OPEN: Final = 1e6
@@ -135,8 +132,8 @@ def _angles(direction: Array) -> Array:
 
 
 def exchange(
-    criteria: list[Criterion], grams: Array, count: int, samples: float, start: Indices, allowed: NDArray[np.bool_]
-) -> tuple[Indices, float]:
+    criteria: list[Criterion], grams: Array, count: int, samples: float, start: Rows, allowed: Mask
+) -> tuple[Rows, float]:
     """Choose poses.
 
     Args:
@@ -172,6 +169,6 @@ def exchange(
     return chosen, value
 
 
-def _value(criteria: list[Criterion], parts: list[Array], chosen: Indices) -> float:
+def _value(criteria: list[Criterion], parts: list[Array], chosen: Rows) -> float:
     sums = [criterion.worst(part[chosen].sum(axis=0)[None])[0] for criterion, part in zip(criteria, parts, strict=True)]
     return float(max(sums))

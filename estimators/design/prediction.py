@@ -6,13 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimators.known_angle.model import Method
+from rig.arrays import Array
 from rig.documents import plain
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

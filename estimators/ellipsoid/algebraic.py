@@ -6,13 +6,11 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators._small import eigh, solve
 from estimators.ellipsoid.monomials import FREE, TERMS, multiply_out
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 _UNIT: Final = np.eye(3)
 #: The inverse of Li and Griffiths' constraint 4 J - I^2 > 0, in monomials x^2, y^2, z^2, xy, xz, yz.

@@ -19,17 +19,15 @@ from functools import cache
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.monomials import products
 from estimators.ellipsoid.used_rows import spread_rows
+from rig.arrays import Array
 from rig.channels import READS
 from rig.errors import RefusedFit
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 #: Standard deviation of the rotation about any axis, or of the angle, beyond which the answer is none.
 UNCERTAINTY_LIMIT_DEG: Final = 5.0

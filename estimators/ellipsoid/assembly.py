@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from estimators.calibration import SensorCalibration
 from estimators.calibration.parts import Quality
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.monomials import PAIRS
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 METHOD: Final = "ellipsoid"
 #: Residuals against the floor less probable than this are a warning.

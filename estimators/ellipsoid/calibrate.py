@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import SensorCalibration
 from estimators.ellipsoid.alignment import Alignment, align
@@ -17,11 +16,11 @@ from estimators.ellipsoid.levenberg import Start
 from estimators.ellipsoid.thinned import Thinned
 from estimators.stillness import average_poses, find_still
 from estimators.stillness.poses import counts_of
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.recording import Recording, RecordingScan
 
-Array = NDArray[np.float64]
 Rest = Literal["auto", "all", "poses"]
 Floor = tuple[Array, Array]
 
@@ -128,7 +127,7 @@ def calibrate_attitude_free(
             counts=own.counts,
             R_common_own=None if aligned is None or sensor != MAGNETOMETER else aligned.R_accelerometer_magnetometer,
         )
-        results[sensor] = _noted(made, own.notes)
+        results[sensor] = made.warned(*own.notes)
     return AttitudeFree(results, extra)
 
 
@@ -225,13 +224,6 @@ def _aligned(
     except RefusedFit as refused:
         return None, {"alignment": {"refused": str(refused)}}
     return found, {"alignment": found.to_json()}
-
-
-def _noted(calibration: SensorCalibration, notes: tuple[str, ...]) -> SensorCalibration:
-    if not notes:
-        return calibration
-    quality = calibration.quality
-    return replace(calibration, quality=replace(quality, warnings=(*quality.warnings, *notes)))
 
 
 def read_thinned(

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators._small import eigh
 from estimators.ellipsoid.shape import Ellipsoid
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: No channel is believed to be so much quieter than the mean, in variance: residuals hardly show it.
 _QUIETEST: Final = 0.02

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.ellipsoid import outliers
 from estimators.ellipsoid.algebraic import first_ellipsoid
@@ -16,8 +15,7 @@ from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import FREE, quadratic_form, symmetric, table
 from estimators.ellipsoid.shape import Ellipsoid
 from estimators.ellipsoid.used_rows import spread_rows
-
-Array = NDArray[np.float64]
+from rig.arrays import Array, Mask, Rows
 
 #: Largest change of a quadric's coefficient after which the weights, and the correction of their noise, still stand.
 STEP: Final = 0.05
@@ -50,7 +48,7 @@ class Readings:
     def __len__(self) -> int:
         return len(self.values)
 
-    def pick(self, rows: NDArray[np.intp] | None) -> Readings:
+    def pick(self, rows: Rows | None) -> Readings:
         """Some of them; all for None."""
         if rows is None:
             return self
@@ -81,7 +79,7 @@ class Estimate:
     optimum: Optimum
     moments: Moments
     variances: Array
-    kept: NDArray[np.intp] | None = None
+    kept: Rows | None = None
 
     def leverage(self, readings: Readings) -> Array:
         """(n,) of readings, fitted or not."""
@@ -108,7 +106,7 @@ def estimate(readings: Readings, resist: bool) -> Estimate | None:
         return None
     known = readings.noise is not None or len(readings) < _FEWEST_FOR_CHANNELS
 
-    def refit(kept: NDArray[np.bool_]) -> tuple[Ellipsoid, Array, Array] | None:
+    def refit(kept: Mask) -> tuple[Ellipsoid, Array, Array] | None:
         if int(kept.sum()) <= readings.parameters:
             return None
         again = plain(readings.pick(np.flatnonzero(kept)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.ellipsoid.estimate import Estimate, Readings, estimate
 from estimators.ellipsoid.levenberg import Start, levenberg_marquardt
@@ -14,10 +14,9 @@ from estimators.ellipsoid.likelihood import Optimum, parameter_names
 from estimators.ellipsoid.monomials import FREE, packed
 from estimators.ellipsoid.refusal import Spread, problem_of, without_ellipsoid
 from estimators.ellipsoid.used_rows import Dropped, as_readings, check_finite, usable
+from rig.arrays import Array, Rows
 from rig.errors import RefusedFit, RigError
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 Parameters = Literal[6, 9]
 
@@ -63,7 +62,7 @@ class EllipsoidFit:
     spread: Spread
     optimum: Optimum | None = None
     dropped: Dropped = field(default_factory=Dropped)
-    used: NDArray[np.intp] | None = None
+    used: Rows | None = None
     problem: str | None = None
     estimator: str = "likelihood"
     estimate: Estimate | None = None
@@ -177,7 +176,7 @@ def fit_of(
     parameters: Parameters,
     noise_given: bool,
     dropped: Dropped,
-    used: NDArray[np.intp] | None,
+    used: Rows | None,
 ) -> EllipsoidFit:
     """The fit that an optimum is.
 
@@ -220,7 +219,7 @@ def _as_in_the_paper(
     parameters: Parameters,
     noise: Array | None,
     dropped: Dropped,
-    used: NDArray[np.intp] | None,
+    used: Rows | None,
     name: str,
 ) -> EllipsoidFit:
     with one_blas_thread():

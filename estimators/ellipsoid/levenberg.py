@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from estimators.ellipsoid.monomials import packed, products, symmetric
+from rig.arrays import Array
 from rig.errors import RefusedFit, RigError
-
-Array = NDArray[np.float64]
 
 _EVALUATIONS: Final = 1000
 

@@ -15,14 +15,12 @@ from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators._small import eigh, inverse
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import FREE, PAIRS, curvature_in_products, noise_in_products
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Rounding of a sum of squares: residuals below some 6e-8 of the radius cannot be seen in the moments.
 _ROUNDING: Final = 16.0 * np.finfo(float).eps

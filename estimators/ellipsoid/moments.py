@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators._rows import working_rows
 from estimators.ellipsoid.monomials import EXPONENTS, FLAT, PAIRS, TERMS, multiply_out, quadratic_form
 from estimators.ellipsoid.shape import Ellipsoid
+from rig.arrays import Array, Rows
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 #: Samples at a time: 16 rows of 8,192 doubles are about a core's second-level cache.
 BLOCK: Final = 8192
@@ -145,7 +143,7 @@ def _work_table() -> Array:
     return table
 
 
-def _where() -> NDArray[np.intp]:
+def _where() -> Rows:
     """(10, 10): the place of the sum of w z_i z_j among w (1, y3, y1^2, y2^2, y3^2) times all monomials.
 
     These hold all of the products of two monomials, at half the arithmetic.

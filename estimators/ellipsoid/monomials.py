@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: 1, y1, y2, y3, y1^2, y2^2, y3^2, y1 y2, y1 y3, y2 y3.
 EXPONENTS: Final = (

@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from estimators.ellipsoid.algebraic import adjusted
@@ -16,9 +15,8 @@ from estimators.ellipsoid.distances import MEDIAN_SQUARE, Residuals
 from estimators.ellipsoid.monomials import FREE, TERMS, noise_in_products, table
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
 from estimators.ellipsoid.used_rows import spread_rows
+from rig.arrays import Array, Mask, Rows
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Refit = Callable[[Mask], tuple[Ellipsoid, Array, Array] | None]
 
 #: The probability that a reading of Gaussian noise is called an outlier in a whole data set (Bonferroni's bound).
@@ -196,7 +194,7 @@ def least_median(readings: Array, variances: Array, parameters: int) -> Ellipsoi
 
 
 @lru_cache(maxsize=4)
-def _draws(count: int, few: int) -> NDArray[np.intp]:
+def _draws(count: int, few: int) -> Rows:
     """(draws, few) the random subsets of so many rows."""
     chosen = np.random.default_rng(0).random((_DRAWS, count)).argpartition(few - 1, axis=1)[:, :few].copy()
     chosen.flags.writeable = False

@@ -8,16 +8,14 @@ from functools import cached_property
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators._small import eigh
 from estimators.ellipsoid.likelihood import Optimum
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import FREE, symmetric, table
 from estimators.ellipsoid.used_rows import spread_rows
+from rig.arrays import Array
 from rig.directions import spiral
-
-Array = NDArray[np.float64]
 
 #: Noise may make up at most half of what the weakest direction of the information seems to tell.
 NOISE_SHARE_LIMIT: Final = 1.0

@@ -9,9 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimators.ellipsoid import outliers
 from estimators.ellipsoid.distances import Residuals
 from estimators.ellipsoid.estimate import STEP
@@ -19,8 +16,7 @@ from estimators.ellipsoid.fit import EllipsoidFit, fit_of
 from estimators.ellipsoid.likelihood import solve
 from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.used_rows import Dropped, usable
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 
 def brought_up(fit: EllipsoidFit, readings: Array) -> EllipsoidFit | None:

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators._small import eigh, inverse
 from estimators.ellipsoid.monomials import packed, quadratic_form, symmetric
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

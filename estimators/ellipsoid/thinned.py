@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array, Rows
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 class Thinned:
@@ -73,7 +71,7 @@ class Thinned:
         over = np.flatnonzero(number > self._at_most)
         return int(over[0]) if over.size else len(times)
 
-    def _append(self, batch: Recording, rows: NDArray[np.intp], number: int) -> None:
+    def _append(self, batch: Recording, rows: Rows, number: int) -> None:
         """Keep rows of a batch, the first of them being sample ``number`` of all."""
         if not len(self):
             self._first = number

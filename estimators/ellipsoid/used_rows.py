@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rig.arrays import Array, Rows
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def check_finite(readings: Array, name: str) -> None:
         raise RigError(f"{name}: reading {bad[0]} is {readings[bad[0]]}, expected finite numbers")
 
 
-def usable(readings: Array) -> tuple[NDArray[np.intp] | None, Dropped]:
+def usable(readings: Array) -> tuple[Rows | None, Dropped]:
     """The rows to use, or None for all of them, and what the others are.
 
     Args:
@@ -75,7 +74,7 @@ def usable(readings: Array) -> tuple[NDArray[np.intp] | None, Dropped]:
 
 
 @lru_cache(maxsize=16)
-def spread_rows(count: int, wanted: int) -> NDArray[np.intp] | None:
+def spread_rows(count: int, wanted: int) -> Rows | None:
     """``wanted`` row numbers, one from each of as many equal stretches of ``count``; None for all of them.
 
     Which one is drawn, always the same way: equal steps would see the same few poses of readings that repeat a cycle.

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
 
 from estimators.coverage.cells import SphereCells
 from estimators.coverage.directions import direction_name
 from estimators.coverage.seen import cells_for
 from estimators.goodness.residuals import Residuals
-
-Array = NDArray[np.float64]
+from rig.arrays import Array, Rows
 
 _READINGS_A_CELL: Final = 4
 _FEWEST_CELLS: Final = 6
@@ -36,7 +34,7 @@ class ByDirection:
 
     names: tuple[str, ...]
     cells: SphereCells
-    counts: NDArray[np.intp]
+    counts: Rows
     mean: Array
     score: Array
     chi_square: Array

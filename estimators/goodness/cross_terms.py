@@ -6,14 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from estimators._json import AsJson
 from estimators.ellipsoid.monomials import products, symmetric
 from estimators.goodness.residuals import Residuals
-
-Array = NDArray[np.float64]
 
 SIX: Final = 6
 NINE: Final = 9

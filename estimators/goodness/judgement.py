@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
@@ -25,6 +24,7 @@ from estimators.goodness.whiteness import whiteness
 from estimators.goodness.words import Goodness, reasons, remarks
 from estimators.known_angle.from_recording import arm_or_named
 from estimators.stillness import still_poses
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, scan_recording, thinned
@@ -32,7 +32,6 @@ from rig.recording import Recording, scan_recording, thinned
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 
 #: Samples that are looked at: more of them make no test that matters sharper.
 MOST_SAMPLES: Final = 1 << 18

@@ -12,13 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from estimators._json import AsJson
 from estimators.goodness.residuals import Part, Residuals
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 _NULL = 1e-9
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr, pdtrc, stdtr
 
 from estimators.goodness.residuals import Residuals
-
-Array = NDArray[np.float64]
+from rig.arrays import Array, Rows
 
 #: Readings farther from the model than so many standard deviations are outliers: 1 in 1.7 million Gaussian ones.
 CUT: Final = 5.0
@@ -35,7 +34,7 @@ class Outliers:
         times_s: of the first twenty [s].
     """
 
-    rows: NDArray[np.intp]
+    rows: Rows
     count: int
     expected: float
     scale: Array

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import pdtrc
 
 from estimators._json import AsJson
-
-Array = NDArray[np.float64]
+from rig.arrays import Array, Mask
 
 _SAMPLE: Final = 4096
 #: A converter's steps are told from a continuous reading where the range has at most this many.
@@ -164,7 +163,7 @@ def _has_steps(values: Array, step: float) -> bool:
     return step > 0.0 and float(np.ptp(values)) / step < _MOST_STEPS
 
 
-def _same_as_before(readings: Array) -> NDArray[np.bool_]:
+def _same_as_before(readings: Array) -> Mask:
     same = np.zeros(len(readings), dtype=bool)
     same[1:] = True
     for values in readings.T:
@@ -172,7 +171,7 @@ def _same_as_before(readings: Array) -> NDArray[np.bool_]:
     return same
 
 
-def _noise(readings: Array, same: NDArray[np.bool_]) -> Array:
+def _noise(readings: Array, same: Mask) -> Array:
     """(3,) from the differences of successive readings, which slow motion hardly changes (von Neumann)."""
     steps = np.diff(readings, axis=0)[~same[1:]]
     if not len(steps):

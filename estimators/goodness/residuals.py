@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import SensorCalibration
 from estimators.coverage.attitude_free_information import design_rows
 from estimators.known_angle.model import METHODS, Method, SensorParameters
 from estimators.stillness.poses import counts_of
+from rig.arrays import Array, Mask
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording
@@ -20,8 +20,6 @@ from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from rig.arm import Arm
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +116,7 @@ def fitted_parameters(calibration: SensorCalibration) -> SensorParameters:
     )
 
 
-def selected(recording: Recording, rows: NDArray[np.bool_]) -> Recording:
+def selected(recording: Recording, rows: Mask) -> Recording:
     """Some of the samples, and their counts if they are means over poses."""
     counts = counts_of(recording)
     part = recording.select(rows)
@@ -182,26 +180,42 @@ def _by_attitude(recording: Recording, sensor: str, calibration: SensorCalibrati
     )
 
 
-def _by_magnitude(recording: Recording, sensor: str, calibration: SensorCalibration, where: str) -> Residuals:
-    """|M (V - b)| - H, whose noise is that of the readings along the field; Camps (2), (7).
+def by_magnitude(
+    readings: Array, matrix: Array, sigma: Array, reference: float, counts: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """|M V| - H, whose noise is that of the readings along the field; Camps (2), (7).
 
     Noise across the field makes it longer: with its variance t of both components together, by t / (2 H).
+
+    Args:
+        readings: (n, 3) V, less their offset [recorded unit]. matrix: (3, 3) M. reference: H [field unit].
+        sigma: (3,) standard deviation of a single reading [recorded unit]. counts: (n,) that each is the mean of.
+
+    Returns:
+        The field's directions (n, 3), and of its length less H the variance (n,) and the value (n,), freed of t.
     """
+    fields = readings @ matrix.T
+    magnitude = np.sqrt(np.square(fields).sum(axis=1))
+    directions = fields / np.where(magnitude > 0.0, magnitude, 1.0)[:, None]
+    noise = np.square(sigma)
+    variance = np.square(directions @ matrix) @ noise
+    across = float((np.square(matrix) @ noise).sum()) - variance
+    if counts is not None:
+        variance, across = variance / counts, across / counts
+    return directions, variance, magnitude - reference - across / (2.0 * reference)
+
+
+def _by_magnitude(recording: Recording, sensor: str, calibration: SensorCalibration, where: str) -> Residuals:
     matrix = calibration.matrix
     if not np.isfinite(matrix).all():
         raise RigError(f"{where}: the calibration of the {sensor} has no matrix, expected one")
     reference = calibration.reference_magnitude
-    fields = (recording.readings(sensor) - calibration.bias) @ matrix.T
-    magnitude = np.sqrt(np.square(fields).sum(axis=1))
-    directions = fields / np.where(magnitude > 0.0, magnitude, 1.0)[:, None]
-    noise = np.square(_sigma(calibration))
-    variance = np.square(directions @ matrix) @ noise
-    across = float((np.square(matrix) @ noise).sum()) - variance
     counts = counts_of(recording)
-    if counts is not None:
-        variance, across = variance / counts, across / counts
+    directions, variance, away = by_magnitude(
+        recording.readings(sensor) - calibration.bias, matrix, _sigma(calibration), reference, counts
+    )
     sigma = np.sqrt(np.where(variance > 0.0, variance, 1.0))[:, None]
-    values = (magnitude - reference - across / (2.0 * reference))[:, None]
+    values = away[:, None]
     diagonal = np.count_nonzero(matrix - np.diag(matrix.diagonal())) == 0
     number = 6 if diagonal else 9
 

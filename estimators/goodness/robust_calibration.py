@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.dispatch import calibrate
@@ -16,6 +15,7 @@ from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.from_recording import FieldPoints, Noise, arm_or_named
 from estimators.known_angle.model import Method, Weighting
 from estimators.known_angle.statistics import Statistics
+from rig.arrays import Array, Mask
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
 from rig.threads import one_blas_thread
@@ -23,8 +23,6 @@ from rig.threads import one_blas_thread
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SAMPLE: Final = 20_000
 _PASSES: Final = 30
@@ -92,8 +90,7 @@ def robust_calibrate(
                 " deviations)"
             )
             left_out = {"count": rejection.rejected, "share": rejection.rejected / len(run)}
-            warnings = (*own.quality.warnings, words)
-            own = replace(own, quality=replace(own.quality, outliers=left_out, warnings=warnings))
+            own = replace(own, quality=replace(own.quality, outliers=left_out)).warned(words)
         found[sensor], rejected[sensor], name = own, rejection, result.arm
     return Calibration(found, run.name, name), rejected
 

@@ -35,10 +35,7 @@ def judged_together(
         verdict = own.quality.verdict
         odd = [words for words in own.quality.warnings if "does not agree with the other recordings" in words]
         if odd and verdict is not None:
-            reasons = [*odd, *verdict["reasons"]]
-            text = f"not good: because {'; '.join(reasons)}"
-            verdict = {**verdict, "good": False, "reasons": reasons, "text": text}
-            changed = replace(own, quality=replace(own.quality, verdict=verdict))
+            changed = replace(own, quality=own.quality.condemned([*odd, *verdict["reasons"]]))
             found = replace(found, sensors={**found.sensors, sensor: changed})
     return found
 

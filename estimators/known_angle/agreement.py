@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
+from rig.arrays import Array
 from rig.directions import tangent_basis
-
-Array = NDArray[np.float64]
 
 _PAIRS = ((0, 1), (0, 2), (1, 2))
 _LEFT, _RIGHT = np.array(_PAIRS).T

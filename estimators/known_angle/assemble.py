@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
 from estimators.calibration import SensorCalibration
@@ -13,9 +13,8 @@ from estimators.calibration.parts import AxisCalibration, FieldDirection, Qualit
 from estimators.known_angle.agreement import angles_between, common_field
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.reported import Reported, report
+from rig.arrays import Array
 from rig.directions import angles_from_direction
-
-Array = NDArray[np.float64]
 
 #: Residuals against the floor less probable than this are a warning.
 P_VALUE_LIMIT = 1e-3

@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.batch.optimum import Centred, parameters_of, separate, simultaneous
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import METHODS, PARAMETERS_AT_ONCE, WEIGHTINGS, Method, SensorParameters, Weighting
 from estimators.known_angle.refusal import Rival, why_not
 from estimators.known_angle.statistics import Statistics
+from rig.arrays import Array
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

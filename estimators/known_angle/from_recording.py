@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.known_angle.statistics import Statistics
 from estimators.noise import NoiseFloor, given_floor, noise_floor
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, SENSORS
 from rig.errors import RigError, unknown_name
 from rig.recording import Metadata, Recording, RecordingScan, locked_beside, scan_recording
@@ -20,7 +21,6 @@ from rig.recording import Metadata, Recording, RecordingScan, locked_beside, sca
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
 FieldPoints = str | Sequence[float] | Mapping[str, str | Sequence[float]]
 Noise = NoiseFloor | Mapping[str, ArrayLike] | ArrayLike | Literal["residuals"]

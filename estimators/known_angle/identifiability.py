@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators._small import eigh
 from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
-
-Array = NDArray[np.float64]
+from rig.arrays import Array, Mask
 
 #: Eigenvalues of the scaled information (unit diagonal) below this are null. The Gram matrix is good to some 1e-15 of
 #: itself, so that an eigenvalue of 1e-11 still has four digits; orientations repeated with rounded encoders or poses
@@ -50,7 +49,7 @@ class Told:
         return cls(vectors[:, ~told], (spread / eigenvalues[told]) @ spread.T, condition)
 
 
-def is_open(null: Array) -> NDArray[np.bool_]:
+def is_open(null: Array) -> Mask:
     """(p,) which parameters take part in null directions (p, d)."""
     return np.asarray(np.sqrt((null * null).sum(axis=1)) > NULL_SHARE)
 

@@ -13,12 +13,11 @@ from functools import cache, cached_property
 from typing import Final, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rig.directions import tangent_basis
+from rig.arrays import Array
+from rig.directions import angles_from_direction, tangent_basis
 from rig.sensor import TriaxialSensor
-
-Array = NDArray[np.float64]
 
 Method = Literal["simultaneous", "separate"]
 METHODS: Final[tuple[Method, ...]] = ("simultaneous", "separate")
@@ -34,7 +33,7 @@ PARAMETERS_AT_ONCE: Final[dict[Method, int]] = {"simultaneous": 14, "separate": 
 
 @dataclass(frozen=True, eq=False)
 class SensorParameters:
-    """A point of the parameter space of one sensor.
+    """A point of the parameter space of one sensor; of many sensors, with one more axis before those said here.
 
     Attributes:
         reference_magnitude: |f| [m/s^2, field unit].
@@ -64,20 +63,50 @@ class SensorParameters:
             np.tile(vector / magnitude, (3, 1)),
         )
 
+    def values(self, method: Method) -> Array:
+        """(p,) as a calibration has them, by ``parameter_names``: S, delta [recorded unit], angles [deg]."""
+        result = np.empty((*self.sensitivity.shape[:-1], PARAMETERS_OF[method]))
+        axes, fields = (np.stack(angles_from_direction(vectors), axis=-1) for vectors in (self.axes, self.fields))
+        for k, start, of_field in columns_of_channels(method):
+            result[..., start] = self.sensitivity[..., k]
+            result[..., start + 1] = self.offset[..., k]
+            result[..., start + 2 : start + 4] = axes[..., k, :]
+            result[..., of_field] = fields[..., k, :]
+        return result
+
+    @property
+    def length(self) -> Array:
+        """(3,) S_k |f| [recorded unit]."""
+        return self.reference_magnitude * self.sensitivity
+
     @property
     def scaled_axes(self) -> Array:
         """(3, 3) rows m_k = S_k |f| P_k [recorded unit]."""
-        return (self.reference_magnitude * self.sensitivity)[:, None] * self.axes
+        return self.length[..., None] * self.axes
 
     @property
     def coefficients(self) -> Array:
         """(10, 3) theta_k = [vec(f m_k^T), delta_k], so that readings are [vec R, 1] . theta_k [recorded unit]."""
-        return np.vstack([(self.fields[:, :, None] * self.scaled_axes[:, None, :]).reshape(3, 9).T, self.offset])
+        return np.concatenate(
+            [self._turned(self.fields, self.scaled_axes).swapaxes(-1, -2), self.offset[..., None, :]], -2
+        )
 
     @property
     def gain(self) -> Array:
         """(3, 3) rows S_k P_k: readings - offset = gain @ (field in frame 6)."""
         return self.sensitivity[:, None] * self.axes
+
+    @property
+    def by_channel(self) -> Array:
+        """(3, 10, 6) of theta_k by channel k's own parameters, as of ``jacobian``: S_k, delta_k, P_k, f_k."""
+        axis_basis, field_basis = self.bases
+        m, length = self.scaled_axes, self.length
+        result = np.zeros((*length.shape, 10, 6))
+        result[..., :9, 0], result[..., 9, 1] = self._turned(self.fields, m), length
+        for a in range(2):
+            result[..., :9, 2 + a] = self._turned(self.fields, length[..., None] * axis_basis[..., a, :])
+            result[..., :9, 4 + a] = self._turned(field_basis[..., a, :], m)
+        return result
 
     def jacobian(self, method: Method) -> Array:
         """Derivative of theta_k by the parameters in tangent coordinates.
@@ -89,30 +118,27 @@ class SensorParameters:
         Returns:
             (3, 10, p), p = 14 or 18 [recorded unit].
         """
-        m = self.scaled_axes
-        length = self.reference_magnitude * self.sensitivity
-        axis_basis, field_basis = self.bases
-        turned = length[:, None, None] * axis_basis
-        along = (self.fields[:, :, None] * m[:, None]).reshape(3, 9)
-        by_axis = (self.fields[:, None, :, None] * turned[:, :, None]).reshape(3, 2, 9).swapaxes(1, 2)
-        by_field = (field_basis[:, :, :, None] * m[:, None, None]).reshape(3, 2, 9).swapaxes(1, 2)
+        own = self.by_channel
         result = np.zeros((3, 10, PARAMETERS_OF[method]))
         for k, start, of_field in columns_of_channels(method):
-            block = result[k]
-            block[:9, start], block[9, start + 1] = along[k], length[k]
-            block[:9, start + 2 : start + 4], block[:9, of_field] = by_axis[k], by_field[k]
+            result[k, :, start : start + 4], result[k, :, of_field] = own[k, :, :4], own[k, :, 4:]
         return result
+
+    @staticmethod
+    def _turned(fields: Array, axes: Array) -> Array:
+        """(3, 9) vec(f m^T) of rows (3, 3) each."""
+        return (fields[..., :, None] * axes[..., None, :]).reshape(*fields.shape[:-1], 9)
 
     @cached_property
     def bases(self) -> tuple[Array, Array]:
         """The tangent bases (3, 2, 3) of the axes and of the fields."""
-        both = tangent_basis(np.concatenate([self.axes, self.fields]))
-        return both[:3], both[3:]
+        both = tangent_basis(np.concatenate([self.axes, self.fields], axis=-2))
+        return both[..., :3, :, :], both[..., 3:, :, :]
 
     @cached_property
     def scales(self) -> Array:
         """(3, 2) what one unit of the first two parameters of ``jacobian`` is: S_k, and S_k |f| for delta_k."""
-        return np.stack([self.sensitivity, self.reference_magnitude * self.sensitivity], axis=1)
+        return np.stack([self.sensitivity, self.length], axis=1)
 
 
 def columns_of_channels(method: Method) -> Iterator[tuple[int, int, slice]]:

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import PARAMETERS_AT_ONCE, SensorParameters, columns_of_channels
+from rig.arrays import Array
 from rig.directions import tangent_basis
-
-Array = NDArray[np.float64]
 
 #: A tenth of the quantity itself (of S_k, of S_k |f|, of a radian): beyond it an answer is worth less than a data
 #: sheet. Where the true field is such that the poses tell nothing, an estimate of the field that is off by z of its

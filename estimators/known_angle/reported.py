@@ -11,12 +11,10 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.known_angle.model import Method, SensorParameters, columns_of_channels, parameter_names
+from rig.arrays import Array
 from rig.directions import angles_from_direction
-
-Array = NDArray[np.float64]
 
 #: Standard deviation of an angle beyond which its linear interval does not hold [deg].
 ANGLE_LIMIT_DEG: Final = 2.0

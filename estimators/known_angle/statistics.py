@@ -13,16 +13,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators._rows import working_rows
+from rig.arrays import Array, Rows
 from rig.errors import RigError
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from rig.arm.rotation_map import RotationMap
 
-Array = NDArray[np.float64]
 
 #: Entries of x = [vec R, 1].
 ROTATION_TERMS = 10
@@ -254,7 +254,7 @@ def _fill_quaternion(quaternion: Array, rows: Array) -> None:
         rows /= 1.0 + excess
 
 
-def _same_products() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _same_products() -> tuple[Rows, Rows]:
     """Where each product of two of the first ``_IMPLIED`` products of elements stands among those that are summed."""
     summed = {
         tuple(sorted(_ELEMENTS[i] + _ELEMENTS[j])): (i, j)

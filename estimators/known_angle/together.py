@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
@@ -33,6 +32,7 @@ from estimators.known_angle.from_recording import (
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import Method, Weighting
 from estimators.known_angle.statistics import Statistics
+from rig.arrays import Array
 from rig.channels import SENSORS
 from rig.errors import RigError, in_short
 from rig.recording import Recording, RecordingScan
@@ -41,7 +41,6 @@ from rig.units import conversion_factor
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
 
 #: Readings' worth of doubt that the noise of a short recording is other than that of the rest.
@@ -173,10 +172,9 @@ def calibrate_together(
             reads=reads_of(sources[0].metadata, sensor),
         )
         told[sensor] = contributions(joint)
-        warnings = [*own.quality.warnings, *_disagreements(told[sensor])]
         count = sum(part.statistics.count for part in parts[sensor])
         rms = np.sqrt(joint.residual_square.sum(axis=0) / count)
-        results[sensor] = replace(own, fit_rms=rms, quality=replace(own.quality, warnings=tuple(warnings)))
+        results[sensor] = replace(own, fit_rms=rms).warned(*_disagreements(told[sensor]))
     name = in_short([each.name for each in sources])
     known_arm = next((each for each in arms if each is not None), None)
     return Calibration(results, name, known_arm, {"recordings": told})

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.coverage import SphereCells, direction_name
 from estimators.live.residual_blocks import Blocks
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Directions are told apart by so many cells, over so many parts of so many blocks.
 CELLS: Final = 12

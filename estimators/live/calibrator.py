@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.coverage import Enough, direction_name
 from estimators.ellipsoid.calibrate import Options as EllipsoidOptions
@@ -15,6 +14,7 @@ from estimators.ellipsoid.fit import Parameters
 from estimators.ellipsoid.thinned import Thinned
 from estimators.known_angle.from_recording import arm_of, has_pose, points_of, statistics_of
 from estimators.live.estimate import AttitudeFree, AttitudeKnown, SensorEstimate
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.recording import Recording
@@ -23,7 +23,6 @@ from rig.threads import one_blas_thread
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 
 #: No direction may be farther from one that was seen, without attitude [deg]: of six faces none is farther than 55.
 HOLE_DEG: Final = 65.0

@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
+
 Key = tuple[int, int, int]
 
 #: Cubes over the largest extent of the readings: a sphere across them touches some 1,900 cubes of 5.5 degrees.

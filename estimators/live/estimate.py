@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from estimators.coverage import Enough, Targets, enough_attitude_free, enough_known_angles
@@ -25,10 +24,9 @@ from estimators.known_angle.statistics import Statistics
 from estimators.live.cloud import Cloud
 from estimators.live.stillness import StillStream
 from estimators.live.window import SlidingSum
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 #: Of the intervals that are shown and that the stop rule asks for.
 LEVEL = 0.95

@@ -11,13 +11,11 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, Parameters
 from estimators.coverage.directions import direction_name
+from rig.arrays import Array
 from rig.errors import unknown_name
-
-Array = NDArray[np.float64]
 
 _AXES: Final = np.eye(3)
 #: Directions that a turn is taken as.

@@ -15,17 +15,15 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from estimators.live.noise_memory import exceeded
 from estimators.live.reference import Reference
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.effects import EFFECTS
 from rig.effects.base import Effect
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 #: Names within this of the best, in twice the log likelihood (odds of e^10), are named beside it; where these are more
 #: than so many, none is.

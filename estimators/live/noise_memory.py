@@ -20,10 +20,9 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betainc, betaincinv
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Degrees of freedom of what is known.
 CERTAIN: Final = 1e9

@@ -6,22 +6,21 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import SensorCalibration
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, design_rows
 from estimators.ellipsoid.fit import EllipsoidFit
-from estimators.goodness.residuals import fitted_parameters
+from estimators.goodness.residuals import by_magnitude, fitted_parameters
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.model import SensorParameters
 from estimators.live.estimate import SensorEstimate
+from rig.arrays import Array
 from rig.recording import Recording
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 
 #: A calibration from n samples of k values predicts new ones with the variance p / (k n) on average, and several times
 #: that in directions it has hardly seen.
@@ -132,14 +131,9 @@ class Reference:
         return Residuals(batch.t, values / self.noise, predicted, field.T, terms.T)
 
     def _by_magnitude(self, t: Array, readings: Array) -> Residuals:
-        """As of ``estimators.goodness.residuals``: |M (V - b)| - H, less what noise across the field adds."""
-        fields = (readings - self.bias) @ self.matrix.T
-        length = np.sqrt(np.square(fields).sum(axis=1))
-        directions = fields / np.where(length > 0.0, length, 1.0)[:, None]
-        noise = np.square(self.noise)
-        variance = np.maximum(np.square(directions @ self.matrix) @ noise, 1e-300)
-        across = float((np.square(self.matrix) @ noise).sum()) - variance
-        values = (length - self.magnitude - across / (2.0 * self.magnitude)) / np.sqrt(variance)
+        directions, variance, away = by_magnitude(readings - self.bias, self.matrix, self.noise, self.magnitude)
+        variance = np.maximum(variance, 1e-300)
+        values = away / np.sqrt(variance)
         predicted = np.full((len(t), 1), self.share)
         if self.covariance is not None:
             design = self.magnitude * design_rows(directions[::_THINNED], len(self.covariance))

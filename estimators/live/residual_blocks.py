@@ -8,12 +8,10 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from estimators.live.reference import Residuals
-
-Array = NDArray[np.float64]
+from rig.arrays import Array, Mask
 
 #: Samples of a block from which on its noise is seen about its own mean.
 LEAST: Final = 4
@@ -68,7 +66,7 @@ class Blocks:
         """How many."""
         return len(self.t)
 
-    def pick(self, rows: slice | NDArray[np.bool_]) -> Self:
+    def pick(self, rows: slice | Mask) -> Self:
         """Some of them."""
         return type(self)(
             self.t[rows], self.sums[rows], self.squares[rows], self.predicted[rows], self.directions[rows]
@@ -84,7 +82,7 @@ class Blocks:
         )
 
 
-def within(t: Array, ends: Array, length_s: float) -> NDArray[np.bool_]:
+def within(t: Array, ends: Array, length_s: float) -> Mask:
     """Which times (n,) [s] lie in one of the spans of a length [s] that end at ``ends`` (m,), increasing."""
     later = np.append(ends, np.inf)[np.searchsorted(ends, t)]
     return np.asarray(later - t < length_s)

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.live.alarm import Alarm
 from estimators.live.by_direction import PART, PARTS, ByDirection
@@ -26,13 +25,12 @@ from estimators.live.noise_memory import CERTAIN, Memory, exceeded
 from estimators.live.reference import Reference, Residuals
 from estimators.live.residual_blocks import LEAST, Blocks, Rested, within
 from estimators.live.stuck import Stuck
+from rig.arrays import Array, Rows
 from rig.recording import Recording
 
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 BLOCK_S: Final = 0.1
 #: Where a sensor has to rest, a block has so many samples at least: their variance tells it.

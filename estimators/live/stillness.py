@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.stillness.detection import SAME_ANGLE, SAME_POSE, SPEED_LIMIT, TREND_LIMIT
 from estimators.stillness.threshold import choose_threshold
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 _WINDOW_S: Final = 1.0  # as offline
 _SHORTEST: Final = 5  # samples of a piece

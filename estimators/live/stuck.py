@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.live.naming import Likeness
-
-Array = NDArray[np.float64]
+from rig.arrays import Array, Mask
 
 #: A repeat is never taken to be rarer than this, nor a channel for stuck before so many readings.
 _RAREST: Final = 1e-2
@@ -90,5 +88,5 @@ class Stuck:
         chance = float((probability[new] ** run[new]).max())
         return Stopped(sure, since, words, chance, (Likeness(name, f"channel{plural} {names}", 0.0, "stuck"),))
 
-    def _was_long(self, needed: Array) -> NDArray[np.bool_]:
+    def _was_long(self, needed: Array) -> Mask:
         return np.asarray(self._run >= needed)

@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
+from rig.arrays import Array, Rows
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 #: The longest averaging time is this share of the longest record: six means, four differences that do not overlap.
 _LONGEST: Final = 6
@@ -39,8 +37,8 @@ class AllanDeviation:
     """
 
     interval_s: float
-    samples: Indices
-    averaged: Indices
+    samples: Rows
+    averaged: Rows
     deviation: Array
 
     @property

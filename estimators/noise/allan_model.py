@@ -21,12 +21,10 @@ from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct, next_fast_len
 
+from rig.arrays import Array, Rows
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 #: Autocovariances are summed up to this many times m; beyond 2 m only flicker has any, falling with the square.
 _LAGS = 8
@@ -105,7 +103,7 @@ def _spectra(frequency: Array) -> Array:
     return np.stack([4.0 * square, np.ones_like(sine), 0.5 / sine, 0.25 / square])
 
 
-def _spread(autocovariance: Array, differences: NDArray[np.intp]) -> Array:
+def _spread(autocovariance: Array, differences: Rows) -> Array:
     """(4, 4) 2 / M^2 sum of (M_s - |l|) c_a(l) c_b(l) over lags and records; M all differences together."""
     lags = autocovariance.shape[1]
     number = np.arange(lags)

@@ -20,15 +20,13 @@ from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.special import chdtrc
 
 from estimators.noise.allan import AllanDeviation
 from estimators.noise.allan_model import AllanModel, allan_model
+from rig.arrays import Array
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 #: The names, and what each unit is beside the reading's.
 TERMS: Final[dict[str, str]] = {

@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from rig.arrays import Array, Rows
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.documents import plain
 from rig.errors import RigError
 from rig.recording import Recording, whole_or_beginning
 from rig.units import conversion_factor
-
-Array = NDArray[np.float64]
 
 #: The sensors' output range [V] to which the paper's dynamic ranges refer: 20 log10(5 V / RMS).
 FULL_SCALE_V: Final = 5.0
@@ -54,7 +53,7 @@ class NoiseFloor:
     rms: Array
     rms_std: Array
     pose_rms: Array
-    pose_samples: NDArray[np.intp]
+    pose_samples: Rows
     dynamic_range_dB: Array
     dynamic_range_std_dB: Array
     bits: Array
@@ -146,7 +145,7 @@ def noise_floor(
     )
 
 
-def held_poses(locked: Recording) -> NDArray[np.intp]:
+def held_poses(locked: Recording) -> Rows:
     """The number of the held pose (n,) that each sample belongs to, in order; -1 where the arm moves.
 
     A sample is held when no joint angle (or element of the tool's quaternion) leaves a range of ``HOLD_RANGE`` in the

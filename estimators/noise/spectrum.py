@@ -10,15 +10,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter, welch
 from scipy.special import chdtrc
 
+from rig.arrays import Array
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 #: Samples of a segment of the averaged periodogram, at most; a quarter of the longest record where that is less.
 SEGMENT: Final = 4096

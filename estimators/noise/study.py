@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.noise.allan import FEWEST_SAMPLES, AllanDeviation, allan_deviation
 from estimators.noise.allan_terms import TERMS, NoiseTerms, fit_terms
@@ -20,11 +20,10 @@ from estimators.noise.spectrum import (
     power_spectrum,
     whiteness,
 )
+from rig.arrays import Array
 from rig.documents import plain
 from rig.errors import RigError
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Fewest samples of a pose whose colour can be told.
 FEWEST: Final = 100

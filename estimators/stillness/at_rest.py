@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.stillness.detection import SPEED_LIMIT
+from rig.arrays import Mask
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
 
@@ -36,7 +36,7 @@ def at_rest_samples(recording: Recording) -> Recording:
         speed = 2.0 * np.arccos(np.minimum(turned, 1.0)) / step
     else:
         raise RigError(f"{where}: has no pose, expected joint angles or tool poses to see when the arm is at rest")
-    moving: NDArray[np.bool_] = np.append(speed > SPEED_LIMIT, False) | np.append(False, speed > SPEED_LIMIT)
+    moving: Mask = np.append(speed > SPEED_LIMIT, False) | np.append(False, speed > SPEED_LIMIT)
     when = recording.t[moving]
     after = np.searchsorted(when, recording.t - SETTLE_S, side="left")
     before = np.searchsorted(when, recording.t + SETTLE_S, side="right")

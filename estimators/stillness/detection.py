@@ -11,20 +11,17 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators._rows import working_rows
 from estimators.stillness.stretches import Signals, mask_of, split_where_it_drifts, stretches_of
 from estimators.stillness.threshold import choose_threshold
 from estimators.stillness.variance import variance_by_half_windows, weighted_variance, windowed_variance
 from rig.arm.rotation_map import moving_joints
+from rig.arrays import Array, Mask, Rows
 from rig.channels import ACCELEROMETER, CHANNELS_OF
 from rig.errors import RefusedFit, RigError, unknown_name
 from rig.pose_nodes import one_sign
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Camps et al., 6.2 [V^2].
 CAMPS_THRESHOLD_V2: Final = 0.0016
@@ -61,9 +58,9 @@ class Stillness:
     """
 
     still: Mask
-    first: NDArray[np.intp]
-    stop: NDArray[np.intp]
-    pose: NDArray[np.intp]
+    first: Rows
+    stop: Rows
+    pose: Rows
     channels: tuple[str, ...]
     noise: Array
     window: int
@@ -189,7 +186,7 @@ def _given(recording: Recording, threshold: float | Mapping[str, float] | None, 
     return given
 
 
-def _while_still(variance: Array, still: Mask, first: NDArray[np.intp], stop: NDArray[np.intp], half: int) -> Array:
+def _while_still(variance: Array, still: Mask, first: Rows, stop: Rows, half: int) -> Array:
     """(c,) the mean of ``variance_by_half_windows`` over the windows about still samples, one a stretch at least."""
     windows = variance.shape[1]
     chosen = still[half : half * (windows + 1) : half].copy()

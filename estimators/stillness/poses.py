@@ -6,17 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.stillness.detection import SPEED_LIMIT, Stillness, find_still
 from estimators.stillness.stretches import sums_over
+from rig.arrays import Array, Rows
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.pose_nodes import one_sign
 from rig.recording import Recording
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import chdtrc
 
-Array = NDArray[np.float64]
+from rig.arrays import Array, Mask
 
 #: Widths between the peak of still windows and the threshold.
 WIDTHS: Final = 5.0
@@ -61,7 +60,7 @@ def choose_threshold(variance: Array, window: int) -> Threshold:
     expected = np.sqrt(2.0 / (len(variance) * (window - 1)))
     tenth = variance.shape[1] // 10
     floor = np.partition(variance, tenth, axis=1)[:, tenth]
-    settled: NDArray[np.bool_] | None = None
+    settled: Mask | None = None
     for turn in range(_PASSES + 1):
         activity = (variance / floor[:, None]).mean(axis=0)
         peak, width = _lowest_peak(activity, expected)

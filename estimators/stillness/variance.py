@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from estimators._rows import working_rows
+from rig.arrays import Array
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 _BLOCK: Final = 16384  # samples: a block's few arrays stay in the second-level cache
 

@@ -16,9 +16,8 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from rig.arrays import Array, Mask
 from rig.errors import RigError, nearest
-
-Array = NDArray[np.float64]
 
 # By default MuJoCo prints warnings, and leaves a MUJOCO_LOG.TXT in the user's folder. What matters of them, a motion
 # that is no number, is found in its results.
@@ -53,7 +52,7 @@ class Chain:
     links: NDArray[np.int64]
     R_world_base: Array
     members: NDArray[np.int64]
-    slides: NDArray[np.bool_]
+    slides: Mask
     coupling: Array | None = None
     offset: Array | None = None
 

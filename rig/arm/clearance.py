@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rig.arm.serial import Arm
+from rig.arrays import Array, Mask
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 #: Radius of the links of an arm whose file has no geometry, over the arm's reach.
 _SLENDER: Final = 0.05
@@ -84,7 +83,7 @@ class Clearance:
             )
         return cls(arm, _compiled(spec, margin_m), joined, slender)
 
-    def touching(self, q: ArrayLike) -> NDArray[np.bool_]:
+    def touching(self, q: ArrayLike) -> Mask:
         """(n,) whether the arm touches anything at joint values (n, N) [rad, m]."""
         return np.array([len(self._collisions(row)) > 0 for row in self._values(q)], dtype=bool)
 
@@ -143,7 +142,7 @@ class Clearance:
         return np.asarray(self.model.body_weldid[self.model.geom_bodyid], dtype=np.int64)
 
     @cached_property
-    def _is_joined(self) -> NDArray[np.bool_]:
+    def _is_joined(self) -> Mask:
         """(bodies, bodies) whether two are joined, the lower number first."""
         table = np.zeros((self.model.nbody, self.model.nbody), dtype=bool)
         for one, other in self.joined:

@@ -18,12 +18,11 @@ from functools import lru_cache, reduce
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 _ROWS = 4096  # samples a block: its products (13 rows on a sweep) and its result stay in the second-level cache
 _GROUP = 3  # joints whose products are written out; more would be 3^4 rows

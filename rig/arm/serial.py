@@ -10,15 +10,14 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rig.arm.chain import Chain, extract_chain
 from rig.arm.files import compiled_mjcf, is_urdf, mjcf_spec, model_file
 from rig.arm.rotation_map import RotationMap
+from rig.arrays import Array
 from rig.assets import model_path
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 _SPEEDS = "joint_speed_limit_deg_s"
 _LIMIT_SLACK_RAD = 1e-6  # a limit reached exactly, then written and read again in degrees, is still within it

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from rig.arm.clearance import finite_limits
 from rig.arm.serial import Arm
+from rig.arrays import Array
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 _BANDWIDTH_HZ: Final = 50.0
 _DAMPING: Final = 0.7

@@ -13,12 +13,10 @@ import mujoco
 import numpy as np
 import yourdfpy
 from lxml import etree
-from numpy.typing import NDArray
 
 from rig.arm.urdf_file import urdf_root
+from rig.arrays import Array
 from rig.errors import RigError, nearest
-
-Array = NDArray[np.float64]
 
 SITE: Final = "tip"
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Final, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rig.arrays import Array
 from rig.maneuver.axis_rotations import AxisRotations
 from rig.maneuver.fourier_sweep import FourierSweep
 from rig.maneuver.hand_tumble import HandTumble
@@ -29,7 +27,7 @@ class Maneuver(Protocol):
         """From the first sample to the one after the last."""
         ...
 
-    def trajectory(self, t: NDArray[np.float64] | None = None) -> JointTrajectory | PoseTrajectory:
+    def trajectory(self, t: Array | None = None) -> JointTrajectory | PoseTrajectory:
         """The motion at times (n,) [s], by default at its own samples 0, 1/rate, .."""
         ...
 

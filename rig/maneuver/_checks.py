@@ -7,11 +7,10 @@ from numbers import Real
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array, Mask
 from rig.errors import RigError
 
-Array = NDArray[np.float64]
 Limits = Sequence[tuple[float, float]]
 
 #: Limits of the CRS A465's joints 1 to 6 [deg], in the model's joint variables; joint 6 is free to roll on where a
@@ -108,7 +107,7 @@ def given_values(q: Array, slides: Sequence[int]) -> Array:
     return np.where(_sliding(q, slides), q, np.degrees(q))
 
 
-def _sliding(values: Array, slides: Sequence[int]) -> NDArray[np.bool_]:
+def _sliding(values: Array, slides: Sequence[int]) -> Mask:
     """(N,) which columns of joint values (..., N) are of joints that slide."""
     return np.isin(np.arange(1, values.shape[-1] + 1), slides)
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.maneuver._checks import number
 from rig.maneuver.profile import quintic
 from rig.trajectory import PoseTrajectory, sample_times
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,15 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver.fourier_sweep import FourierSweep
 from rig.maneuver.locked_poses import LockedPoses
 from rig.maneuver.static_poses import StaticPoses
 from rig.maneuver.torus_sweep import TorusSweep
 
-Array = NDArray[np.float64]
 Fitted = TypeVar("Fitted")
 Ranges = tuple[tuple[float, float], ...]
 

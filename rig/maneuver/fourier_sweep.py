@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver._checks import A465_LIMITS_DEG, given_values, joint_values, limits, number, numbers, poses, within
 from rig.trajectory import JointTrajectory, sample_times
-
-Array = NDArray[np.float64]
 
 #: Instants at which its way is shown, for each of its harmonics.
 _ALONG = 200

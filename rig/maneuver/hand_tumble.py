@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array, Mask
 from rig.errors import unknown_name
 from rig.maneuver._checks import number, whole
 from rig.maneuver.static_poses import stop_and_go
 from rig.quaternion import rotations
 from rig.trajectory import PoseTrajectory, sample_times
 
-Array = NDArray[np.float64]
 Coverage = Literal["full", "hemisphere"]
 
 _COVERAGES = ("full", "hemisphere")
@@ -78,7 +77,7 @@ class HandTumble:
             acceleration[:, axis] = self.sway_m * (x2 * rate**2 + x1 * change)
         return PoseTrajectory(times, R_base_tool, position, acceleration)
 
-    def holding(self, t: Array) -> NDArray[np.bool_]:
+    def holding(self, t: Array) -> Mask:
         """(n,) whether the sensor stands still at times (n,) [s]."""
         return np.asarray(self._clock(np.asarray(t, dtype=float))[1] == 0.0)
 

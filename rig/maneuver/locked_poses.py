@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.maneuver._checks import joint_values, number, poses
 from rig.trajectory import JointTrajectory, sample_times
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

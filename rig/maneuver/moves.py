@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver.profile import PEAK_ACCELERATION, PEAK_SPEED
-
-Array = NDArray[np.float64]
 
 _ACCELERATIONS: Final = "joint_acceleration_limit_deg_s2"
 #: Where nothing is stated: speed [rad/s, m/s], and the time to reach it [s].

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 # The velocity in a corner goes from -v to v as v s(x), x from -1 to 1, s = (15 x - 10 x^3 + 3 x^5)/8: acceleration and
 # jerk begin and end at zero. The distance run in half a corner is 11/16 of what full speed would give.

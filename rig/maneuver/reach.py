@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Final, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
 from rig.arm.clearance import Clearance, finite_limits
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver.moves import Dynamics
-
-Array = NDArray[np.float64]
 
 #: Samples of a recording at which contacts are looked for.
 _SEEN: Final = 300

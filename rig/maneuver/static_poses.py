@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array, Mask
 from rig.maneuver._checks import A465_LIMITS_DEG, given_values, joint_values, limits, number, poses, whole, within
 from rig.maneuver.profile import PEAK_ACCELERATION, PEAK_SPEED, quintic
 from rig.trajectory import JointTrajectory, sample_times
-
-Array = NDArray[np.float64]
 
 #: Ranges [deg] from which random poses are drawn: shoulder and elbow stay as in the sweep, clear of the table.
 _RANDOM_DEG = ((-170.0, 170.0), (90.0, 90.0), (-90.0, -90.0), (-170.0, 170.0), (-100.0, 100.0), (-170.0, 170.0))
@@ -85,7 +83,7 @@ class StaticPoses:
         """(m, N) joint values along its moves [rad, m]."""
         return between(self.angles)
 
-    def holding(self, t: Array) -> NDArray[np.bool_]:
+    def holding(self, t: Array) -> Mask:
         """(n,) whether the arm stands still at times (n,) [s]."""
         position, velocity, _ = stop_and_go(t, len(self.angles), self.hold_s, self.move_s)
         return np.asarray((velocity == 0.0) & (position == np.rint(position)))

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError, unknown_name
 from rig.maneuver._checks import A465_LIMITS_DEG, limits, number, numbers, whole, within
 from rig.maneuver.profile import BackAndForth
 from rig.trajectory import JointTrajectory, sample_times
 
-Array = NDArray[np.float64]
 Roll = Literal["continuous", "sweep"]
 
 _ROLLS = ("continuous", "sweep")

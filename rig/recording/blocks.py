@@ -8,15 +8,14 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
 from rig.memory import limit_bytes
 from rig.recording.files import RecordingScan, scan_recording
 from rig.recording.samples import Recording
 
-Array = NDArray[np.float64]
 #: What a model of the rig makes of a recording's poses: sensor -> (n, 3) [recorded unit].
 Model = Callable[[Recording], Mapping[str, Array]]
 

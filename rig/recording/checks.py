@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 #: How far a quaternion's norm may be from one. Rounding every component to three decimals moves it by up to
 #: 0.0005 * sum |q_i| <= 0.001; a norm further away is another mistake.

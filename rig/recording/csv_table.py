@@ -15,9 +15,10 @@ from typing import Any, BinaryIO, Final
 import pyarrow as pa
 import pyarrow.csv
 
+from rig.arrays import Array
 from rig.documents import parse_json
 from rig.errors import RigError, shown
-from rig.recording.table import Array, arrow_file, as_float64, readable
+from rig.recording.table import arrow_file, as_float64, readable
 
 pa.enable_signal_handlers(False)  # its own would hold Ctrl-C back until a block is parsed, or lose it
 

@@ -13,8 +13,8 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.errors import RigError
 from rig.files import in_utf8
@@ -31,12 +31,9 @@ from rig.recording.columns import (
     Columns,
 )
 from rig.recording.metadata import Metadata
-from rig.recording.numbered_table import NumberedTable
 from rig.recording.samples import Recording
-from rig.recording.table import SUFFIXES, Table
+from rig.recording.table import SUFFIXES, NumberedTable, Table
 from rig.recording.table_io import TableWriter, open_table
-
-Array = NDArray[np.float64]
 
 _COPIES = 3  # of every number, at most, while a file is read whole
 _WHOLE_FILE_BATCH = 1 << 18  # rows; what does not matter for a recording that is to be in memory anyway

@@ -11,8 +11,9 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet
 
+from rig.arrays import Array
 from rig.errors import RigError
-from rig.recording.table import Array, arrow_file, as_float64, readable
+from rig.recording.table import arrow_file, as_float64, readable
 
 KEY: Final = b"rig"
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig import quaternion
+from rig.arrays import Array, Mask, Rows
 from rig.channels import ACCELEROMETER, CHANNELS_OF, MAGNETOMETER, SENSORS
 from rig.errors import RigError, unknown_name
 from rig.recording.checks import as_columns, check_finite, check_increasing, check_seconds, check_shape, check_unit
@@ -24,7 +24,6 @@ from rig.units import UNITS
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 
 _BLOCK = 2048  # rotations at a time: they stay in the cache
 
@@ -201,7 +200,7 @@ class Recording:
             raise RigError(f"{where}: has joint angles, for which an arm is needed: found none")
         raise RigError(f"{where}: has no pose, expected q1_rad..qN_rad or {', '.join(QUATERNION)}")
 
-    def select(self, rows: slice | Array | NDArray[np.bool_] | NDArray[np.intp]) -> Recording:
+    def select(self, rows: slice | Array | Mask | Rows) -> Recording:
         """Some of the samples: a slice, a mask or increasing row numbers. The metadata stay as they are.
 
         Raises:

@@ -1,4 +1,4 @@
-"""What the two kinds of tables on disk have in common."""
+"""What the two kinds of tables on disk have in common, and one without times, whose rows are numbered."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import csv
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError, one_line
-
-Array = NDArray[np.float64]
+from rig.recording.columns import TIME
 
 SUFFIXES: Final = (".parquet", ".csv")
 
@@ -116,3 +116,38 @@ def readable(path: Path, kind: str) -> Iterator[None]:
         raise RigError(f"{path}: cannot be read: {error.strerror}") from error
     except _COMPLAINTS as error:
         raise RigError(f"{path}: is not a whole {kind} file: {one_line(str(error), 120)}") from error
+
+
+@dataclass(frozen=True)
+class NumberedTable:
+    """A table of poses held still, with a column of times that counts its rows from 0."""
+
+    table: Table
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.table.path
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all columns, the time first."""
+        return (TIME, *self.table.names)
+
+    @property
+    def metadata(self) -> str | None:
+        """The JSON text, None where there is none."""
+        return self.table.metadata
+
+    @property
+    def rows(self) -> int | None:
+        """How many there are; None where the file has to be read to know."""
+        return self.table.rows
+
+    def batches(self, names: Sequence[str], batch_rows: int) -> Iterator[dict[str, Array]]:
+        """As of ``Table.batches``; ``names`` hold the time and one column or more of the table."""
+        row = 0
+        for batch in self.table.batches([name for name in names if name != TIME], batch_rows):
+            count = len(next(iter(batch.values())))
+            yield {TIME: np.arange(row, row + count, dtype=float), **batch}
+            row += count

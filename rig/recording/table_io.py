@@ -17,11 +17,12 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from rig.arrays import Array
 from rig.errors import RigError, nearest
 from rig.files import atomic_path
 from rig.recording.csv_table import open_csv
 from rig.recording.parquet_table import KEY, open_parquet
-from rig.recording.table import Array, Table, checked_suffix, from_float64
+from rig.recording.table import Table, checked_suffix, from_float64
 
 _ROW_GROUP: Final = 1 << 20  # at most so many rows
 

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from rig.arrays import Array, Mask
 
 #: A pause of so many periods, and of so many seconds at least, is a gap.
 _GAP_PERIODS: Final = 10.0

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.recording import Metadata, Recording
 from rig.recording.checks import NORM_TOLERANCE
@@ -17,8 +17,6 @@ from rig.recording.files import recording_of
 from rig.stream.clock import Clock
 from rig.stream.lines import LineReader
 from rig.stream.sources import ANEW, Source
-
-Array = NDArray[np.float64]
 
 #: Samples that are needed to know the rate, if nothing says it.
 _FIRST: Final = 20

@@ -18,14 +18,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.json
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError, nearest, one_line, shown
 from rig.recording.columns import TIME, Columns
 from rig.recording.metadata import Metadata
 from rig.recording.table import as_float64
-
-Array = NDArray[np.float64]
 
 #: A line without an end that is longer than this is none of ours [bytes].
 LONGEST_LINE: Final = 1 << 16

@@ -20,6 +20,8 @@ from rig.files import check_not_input, check_writable
 from rig.memory import VARIABLE, WHERE, parsed
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from rig.arm import Arm
     from scenarios.scenario import Scenario
 
@@ -67,6 +69,19 @@ def print_json(document: Any) -> None:
     except UnicodeEncodeError:  # an ASCII terminal, or a name that is not UTF-8
         text = json.dumps(content, indent=1, allow_nan=False)
     click.echo(text)
+
+
+def answer(as_json: bool, found: Any, report: Callable[[Any], RenderableType], *written: Path | None) -> None:
+    """Say what was found: as JSON, or as its report and a line for each file that was written."""
+    if as_json:
+        print_json(found)
+        return
+    from scenarios.terminal.tables import show
+
+    show(report(found))
+    for file in written:
+        if file is not None:
+            click.echo(f"\n{file}: written")
 
 
 def check_output(path: Path, suffixes: Sequence[str], *inputs: Path | None) -> Path:

@@ -138,8 +138,6 @@ def with_assumptions(calibration: Calibration, scan: RecordingScan, stated: dict
     ):
         if sensor not in sensors or key in known:
             continue
-        own = sensors[sensor]
         words = f"{what} ({option}): every 1 % in it is 1 % in every sensitivity, the other way"
-        quality = replace(own.quality, warnings=(*own.quality.warnings, words))
-        sensors[sensor] = replace(own, quality=quality)
+        sensors[sensor] = sensors[sensor].warned(words)
     return replace(calibration, sensors=sensors)

@@ -10,12 +10,12 @@ import click
 from scenarios.cli._options import (
     PATH,
     Choice,
+    answer,
     arm_options,
     check_picture,
     json_option,
     maneuver_option,
     on_arm,
-    print_json,
     progress_bar,
 )
 
@@ -69,40 +69,27 @@ def bound(
     if effects:
         _effects(chosen, output, as_json)
         return
+    from scenarios.terminal.bound import bound_report
+
     found = bound_of(chosen, method)
     if output is not None:
         from scenarios.plots import save
         from scenarios.plots.bound import bound_figure
 
         save(bound_figure(found), output)
-    if as_json:
-        print_json(found.to_json())
-        return
-    from scenarios.terminal.bound import bound_report
-    from scenarios.terminal.tables import show
-
-    show(bound_report(found))
-    if output is not None:
-        click.echo(f"\n{output}: written")
+    answer(as_json, found, bound_report, output)
 
 
 def _effects(scenario: Scenario, output: Path | None, as_json: bool) -> None:
     """What the maneuver can show of the catalogue's effects."""
     from scenarios.isolability import isolability_of
+    from scenarios.terminal.bound import isolability_report
 
     with progress_bar(f"effects on {scenario.name}") as progress:
         found = isolability_of(scenario, progress=progress)
     if output is not None:
         from scenarios.plots import save
-        from scenarios.plots.isolability import isolability_figure
+        from scenarios.plots.bound import isolability_figure
 
         save(isolability_figure(found), output)
-    if as_json:
-        print_json(found.to_json())
-        return
-    from scenarios.terminal.isolability import isolability_report
-    from scenarios.terminal.tables import show
-
-    show(isolability_report(found))
-    if output is not None:
-        click.echo(f"\n{output}: written")
+    answer(as_json, found, isolability_report, output)

@@ -202,7 +202,7 @@ def calibrate(
         if len(several) == 1:
             calibration = with_assumptions(estimators.judged(source, calibration, arm), scan, stated)
         if fminunc:
-            from estimators.known_angle.as_renk import as_renk
+            from estimators.known_angle.quasi_newton import as_renk
 
             ends = as_renk(source if isinstance(source, Recording) else scan, calibration, arm)
             extra = {**calibration.extra, "fminunc": {name: end.to_json() for name, end in ends.items()}}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from scenarios.cli._options import PATH, check_picture, json_option, memory_option, print_json, progress_bar
+from scenarios.cli._options import PATH, answer, check_picture, json_option, memory_option, progress_bar
 
 
 @click.command(short_help="What the noise of a locked-arm recording is like.")
@@ -44,12 +44,7 @@ def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: 
         from scenarios.plots.noise import noise_figure
 
         save(noise_figure(study, recording.name), output)
-    if as_json:
-        print_json(study.to_json())
-        return
     from scenarios.terminal.noise import noise_report
-    from scenarios.terminal.tables import show
 
-    show(noise_report(study, found, recording.metadata.magnetic_field_unit))
-    if output is not None:
-        click.echo(f"\n{output}: written")
+    field_unit = recording.metadata.magnetic_field_unit
+    answer(as_json, study, lambda noise: noise_report(noise, found, field_unit), output)

@@ -252,7 +252,7 @@ def subsets(
     files: list[Path] = []
     if output is not None:
         from scenarios.plots.study_subsets import subsets_figure
-        from scenarios.studies.subset_files import write_subsets
+        from scenarios.studies.subset_results import write_subsets
 
         folder = write_subsets(found, output)
         files = _drawn(subsets_figure(found), folder.path / "subsets")

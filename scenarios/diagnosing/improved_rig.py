@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.basefit import all_readings
 from estimators.gap.data.defects import lattice
 from estimators.gap.diagnosis import Diagnosis, chance
 from estimators.gap.report.fitted_rig import FittedRig, delayed, known_to
 from rig.acquisition import Acquisition
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.environment import Environment
 from rig.errors import RigError
@@ -26,8 +26,6 @@ from scenarios.gap_report.words import alike_words, cause_title, explanation_wor
 from scenarios.loader import load
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.scenario import Scenario
-
-Array = NDArray[np.float64]
 
 #: The rate at which the simulator runs [Hz]; a slower recording keeps every so many of its samples.
 _RATE_HZ: Final = 100.0

@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.gap.data.stack import acting
 from estimators.gap.diagnose import Examined, examined
 from estimators.gap.report.separation import rivals
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.recording import Recording, locked_beside, whole_or_means
 from rig.threads import one_blas_thread
@@ -23,7 +23,6 @@ from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outco
 from scenarios.gap_report.residuals import GapResiduals, diagnosed_effects, whitened, with_noise
 from scenarios.plan.next_maneuver import NextManeuver, next_maneuver
 
-Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 

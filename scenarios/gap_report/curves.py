@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.floor.channel_noise import ChannelNoise
+from rig.arrays import Array, Rows
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.svg import Drawing, Scale
 from scenarios.shown_units import shown_units
-
-Array = NDArray[np.float64]
 
 _WIDTH: Final = 1000.0
 _BANDS: Final = 90
@@ -141,7 +139,7 @@ def block_s(residuals: GapResiduals) -> float:
     return len(residuals.recording.t) / _block_count(residuals) * residuals.data.interval_s
 
 
-def _block_means(values: Array, blocks: Sequence[NDArray[np.intp]]) -> Array:
+def _block_means(values: Array, blocks: Sequence[Rows]) -> Array:
     means = [values[block][np.isfinite(values[block])] for block in blocks]
     return np.array([part.mean() if len(part) else np.nan for part in means])
 

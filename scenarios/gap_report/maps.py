@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.arrays import Array, Rows
 from rig.channels import CHANNELS
 from scenarios.colours import signed
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.svg import Drawing, Scale, tick_label
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 #: A cell's mean is shown in its standard errors, up to so many.
@@ -172,7 +172,7 @@ def cells(white: Array, horizontal: Axis, vertical: Axis, shape: tuple[int, int]
     return _coloured(score.reshape(shape))
 
 
-def _index(horizontal: Axis, vertical: Axis, shape: tuple[int, int]) -> NDArray[np.intp]:
+def _index(horizontal: Axis, vertical: Axis, shape: tuple[int, int]) -> Rows:
     """(n,) number of each sample's cell, row by row from the top."""
     down, across = shape
     column = np.minimum((horizontal.place * across).astype(np.intp), across - 1)

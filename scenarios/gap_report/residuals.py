@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.dispatch import calibrate
 from estimators.gap.data.basefit import (
@@ -27,14 +26,12 @@ from estimators.gap.hypotheses.noise_effects import fit_effect
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import Left
 from rig.arm import Arm
+from rig.arrays import Array, Mask
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
 from rig.errors import RigError
 from rig.pipeline import Pipeline
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

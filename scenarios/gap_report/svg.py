@@ -12,7 +12,7 @@ from html import escape
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 
 @dataclass(frozen=True)

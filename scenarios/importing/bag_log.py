@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.documents import check_ordinary
 from rig.errors import RigError
 from scenarios.importing.text_log import Log
@@ -68,7 +68,7 @@ def read_bag(path: Path, base_frame: str | None = None, tool_frame: str | None =
     for topic, stamps in times.items():
         order = np.argsort(stamps, kind="stable")
         seconds = np.asarray((np.array(stamps, dtype=np.int64)[order] - start) * 1e-9, dtype=np.float64)
-        columns: dict[str, NDArray[np.float64]] = {"stamp_s": seconds}
+        columns: dict[str, Array] = {"stamp_s": seconds}
         for name in dict.fromkeys(name for row in rows[topic] for name in row):
             columns[name] = np.array([rows[topic][index].get(name, np.nan) for index in order])
         logs.append(Log(f"{path.name}:{topic}", columns, f"{len(stamps)} messages"))

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from rig.arrays import Array
 from scenarios.importing.tracks import Track
-
-Array = NDArray[np.float64]
 
 _ROWS: Final = 800
 _SEARCH_S: Final = 2.0  # on one clock

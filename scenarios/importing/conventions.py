@@ -9,16 +9,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from estimators.known_angle.fit import SensorFit, fit_sensor
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
+from rig.arrays import Array, Rows
 from rig.errors import RigError
 from scenarios.importing.tracks import Track
-
-Array = NDArray[np.float64]
 
 _ROWS: Final = 2000
 #: A rival reading of the poses is named where it leaves less than this share of the misfit, and one is suspected where
@@ -90,7 +88,7 @@ def suspicious(verdict: Verdict) -> bool:
     return verdict.misfit is not None and verdict.misfit > _MUCH
 
 
-def _rivals(pose: Track, rotations: Array, rows: NDArray[np.intp], arm: Arm | None) -> Iterator[tuple[str, Array]]:
+def _rivals(pose: Track, rotations: Array, rows: Rows, arm: Arm | None) -> Iterator[tuple[str, Array]]:
     """The usual mistakes, in words, with the rotations (m, 9) that they would mean."""
     if pose.kind == "rotation":
         R = rotations[rows].reshape(-1, 3, 3)

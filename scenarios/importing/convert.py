@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
 from rig.pose_nodes import quaternions
@@ -24,8 +24,6 @@ from scenarios.importing.mapping import Conventions, Mapping, check_columns
 from scenarios.importing.quantities import guess, is_joint, is_numbered
 from scenarios.importing.text_log import Log, read_text_log
 from scenarios.importing.tracks import LOUD, Track, tracks_of
-
-Array = NDArray[np.float64]
 
 _GRAVITY: Final = 9.8  # where none is stated; as recordings have it
 _OTHER_CLOCK_S: Final = 0.5  # no sensor is later than this: more is another clock

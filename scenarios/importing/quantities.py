@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Unit in a log -> (unit it is recorded in, factor).
 ACCELEROMETER_UNITS: Final = {

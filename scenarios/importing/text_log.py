@@ -11,12 +11,10 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.documents import check_ordinary
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 _DELIMITERS: Final = (";", "\t", ",", "|")
 _LOOKED_AT: Final = 1 << 16  # bytes

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import interp1d
 from scipy.spatial.transform import Rotation, Slerp
 
+from rig.arrays import Array, Rows
 from rig.errors import RigError
 from scenarios.importing.mapping import Conventions
 from scenarios.importing.quantities import (
@@ -23,8 +23,6 @@ from scenarios.importing.quantities import (
     unit_word,
 )
 from scenarios.importing.text_log import Log
-
-Array = NDArray[np.float64]
 
 LOUD: Final = "! "  #: begins what is to be said as a finding
 _EPOCH: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
@@ -129,7 +127,7 @@ _PARTS: Final = {
 }
 
 
-def _stacked(kind: str, parts: dict[str, tuple[str, str, float]], log: Log, order: NDArray[np.intp]) -> Array:
+def _stacked(kind: str, parts: dict[str, tuple[str, str, float]], log: Log, order: Rows) -> Array:
     wanted = _PARTS.get(kind) or tuple(sorted(parts, key=lambda part: int(part or 0)))
     if kind == "joint":
         wanted = tuple(str(number) for number in range(1, max(map(int, parts)) + 1))

@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
+from rig.arrays import Array
 from rig.errors import RigError, nearest
 from scenarios.importing.text_log import Log
-
-Array = NDArray[np.float64]
 
 #: Frames where something is bolted on, by the names that arms' makers give them, the usual one first.
 _TOOLS: Final = ("imu", "imu_link", "tool0", "flange", "ee_link", "tcp", "tool", "end_effector")

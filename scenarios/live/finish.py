@@ -91,9 +91,6 @@ def _alarmed(calibration: Calibration, run: Recording | Path, alarms: Sequence[A
         if not mine or own.quality.verdict is None:
             continue
         reason = f"the monitor saw a change at {mine[0].t_s:.1f} s: {mine[0].looks_like}"
-        verdict = dict(own.quality.verdict)
-        reasons = [*verdict["reasons"], reason]
-        verdict |= {"good": False, "reasons": reasons, "text": f"not good: because {'; '.join(reasons)}"}
-        warnings = (*own.quality.warnings, reason)
-        sensors[sensor] = replace(own, quality=replace(own.quality, verdict=verdict, warnings=warnings))
+        condemned = own.quality.condemned([*own.quality.verdict["reasons"], reason])
+        sensors[sensor] = replace(own, quality=condemned).warned(reason)
     return replace(calibration, sensors=sensors)

@@ -12,7 +12,7 @@ from scenarios.view.arm import ARM
 from scenarios.view.blueprint import layout, scene_view
 from scenarios.view.series import READINGS, RESIDUALS
 from scenarios.view.spheres import SPHERES
-from scenarios.view.timeline import TIMELINE
+from scenarios.view.stream import TIMELINE
 
 INTERVALS: Final = "intervals"
 GUIDE: Final = "guide"

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.live import Calibrator, Guide, Options, SensorState
 from estimators.live.alarm import Alarm
 from estimators.live.watch import Watch
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.recording import Recording, scan_recording
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from estimators import Calibration
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 
 #: The source is waited for so long at a time [s].
 TICK_S: Final = 0.02

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from estimators.coverage import direction_name
 from estimators.live import SensorState
+from rig.arrays import Array
 from rig.channels import CHANNELS_OF
 from rig.recording import Recording, joined
 from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rgb
@@ -25,14 +25,12 @@ from scenarios.terminal.tables import plus_minus
 from scenarios.view.arm import ArmView
 from scenarios.view.series import READINGS, RESIDUALS
 from scenarios.view.spheres import SPHERES, globe
-from scenarios.view.stream import new_stream
-from scenarios.view.timeline import TIMELINE, at
+from scenarios.view.stream import TIMELINE, at, new_stream
 from scenarios.view.viewer import start_viewer
 
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 
 #: The view is brought up to date this often at most [s], and the larger parts of it less often.
 _PERIOD_S: Final = 0.2

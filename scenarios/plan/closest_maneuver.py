@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import HandTumble, Maneuver, StaticPoses, TorusSweep
 from rig.maneuver.fitting import slide_numbers, stops_at
-
-Array = NDArray[np.float64]
 
 #: A joint that moves less is locked: one that turns [rad], one that slides [m].
 _LOCKED: Final = (1e-2, 1e-3)

@@ -8,16 +8,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.maneuver.fitting import slide_numbers
 from rig.maneuver.reach import Reach
 from rig.maneuver.static_poses import between
-
-Array = NDArray[np.float64]
 
 #: A joint is swept over at most this share of its range, so that no limit is touched.
 _SHARE: Final = 0.97

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.design.maneuver_bound import predict
 from estimators.gap.data.basefit import set_up
@@ -17,6 +16,7 @@ from estimators.gap.report.separation import Explanation, Separation, Trial, con
 from estimators.known_angle.model import SensorParameters
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
+from rig.arrays import Array, Mask
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.effects import Effect
 from rig.maneuver import StaticPoses, TorusSweep
@@ -29,7 +29,6 @@ from scenarios.plan.maneuver_family import Family, family, neighbours
 from scenarios.scenario import Scenario
 from scenarios.writer import set_fields, toml_table
 
-Array = NDArray[np.float64]
 Joint = TorusSweep | StaticPoses
 
 #: Samples of a maneuver while maneuvers are compared, and when the best one's promise is made.
@@ -286,9 +285,7 @@ class Search:
         within = another - same >= _SEPARATED
         return self._promised(recorded, recorded, within, 1, _ANOTHER_ROOM) if within.any() else None
 
-    def _promised(
-        self, chosen: Joint, recorded: Joint, within: NDArray[np.bool_], tried: int, warmer: float = 0.0
-    ) -> NextManeuver:
+    def _promised(self, chosen: Joint, recorded: Joint, within: Mask, tried: int, warmer: float = 0.0) -> NextManeuver:
         trial = self._trial(chosen, _PROMISED, (0.0, warmer) if warmer else (0.0,))
         before = self._table(recorded)
         separations, known, alike = [], [], []

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.design.isolability import Isolability, Key
 from estimators.design.poses import OPEN, Criterion
@@ -16,6 +15,7 @@ from estimators.known_angle.statistics import Statistics
 from estimators.stillness.at_rest import SETTLE_S
 from rig.arm import Arm
 from rig.arm.clearance import Clearance
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.errors import RigError
 from rig.maneuver import FourierSweep, StaticPoses, TorusSweep
@@ -29,9 +29,8 @@ from scenarios.plan.poses import WORTHLESS, PosePlan, PoseSearch
 from scenarios.plan.sweeps import SweepPlan, SweepSearch, sweep_curve, tenths
 from scenarios.plan.telling import telling, telling_sweep
 from scenarios.scenario import Scenario
-from scenarios.terminal.isolability import names
+from scenarios.terminal.bound import names
 
-Array = NDArray[np.float64]
 Kind = Literal["poses", "sweep"]
 
 #: What a plan is compared with: the paper's sweep on its arm, every so many samples of it.

@@ -7,17 +7,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.design.poses import Criterion, exchange
 from estimators.stillness.at_rest import SETTLE_S
 from rig.arm import Arm
 from rig.arm.clearance import Clearance, finite_limits
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
 
-Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 #: The shortest hold that is planned [s].

@@ -17,7 +17,7 @@ from scenarios.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY_BLUE
 from scenarios.plan.plan import REFERENCE, Plan
 from scenarios.plan.sweeps import SweepPlan
 from scenarios.plots.style import new_figure, style
-from scenarios.terminal.isolability import names
+from scenarios.terminal.bound import names
 from scenarios.terminal.tables import table
 
 #: More causes than these are summed up.

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.maneuver import FourierSweep
@@ -23,7 +23,6 @@ from rig.threads import one_blas_thread
 from rig.trajectory import JointTrajectory
 from scenarios.plan.poses import FAR, WORTHLESS, PoseSearch
 
-Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 HARMONICS: Final = 8

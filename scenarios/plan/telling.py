@@ -6,17 +6,15 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.design.isolability import SEEN, Isolability, Key
+from rig.arrays import Array
 from rig.errors import RigError, nearest
 from rig.maneuver.fitting import stops_at
 from scenarios.isolability import shown_by
 from scenarios.plan.poses import FAR, PosePlan, PoseSearch
 from scenarios.plan.sweeps import SweepPlan, SweepSearch
 from scenarios.scenario import Scenario
-
-Array = NDArray[np.float64]
 
 #: Numbers of poses, and shares of the joints' ranges, that are begun with; draws of each.
 _COUNTS: Final = (8, 14, 24)

@@ -1,4 +1,4 @@
-"""How the Cramer-Rao bound of a maneuver falls minute by minute."""
+"""What a maneuver can tell: how its Cramer-Rao bound falls minute by minute, and which effects it tells apart."""
 
 from __future__ import annotations
 
@@ -6,18 +6,21 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-from numpy.typing import NDArray
 
+from estimators.design.isolability import SEEN
 from estimators.design.maneuver_bound import Growth
-from scenarios.colours import AXES_ON_PAPER, GREY, PURPLE, SKY_BLUE
+from rig.arrays import Array
+from scenarios.colours import AXES_ON_PAPER, BLUE, GREY, PURPLE, SKY_BLUE
+from scenarios.isolability import EffectsBound
 from scenarios.plots.style import new_figure, style
+from scenarios.terminal.bound import names
 
 if TYPE_CHECKING:
     from scenarios.bound import ScenarioBound, SensorBound
 
-Array = NDArray[np.float64]
 
 _FREE_LABELS: Final = ("A11", "A22", "A33", "A12", "A13", "A23")
 
@@ -94,3 +97,41 @@ def _paying(panel: Axes, minutes: Array, share: Array) -> None:
         )
     panel.set_ylabel("share of what is\nlearned [%]")
     panel.yaxis.set_major_locator(MaxNLocator(4))
+
+
+#: Bounds of the classes [σ], and their colours: from not at all to well.
+_BOUNDS: Final = (0.0, 1.0, 5.0, 10.0, 30.0, 1e9)
+_COLOURS: Final = ("#7A1F00", "#D55E00", "#F6D8B8", "#A9CDE6", "#0072B2")
+_LABELS: Final = ("below 1", "1-5", "5-10", "10-30", "above 30")
+
+
+def isolability_figure(found: EffectsBound) -> Figure:
+    """Rows are the truth, columns what explains it instead; seen effects only."""
+    here = found.here
+    shown = np.flatnonzero(here.visible)
+    labels = [names([here.effects[place]], found.names) for place in shown]
+    side = max(4.5, 0.145 * len(shown))
+    with style():
+        figure = new_figure(side + 4.2, side + 2.6)
+        if not len(shown):
+            figure.text(0.5, 0.5, "no effect of typical size is seen", ha="center")
+            return figure
+        left, right = figure.subplots(1, 2, width_ratios=[1.1, side], sharey=True)
+        left.barh(np.arange(len(shown)), here.seen[shown], color=BLUE, height=0.7)
+        left.axvline(SEEN, color=GREY, linewidth=0.8)
+        left.set_xscale("log")
+        left.set_xlabel("seen [σ]")
+        left.set_yticks(range(len(shown)), labels, fontsize=6.5)
+        left.grid(axis="y", visible=False)
+        matrix = here.apart[np.ix_(shown, shown)].copy()
+        np.fill_diagonal(matrix, np.nan)
+        colours = ListedColormap(list(_COLOURS)).with_extremes(bad="#FFFFFF")
+        image = right.imshow(matrix, cmap=colours, norm=BoundaryNorm(_BOUNDS, len(_COLOURS)), aspect="auto")
+        right.set_xticks(range(len(shown)), labels, fontsize=6.5, rotation=90)
+        right.set_xlabel("explained by")
+        right.grid(visible=False)
+        right.set_title(f"{found.scenario}: what is left of each effect (rows) beside another (columns)")
+        bar = figure.colorbar(image, ax=right, shrink=0.5, pad=0.01)
+        bar.set_ticks([0.5, 3.0, 7.5, 20.0, 0.5e9], labels=list(_LABELS))
+        bar.set_label("left [σ]")
+    return figure

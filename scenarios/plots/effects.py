@@ -11,11 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.arm import Arm
+from rig.arrays import Array, Rows
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind, Parameter, Stage, apply_stage
 from rig.errors import RigError, unknown_name
@@ -24,8 +24,6 @@ from rig.trajectory import JointTrajectory
 from scenarios.colours import BLACK, BLUE, GREY, ORANGE, SKY_BLUE
 from scenarios.loader import load
 from scenarios.plots.style import new_figure, style
-
-Array = NDArray[np.float64]
 
 #: The sweep that the effect is shown on, and how often it is sampled [Hz].
 _SCENARIO: Final = "ann-arbor"
@@ -156,7 +154,7 @@ def telling_joint(shown: EffectChange) -> int:
     return max(moving, key=explained)
 
 
-def _cells(angle: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _cells(angle: Array) -> tuple[Rows, Rows]:
     """Bin of each angle, and 1 where it falls."""
     degrees = _within_a_turn(angle)
     low, high = float(degrees.min()), float(degrees.max())

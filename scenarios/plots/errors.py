@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from estimators.known_angle.reported import NORMAL_95
 from rig.errors import RigError
 from scenarios.colours import BLACK, BLUE, GREY, VERMILLION
 from scenarios.plots.style import new_figure, style
 
 if TYPE_CHECKING:
     from scenarios.comparison import Compared
-
-#: 95 % of a normal error lie within this many standard deviations.
-NORMAL_95: Final = 1.959963984540054
 
 _SYMBOLS = {
     "sensitivity": "$S",

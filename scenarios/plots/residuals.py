@@ -7,15 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError
 from scenarios.colours import AXES_ON_PAPER, BLACK, GREY
 from scenarios.decimation import evenly
 from scenarios.overlay import Overlay
 from scenarios.plots.style import new_figure, style
-
-Array = NDArray[np.float64]
 
 _POINTS = 20_000
 _BLOCKS = 60

@@ -13,13 +13,12 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
+from estimators.known_angle.reported import NORMAL_95
+from rig.arrays import Array
 from rig.errors import RigError, unknown_name
 from scenarios.colours import BLACK, BLUE, GREEN, GREY, VERMILLION
-from scenarios.plots.errors import NORMAL_95
 from scenarios.plots.style import new_figure, style
 from scenarios.studies.error_summary import Cell, Summary, first_draw
-
-Array = NDArray[np.float64]
 
 _ORDER_COLOURS: Final = {"first": VERMILLION, "every-kth": BLUE, "random": GREEN}
 _ORDER_NAMES: Final = {"first": "first n", "every-kth": "every k-th", "random": "random"}

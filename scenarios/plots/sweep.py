@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure, SubFigure
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.colours import BLACK, BLUE, elapsed
@@ -18,8 +18,6 @@ from scenarios.decimation import evenly, extremes
 from scenarios.motion import motion
 from scenarios.plots.coverage import time_bar
 from scenarios.plots.style import new_figure, style
-
-Array = NDArray[np.float64]
 
 _SAMPLES = 20_000
 _BRISTLES = 1_600

@@ -15,16 +15,14 @@ from numpy.typing import NDArray
 
 from estimators.batch import fit_many
 from estimators.known_angle.model import METHODS
+from estimators.known_angle.reported import NORMAL_95
+from rig.arrays import Array, Mask
 from rig.threads import one_blas_thread
 from scenarios.studies.coordinates import Coordinates, coordinate_names
 from scenarios.studies.settings import Settings, expected, increments
 from scenarios.studies.store import StudyFolder
 from scenarios.workers import Workers
 
-Array = NDArray[np.float64]
-
-#: 95 % of a normal error lie within this many standard deviations.
-NORMAL_95: Final = 1.959963984540054
 #: Every coordinate of either method, as columns of the table.
 COORDINATES: Final = tuple(dict.fromkeys(name for method in METHODS for name in coordinate_names(method)))
 _LABEL: Final = pa.dictionary(pa.int8(), pa.string())
@@ -79,10 +77,10 @@ def _rows(
     labels: tuple[str, str, str, int],
     levels: Array,
     draw: NDArray[np.int_],
-    told: NDArray[np.bool_],
+    told: Mask,
     names: Sequence[str],
     errors: Array,
-    covered: NDArray[np.bool_],
+    covered: Mask,
 ) -> pa.Table:
     sensor, method, order, count = labels
     m = len(draw)

@@ -12,14 +12,13 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.batch import ManyFits, ManyParameters
 from estimators.known_angle.identifiability import bound
 from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
+from rig.arrays import Array
 from rig.directions import angles_from_direction, tangent_basis
-
-Array = NDArray[np.float64]
 
 #: A unit vector's natural size: a radian, in degrees.
 RADIAN_DEG: Final = float(np.degrees(1.0))
@@ -45,13 +44,7 @@ class Coordinates:
     @cached_property
     def values(self) -> Array:
         """(p,) the truth: S, delta [recorded unit], and the angles of the unit vectors [deg]."""
-        result = np.empty(len(self.names))
-        axes, fields = (np.stack(angles_from_direction(v), axis=1) for v in (self.truth.axes, self.truth.fields))
-        for k, start, of_field in columns_of_channels(self.method):
-            result[start : start + 2] = self.truth.sensitivity[k], self.truth.offset[k]
-            result[start + 2 : start + 4] = axes[k]
-            result[of_field] = fields[k]
-        return result
+        return self.truth.values(self.method)
 
     @cached_property
     def sizes(self) -> Array:
@@ -121,19 +114,6 @@ class Coordinates:
                 spread = np.einsum("mai,mij,maj->ma", to_own, fits.covariance[:, columns, columns], to_own)
                 result[:, columns] = RADIAN_DEG * np.sqrt(np.maximum(spread, 0.0))
         return result
-
-
-def calibration_values(estimates: ManyParameters, method: Method) -> Array:
-    """(m, p) the parameters as a calibration has them, in the order of ``known_angle.model.parameter_names``: S, delta
-    [recorded unit], beta, gamma, phi, psi [deg]."""
-    result = np.empty((len(estimates), PARAMETERS_OF[method]))
-    axes, fields = (np.stack(angles_from_direction(v), axis=-1) for v in (estimates.axes, estimates.fields))
-    for k, start, of_field in columns_of_channels(method):
-        result[:, start] = estimates.sensitivity[:, k]
-        result[:, start + 1] = estimates.offset[:, k]
-        result[:, start + 2 : start + 4] = axes[:, k]
-        result[:, of_field] = fields[:, k]
-    return result
 
 
 def coordinate_names(method: Method) -> tuple[str, ...]:

@@ -14,13 +14,12 @@ from scipy.stats import beta as beta_distribution
 from scipy.stats import chi2, t
 
 from estimators.known_angle.model import Method, columns_of_channels
+from rig.arrays import Array, Mask
 from scenarios.studies.coordinates import Coordinates
 from scenarios.studies.orders import Order
 from scenarios.studies.second_order import second_order_bias
 from scenarios.studies.settings import Expected, Settings, expected, increments
 from scenarios.studies.table_files import rows_of
-
-Array = NDArray[np.float64]
 
 #: The file of the rates in a study's folder; the cells are its summary.
 RATES: Final = "rates.parquet"
@@ -167,8 +166,8 @@ class _Group:
     coordinates: Coordinates
     counts: Array
     errors: Array
-    covered: NDArray[np.bool_]
-    told: NDArray[np.bool_]
+    covered: Mask
+    told: Mask
     block: NDArray[np.int_]
     bounds: Array
     bias: Array

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.known_angle.statistics import ROTATION_TERMS
-
-Array = NDArray[np.float64]
+from rig.arrays import Array, Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +41,7 @@ class Increments:
     sizes: tuple[int, ...]
 
     @classmethod
-    def of(cls, rotations: Array, readings: Array, rows: NDArray[np.intp], counts: Sequence[int]) -> Self:
+    def of(cls, rotations: Array, readings: Array, rows: Rows, counts: Sequence[int]) -> Self:
         """Sum over samples in a given order.
 
         Args:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Rows
 from rig.errors import unknown_name
 
-Rows = NDArray[np.intp]
 Order = Literal["first", "every-kth", "random"]
 ORDERS: Final[tuple[Order, ...]] = ("first", "every-kth", "random")
 

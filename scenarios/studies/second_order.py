@@ -9,12 +9,11 @@ no inconsistency.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 
 def second_order_bias(gram: ArrayLike, truth: SensorParameters, noise: ArrayLike, method: Method) -> Array:

@@ -8,9 +8,9 @@ from functools import lru_cache
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.known_angle.model import METHODS, Method, SensorParameters
+from rig.arrays import Array
 from rig.channels import COLUMNS_OF
 from rig.effects import Kind
 from rig.errors import RigError, unknown_name
@@ -19,8 +19,6 @@ from scenarios.loader import from_toml
 from scenarios.scenario import Scenario
 from scenarios.studies.increments import Increments
 from scenarios.studies.orders import ORDERS, Order, order_of
-
-Array = NDArray[np.float64]
 
 #: Blocks are made so that there are as many random orders as this, from whose scatter their intervals come; but large
 #: enough to be fitted together quickly.

@@ -1,20 +1,25 @@
-"""What a study of interleaved subsets finds."""
+"""What a study of interleaved subsets finds, as the files of its folder too."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+import pyarrow as pa
 
 from estimators.known_angle.model import Method
+from rig.arrays import Array
+from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
+from scenarios.studies.table_files import rows_of
 
-Array = NDArray[np.float64]
 FloorSource = Literal["locked recording", "given", "residuals"]
 
 #: Intervals are given at this level.
 LEVEL: Final = 0.95
+CHANNELS: Final = "channels.parquet"
+FIELDS: Final = "fields.parquet"
 
 
 @dataclass(frozen=True)
@@ -97,14 +102,12 @@ class FieldAgreement:
 
 
 @dataclass(frozen=True, eq=False)
-class SubsetStudy:
-    """What interleaved subsets of a recording say.
+class SubsetSettings:
+    """What was studied, as a study's folder says it.
 
     Attributes:
         recording: its name. samples: of it. subsets: their number.
         method: of the parameters. noise_source: of the bound.
-        parameters, channels, agreements: the results.
-        estimates: parameter by parameter, as in ``parameters``: (p, subsets).
     """
 
     recording: str
@@ -112,7 +115,55 @@ class SubsetStudy:
     subsets: int
     method: Method
     noise_source: FloorSource
+
+
+@dataclass(frozen=True, eq=False)
+class SubsetStudy(SubsetSettings):
+    """What interleaved subsets of a recording say.
+
+    Attributes:
+        parameters, channels, agreements: the results.
+        estimates: parameter by parameter, as in ``parameters``: (p, subsets).
+    """
+
     parameters: tuple[SubsetParameter, ...]
     channels: tuple[SubsetChannel, ...]
     agreements: tuple[FieldAgreement, ...]
     estimates: Array
+
+
+def write_subsets(study: SubsetStudy, path: Path) -> StudyFolder:
+    """Keep a study: estimates (table), parameters (summary), channels and field directions as Parquet.
+
+    Raises:
+        RigError: something else is there, or the folder cannot be written.
+    """
+    settings = SubsetSettings(*(getattr(study, field.name) for field in fields(SubsetSettings)))
+    folder = StudyFolder.begin(path, "subsets", settings)
+    rows = study.parameters
+    estimates = {
+        "sensor": np.repeat([row.sensor for row in rows], study.subsets),
+        "parameter": np.repeat([row.parameter for row in rows], study.subsets),
+        "subset": np.tile(np.arange(study.subsets, dtype=np.int32), len(rows)),
+        "estimate": study.estimates.ravel(),
+    }
+    folder.write(TABLE, pa.table(estimates))
+    for name, items in ((SUMMARY, rows), (CHANNELS, study.channels), (FIELDS, study.agreements)):
+        folder.write(name, pa.Table.from_pylist([asdict(item) for item in items]))
+    return folder
+
+
+def read_subsets(folder: StudyFolder) -> SubsetStudy:
+    """Back from ``write_subsets``.
+
+    Raises:
+        RigError: files are missing, or are not what was written.
+    """
+    estimates, parameters, channels, agreements = map(folder.table, (TABLE, SUMMARY, CHANNELS, FIELDS))
+    return SubsetStudy(
+        **folder.settings,
+        parameters=tuple(rows_of(SubsetParameter, parameters)),
+        channels=tuple(rows_of(SubsetChannel, channels)),
+        agreements=tuple(rows_of(FieldAgreement, agreements)) if agreements.num_rows else (),
+        estimates=estimates["estimate"].to_numpy().reshape(parameters.num_rows, folder.settings["subsets"]),
+    )

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 from scipy.stats import chi2
 
@@ -18,11 +17,10 @@ from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
 from estimators.known_angle.reported import Reported, report
 from estimators.known_angle.statistics import Statistics
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS_OF
-from scenarios.studies.coordinates import Coordinates, calibration_values
+from scenarios.studies.coordinates import Coordinates
 from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetParameter
-
-Array = NDArray[np.float64]
 
 #: A subset's three fields disagree where their chi-square is less probable than this.
 DISAGREEMENT: Final = 0.01
@@ -192,7 +190,7 @@ def _fit(parts: Sequence[Statistics], near: SensorParameters, noise: Array, meth
 
 def _values(reported: Reported, fits: ManyFits) -> Array:
     """(p, m) the parameters of many fits; angles by the shorter way from those of all samples."""
-    values = calibration_values(fits.parameters, fits.method).T
+    values = fits.parameters.values(fits.method).T
     for row, name in enumerate(reported.names):
         if name.endswith("_deg"):
             whole = reported.values[row]

@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.known_angle.from_recording import Summed, summarise
 from estimators.known_angle.model import Method
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.recording import Recording, RecordingScan
 from rig.threads import one_blas_thread
@@ -29,8 +29,6 @@ from scenarios.studies.subset_results import (
     SubsetStudy,
 )
 from scenarios.studies.subset_sensor import SubsetsOfSensor
-
-Array = NDArray[np.float64]
 
 #: The fewest samples of a subset: some more than the 18 parameters of a separate fit.
 _FEWEST: Final = 24

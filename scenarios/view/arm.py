@@ -9,17 +9,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from rig.arm import Arm
 from rig.arm.urdf_file import drawable_urdf
+from rig.arrays import Array
 from rig.errors import RigError, one_line
 from rig.files import scratch_folder
 from scenarios.colours import GREY, rgb
 from scenarios.view.geoms import Shapes
-from scenarios.view.timeline import at
-
-Array = NDArray[np.float64]
+from scenarios.view.stream import at
 
 ARM: Final = "arm"
 TRANSFORMS: Final = "transforms"

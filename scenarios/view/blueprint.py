@@ -9,16 +9,15 @@ from typing import Final
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rig.arrays import Array
 from scenarios.overlay import Overlay
 from scenarios.view.arm import ARM
 from scenarios.view.series import READINGS, RESIDUALS
 from scenarios.view.spheres import SPHERES
+from scenarios.view.stream import TIMELINE
 from scenarios.view.sweep import SWEEP
-from scenarios.view.timeline import TIMELINE
-
-Array = NDArray[np.float64]
 
 #: The whole recording is played in about this many seconds.
 PLAYED_IN_S: Final = 60.0

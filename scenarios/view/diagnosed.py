@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from estimators.gap.diagnosis import Diagnosis
+from rig.arrays import Array, Rows
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.errors import RigError
 from scenarios.colours import AXES_ON_DARK, SKY_BLUE, VERMILLION, rgb
@@ -27,8 +27,6 @@ from scenarios.view.fault import FAULT, log_fault
 from scenarios.view.series import log_line
 from scenarios.view.stream import written_stream
 from scenarios.view.sweep import PATH, SENSOR, log_sensor, log_sweep
-
-Array = NDArray[np.float64]
 
 VECTORS: Final = "residual_vectors"
 DOES: Final = "what_the_causes_do"
@@ -47,7 +45,7 @@ class _Vectors:
 
     sensor: str
     unit: str
-    middle: NDArray[np.intp]
+    middle: Rows
     before: Array
     after: Array
 

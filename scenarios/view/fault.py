@@ -7,16 +7,14 @@ from typing import Final
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from estimators.gap.diagnosis import Cause
 from rig.arm import Arm
+from rig.arrays import Array
 from scenarios.colours import VERMILLION, rgb
 from scenarios.motion import SensorMotion
 from scenarios.view.arm import ArmView
-from scenarios.view.timeline import at
-
-Array = NDArray[np.float64]
+from scenarios.view.stream import at
 
 FAULT: Final = "fault"
 #: The ellipsoid about a stray magnet has so many standard deviations as half axes.

@@ -11,9 +11,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from rig.arm import Arm
-from scenarios.view.timeline import at
+from rig.arrays import Array
+from scenarios.view.stream import at
 
-Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
 #: MuJoCo's own viewer shows the groups below this one; the others hold, by convention, what only collides.

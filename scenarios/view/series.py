@@ -6,15 +6,13 @@ from typing import Final
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import CHANNELS_OF
 from scenarios.colours import AXES_ON_DARK, GREY, rgb
 from scenarios.decimation import extremes
 from scenarios.overlay import Overlay
-from scenarios.view.timeline import at
-
-Array = NDArray[np.float64]
+from scenarios.view.stream import at
 
 READINGS: Final = "readings"
 RESIDUALS: Final = "residuals"

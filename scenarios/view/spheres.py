@@ -8,12 +8,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rig.arrays import Array, Rows
 from scenarios.colours import AXES_ON_DARK, elapsed, rgb, signed
 from scenarios.overlay import Overlay
-from scenarios.view.timeline import at
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
+from scenarios.view.stream import at
 
 SPHERES: Final = "directions"
 SPACING: Final = 2.6

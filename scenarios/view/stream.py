@@ -12,6 +12,7 @@ from typing import Final
 import rerun as rr
 from rerun.chunk import RrdReader
 
+from rig.arrays import Array
 from rig.errors import RigError, one_line
 from rig.files import atomic_path
 from rig.patience import in_time
@@ -21,6 +22,14 @@ APPLICATION: Final = "torusrig"
 #: The library's writer may wait for ever, and is deaf to signals.
 _PATIENCE_S: Final = 120.0
 _CLOSING_S: Final = 10.0
+
+#: The one timeline of a view: the recording's time in seconds.
+TIMELINE: Final = "t"
+
+
+def at(t: Array) -> list[rr.TimeColumn]:
+    """The index of ``send_columns`` for rows at times (m,) [s]."""
+    return [rr.TimeColumn(TIMELINE, duration=t)]
 
 
 def new_stream(application: str) -> rr.RecordingStream:

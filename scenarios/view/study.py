@@ -12,18 +12,16 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.files import in_utf8
 from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
 from scenarios.studies.error_summary import RATES, Cell, Summary, first_draw
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
-from scenarios.studies.subset_files import read_subsets
-from scenarios.studies.subset_results import SubsetStudy
+from scenarios.studies.subset_results import SubsetStudy, read_subsets
 from scenarios.studies.table_files import fitting_together
 from scenarios.studies.verdict import verdicts
 from scenarios.view.blueprint import layout
 from scenarios.view.stream import written_stream
-
-Array = NDArray[np.float64]
 
 _SAMPLES: Final = "samples"
 _SUBSET: Final = "subset"

@@ -10,14 +10,13 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from scenarios.colours import AXES_ON_DARK, GRAVITY, MAGNETIC, elapsed, rgb
 from scenarios.decimation import evenly
 from scenarios.motion import SensorMotion
 from scenarios.overlay import Overlay
-from scenarios.view.timeline import at
-
-Array = NDArray[np.float64]
+from scenarios.view.stream import at
 
 SWEEP: Final = "sweep"
 BRISTLES: Final = f"{SWEEP}/bristles"

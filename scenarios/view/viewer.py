@@ -51,17 +51,7 @@ def open_view(path: str | os.PathLike[str]) -> subprocess.Popen[bytes]:
     Raises:
         RigError: the file is missing, or the viewer cannot be started.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise RigError(f"{file}: no such file, expected an .rrd file")
-    command = [str(viewer_program()), "--bind", ADDRESS, "--port", "auto", str(file)]
-    quiet = subprocess.DEVNULL
-    try:
-        return subprocess.Popen(
-            command, env=viewer_environment(), stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
-        )
-    except OSError as error:
-        raise RigError(f"{command[0]}: the viewer cannot be started: {error.strerror}") from error
+    return _started("--port", "auto", str(_existing(path)), outlives=True)
 
 
 def serve_view(path: str | os.PathLike[str]) -> tuple[subprocess.Popen[bytes], str]:
@@ -70,26 +60,14 @@ def serve_view(path: str | os.PathLike[str]) -> tuple[subprocess.Popen[bytes], s
     Raises:
         RigError: the file is missing, or the viewer does not start or answer within some seconds.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise RigError(f"{file}: no such file, expected an .rrd file")
+    file = _existing(path)
     data, page = free_port(), free_port()
-    command = [str(viewer_program()), "--serve-web", "--bind", ADDRESS, "--port", str(data)]
-    command += ["--web-viewer-port", str(page), str(file)]
-    quiet = subprocess.DEVNULL
-    try:
-        server = subprocess.Popen(command, env=viewer_environment(), stdin=quiet, stdout=quiet, stderr=quiet)
-    except OSError as error:
-        raise RigError(f"{command[0]}: the viewer cannot be started: {error.strerror}") from error
-    deadline = time.monotonic() + _ANSWERS_S
-    while time.monotonic() < deadline and server.poll() is None:
-        with socket.socket() as probe:
-            if probe.connect_ex((ADDRESS, page)) == 0:
-                source = f"rerun%2Bhttp%3A%2F%2F{ADDRESS}%3A{data}%2Fproxy"
-                return server, f"http://{ADDRESS}:{page}/?url={source}"
-        time.sleep(0.1)
-    server.terminate()
-    raise RigError(f"{file}: the viewer for browsers did not answer within {_ANSWERS_S:g} s")
+    server = _started("--serve-web", "--port", str(data), "--web-viewer-port", str(page), str(file), outlives=False)
+    if not _answers(server, page):
+        server.terminate()
+        raise RigError(f"{file}: the viewer for browsers did not answer within {_ANSWERS_S:g} s")
+    source = f"rerun%2Bhttp%3A%2F%2F{ADDRESS}%3A{data}%2Fproxy"
+    return server, f"http://{ADDRESS}:{page}/?url={source}"
 
 
 def start_viewer() -> str:
@@ -99,26 +77,45 @@ def start_viewer() -> str:
         RigError: it cannot be started, or does not answer within some seconds.
     """
     port = free_port()
-    command = [str(viewer_program()), "--bind", ADDRESS, "--port", str(port), "--memory-limit", "1GB"]
+    viewer = _started("--port", str(port), "--memory-limit", "1GB", outlives=True)
+    if _answers(viewer, port):
+        return f"rerun+http://{ADDRESS}:{port}/proxy"
+    if viewer.returncode is not None:
+        raise RigError(
+            f"the viewer ended at once with status {viewer.returncode}: no screen? Expected --view-file F.rrd"
+        )
+    viewer.terminate()
+    raise RigError(f"the viewer did not answer within {_ANSWERS_S:g} s")
+
+
+def _existing(path: str | os.PathLike[str]) -> Path:
+    file = Path(path)
+    if not file.is_file():
+        raise RigError(f"{file}: no such file, expected an .rrd file")
+    return file
+
+
+def _started(*options: str, outlives: bool) -> subprocess.Popen[bytes]:
+    """The viewer with its options, heard and seen by nobody but itself; whether it ``outlives`` this process."""
+    command = [str(viewer_program()), "--bind", ADDRESS, *options]
     quiet = subprocess.DEVNULL
     try:
-        viewer = subprocess.Popen(
-            command, env=viewer_environment(), stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
+        return subprocess.Popen(
+            command, env=viewer_environment(), stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=outlives
         )
     except OSError as error:
         raise RigError(f"{command[0]}: the viewer cannot be started: {error.strerror}") from error
+
+
+def _answers(viewer: subprocess.Popen[bytes], port: int) -> bool:
+    """Whether somebody answers at a port within some seconds, and before the viewer ends."""
     deadline = time.monotonic() + _ANSWERS_S
-    while time.monotonic() < deadline:
-        if viewer.poll() is not None:
-            raise RigError(
-                f"the viewer ended at once with status {viewer.returncode}: no screen? Expected --view-file F.rrd"
-            )
+    while time.monotonic() < deadline and viewer.poll() is None:
         with socket.socket() as probe:
             if probe.connect_ex((ADDRESS, port)) == 0:
-                return f"rerun+http://{ADDRESS}:{port}/proxy"
+                return True
         time.sleep(0.1)
-    viewer.terminate()
-    raise RigError(f"the viewer did not answer within {_ANSWERS_S:g} s")
+    return False
 
 
 def free_port() -> int:

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from rig.arm import Arm
+from rig.arrays import Array, Rows
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording
@@ -25,8 +25,6 @@ from scenarios.view.series import log_readings, log_residuals
 from scenarios.view.spheres import log_cloud, log_spheres
 from scenarios.view.stream import written_stream
 from scenarios.view.sweep import log_fields, log_sensor, log_sweep
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -145,5 +143,5 @@ def _log_sweep(
     return np.vstack([reach, start])
 
 
-def _share(t: Array, rows: NDArray[np.intp]) -> Array:
+def _share(t: Array, rows: Rows) -> Array:
     return np.asarray(t[rows] - t[0]) / max(float(t[-1] - t[0]), np.finfo(float).tiny)

@@ -15,7 +15,7 @@ from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.threads import one_blas_thread
 from scenarios.loader import load
 from scenarios.scenario import Scenario
-from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, calibration_values
+from scenarios.studies.coordinates import RADIAN_DEG, Coordinates
 from scenarios.studies.increments import Increments
 from scenarios.studies.settings import Settings, expected
 from scenarios.studies.subset_results import SubsetStudy
@@ -52,7 +52,7 @@ class Drawn:
 
     def values(self, method: Method) -> dict[str, Array]:
         """Parameter -> (m,) as a calibration has it."""
-        table = calibration_values(self.estimates[method], method)
+        table = self.estimates[method].values(method)
         return dict(zip(parameter_names(method), table.T, strict=True))
 
     def bound(self, method: Method) -> dict[str, float]:
@@ -140,7 +140,7 @@ def noiseless() -> dict[str, float]:
         reference_magnitude=truth.reference_magnitude,
         field_points=truth.fields[0],
     )
-    values = calibration_values(fits.parameters, "separate")[0]
+    values = fits.parameters.values("separate")[0]
     return dict(zip(parameter_names("separate"), map(float, values), strict=True))
 
 

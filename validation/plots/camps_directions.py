@@ -16,8 +16,7 @@ from rig.errors import RigError
 from scenarios.colours import BLACK, GREY, VERMILLION
 from scenarios.decimation import evenly
 from scenarios.overlay import Overlay
-from scenarios.plots.coverage import ELAPSED_MAP, time_bar, time_span
-from scenarios.plots.coverage_cells import outlines, unseen
+from scenarios.plots.coverage import ELAPSED_MAP, outlines, time_bar, time_span, unseen
 from scenarios.plots.style import new_figure, style
 
 Array = NDArray[np.float64]

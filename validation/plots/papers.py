@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from estimators import calibrate
 from estimators.ellipsoid import EllipsoidFit, fit_ellipsoid
+from estimators.known_angle.reported import NORMAL_95
 from scenarios.colours import BLACK, BLUE, GREY, VERMILLION
 from scenarios.overlay import overlays
-from scenarios.plots.errors import NORMAL_95
 from scenarios.plots.style import new_figure, style
 from scenarios.studies.error_summary import Cell, Summary, first_draw
 from validation.paper.camps import readings, scenario_of, truth, tumbles
