@@ -51,10 +51,12 @@ class Gaps:
     """Where a channel's readings are left out.
 
     Attributes:
-        at: (g,) which. near: (g, 2 k) the nearest that are there, k on either side.
+        at: (g,) which. short: (s,) those of them with another reading nearby. near: (s, 2 k) the nearest that are there
+            of these, k on either side.
     """
 
     at: NDArray[np.intp]
+    short: NDArray[np.intp]
     near: NDArray[np.intp]
 
     @classmethod
@@ -64,7 +66,9 @@ class Gaps:
         if not at.size or not there.size:
             return None
         own = np.searchsorted(there, at)[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS)
-        return cls(at, there[np.clip(own, 0, len(there) - 1)])
+        near = there[np.clip(own, 0, len(there) - 1)]
+        short = np.abs(near - at[:, None]).min(axis=1) <= _NEIGHBOURS
+        return cls(at, at[short], near[short])
 
     def filled(self, white: Array) -> Array:
         """Whitened values (..., count) with the mean of the nearest in place of those that are left out.
@@ -72,7 +76,7 @@ class Gaps:
         What is slow goes on, and of white noise nothing is added.
         """
         white = white.copy()
-        white[..., self.at] = white[..., self.near].mean(axis=-1)
+        white[..., self.short] = white[..., self.near].mean(axis=-1)
         return white
 
     def emptied(self, white: Array) -> Array:
