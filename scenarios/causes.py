@@ -43,6 +43,8 @@ def read_causes(
                 'or one cause with "effect"'
             )
         document = _leading(document, file)
+    if not diagnosis and document == []:
+        raise RigError(f"{file}: found an empty list, expected one cause or more")
     causes = document if isinstance(document, list) else [document]
     places = [f"{file}: cause {number}" for number in range(1, len(causes) + 1)]
     found = tuple(_effect(cause, where, arm, strict=not diagnosis) for cause, where in zip(causes, places, strict=True))

@@ -9,6 +9,7 @@ import pytest
 from cli_support import SMALL, Rig
 
 from scenarios.importing import Mapping, import_logs
+from scenarios.importing.mapping import Conventions
 from scenarios.loader import from_toml
 
 ROWS = 600
@@ -106,3 +107,13 @@ def test_a_header_without_end_is_not_called_a_comment(rig: Rig, tmp_path: Path) 
     (tmp_path / "wide.csv").write_text(",".join(f"c{number}" for number in range(200_000)) + "\n")
     line = rig.refused("import", tmp_path / "wide.csv", "-o", tmp_path / "out.csv")
     assert line.endswith("wide.csv: has a line of more than 65536 bytes, expected a table of numbers")
+
+
+def test_a_stated_offset_of_the_clock_holds_within_one_log_too(rig: Rig, log: Path) -> None:
+    plain = import_logs([log], None, None).recording
+    late = import_logs([log], None, None, Mapping(conventions=Conventions(clock_offset_s=0.5))).recording
+    # Poses half a second later: a row's reading meets the pose of five rows before.
+    np.testing.assert_allclose(late.q, plain.q[: len(late)], atol=1e-9)  # type: ignore[index]
+    np.testing.assert_array_equal(late.accelerometer, plain.accelerometer[5:])  # type: ignore[index]
+    line = rig.refused("import", log, "-o", log.with_name("out.csv"), "--clock-offset", "1e30")
+    assert "do not overlap" in line

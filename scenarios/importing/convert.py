@@ -247,7 +247,7 @@ def _on_one_clock(
     """The poses with their times on the readings' clock, and what is to be said of it."""
     assert main.t is not None
     assert pose.t is not None
-    if main.log == pose.log:
+    if main.log == pose.log and conventions.clock_offset_s is None:
         return pose
     if isinstance(conventions.clock_offset_s, float):
         said.append(f"clock: {conventions.clock_offset_s:g} s added to the times of the poses, as stated")
