@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.acquisition import Acquisition
 from rig.arm import Arm
-from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.effects.base import Effect, Stage, apply_stage
 from rig.engine_dynamic import follow
 from rig.environment import Environment
@@ -30,6 +30,20 @@ MOTIONS: Final[tuple[Motion, ...]] = ("quasi-static", "inertial")
 Progress = Callable[[float], None]
 
 
+def unfelt(effect: Effect, sensors: Iterable[str]) -> str:
+    """Which sensor a rig lacks for an effect, in words; empty where it has all.
+
+    Args:
+        effect: with its place. sensors: of the rig.
+    """
+    own = {channel: sensor for sensor, channels in CHANNELS_OF.items() for channel in (sensor, *channels)}
+    names = [effect.where, effect.of_sensor, *(str(getattr(effect, choice)) for choice in effect.choices())]
+    lacking = [own[name] for name in names if name in own and own[name] not in sensors]
+    if not lacking:
+        return ""
+    return f"the rig has no {lacking[0]}, expected an effect on its {' or '.join(sensors)}"
+
+
 @dataclass(frozen=True)
 class Rig:
     """An arm with a sensor on it, in its surroundings.
@@ -38,6 +52,9 @@ class Rig:
         arm: None for a sensor tumbled by hand.
         accelerometer, magnetometer: at least one of the two.
         effects: what the ideal model leaves out, each applied at its stage.
+
+    Raises:
+        RigError: an effect on a sensor that is not there.
     """
 
     arm: Arm | None
@@ -46,6 +63,11 @@ class Rig:
     magnetometer: TriaxialSensor | None
     acquisition: Acquisition
     effects: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        for effect in self.effects:
+            if lacking := unfelt(effect, self.pipeline.sensors):
+                raise RigError(f"effect {effect.name} at {effect.where}: {lacking}")
 
     @property
     def slides(self) -> tuple[int, ...]:

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from rig.arm import Arm
+from rig.channels import SENSORS
 from rig.documents import read_json
 from rig.effects import Effect, make_effect, without_nulls
 from rig.errors import RigError, nearest, shown
+from rig.simulate import unfelt
 
 _FORMAT: Final = "rig-diagnosis/2"
 _KEYS: Final = ("effect", "where", "parameters")
 
 
-def read_causes(path: str | os.PathLike[str], arm: Arm | None = None) -> tuple[Effect, ...]:
+def read_causes(
+    path: str | os.PathLike[str], arm: Arm | None = None, sensors: Collection[str] = SENSORS
+) -> tuple[Effect, ...]:
     """The effects that a file names: a diagnosis' likeliest explanation, a list of causes, or one cause.
 
     A cause is ``{"effect": .., "where": .., "parameters": {..}}`` with each parameter a number, a list of them, or
     ``{"value": ..}`` as in a diagnosis, whose further keys are passed over. What is null there, because the recording
     did not feel it, is as it was ``fitted``, else as it is by default. A diagnosis without causes gives no effect.
-    With an ``arm`` a place may be a joint's own name, and must be one that the arm has.
+    With an ``arm`` a place may be a joint's own name, and must be one that the arm has; an effect must act on one of
+    the ``sensors`` that are there.
 
     Raises:
         RigError: the file cannot be read, is not JSON, or holds something else.
@@ -38,9 +43,15 @@ def read_causes(path: str | os.PathLike[str], arm: Arm | None = None) -> tuple[E
                 'or one cause with "effect"'
             )
         document = _leading(document, file)
+    if not diagnosis and document == []:
+        raise RigError(f"{file}: found an empty list, expected one cause or more")
     causes = document if isinstance(document, list) else [document]
     places = [f"{file}: cause {number}" for number in range(1, len(causes) + 1)]
-    return tuple(_effect(cause, where, arm, strict=not diagnosis) for cause, where in zip(causes, places, strict=True))
+    found = tuple(_effect(cause, where, arm, strict=not diagnosis) for cause, where in zip(causes, places, strict=True))
+    for effect, where in zip(found, places, strict=True):
+        if lacking := unfelt(effect, sensors):
+            raise RigError(f"{where}: effect {effect.name} at {effect.where}: {lacking}")
+    return found
 
 
 def _leading(document: Mapping[str, Any], file: Path) -> list[Any]:

@@ -8,12 +8,16 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.documents import read_json
 from rig.errors import RigError, one_line
 from rig.recording import Recording, RecordingScan, locked_beside, scan_recording
 
 _AT_AN_END: Final = 0.02  # of the samples at the least or greatest value are many
+#: Equal readings of all three axes in a row, more than which noise, at rest or not, does not make.
+_REPEATS: Final = 10
+_POSSIBLE_DEGC: Final = (-100.0, 300.0)  # of a board that works
 _G: Final = {"g": 1.0, "m_s2": 9.8}
 #: Columns that other readings of a log would be, and what to do with them.
 _MEANT: Final = (
@@ -93,15 +97,33 @@ def _findings(scan: RecordingScan, run: Recording) -> list[str]:
             found.append(f"{sensor}: the median magnitude is {size:.3g} times that of gravity in {unit}: its unit?")
         stuck = np.flatnonzero(values.std(axis=0) == 0.0)
         found += [f"{sensor}: channel {channel + 1} never changes" for channel in stuck]
+        row, count = _longest_repeat(values)
+        if count > _REPEATS and not len(stuck):
+            found.append(f"{sensor}: {count} readings in a row are the same, from row {row} on (first row 0): stuck?")
         ends = ((values == values.min(axis=0)) | (values == values.max(axis=0))).mean(axis=0)
         found += [
             f"{sensor}: channel {channel + 1} is at an end of its range in {100 * share:.3g} % of the samples: clipped?"
             for channel, share in enumerate(ends)
             if share > max(_AT_AN_END, 20 / len(run)) and channel not in stuck
         ]
+    if (
+        run.temperature is not None
+        and not _POSSIBLE_DEGC[0] < run.temperature.min() <= run.temperature.max() < (_POSSIBLE_DEGC[1])
+    ):
+        ends = f"{run.temperature.min():.4g} to {run.temperature.max():.4g}"
+        found.append(f"temperature_degC goes from {ends}, expected {_POSSIBLE_DEGC[0]:g} to {_POSSIBLE_DEGC[1]:g}")
     if run.q is not None and np.abs(run.q).max() > 100.0 * np.pi and "deg" not in "".join(scan.table.names):
         found.append("joint angles beyond 50 turns: degrees under the name of radians?")
     return found
+
+
+def _longest_repeat(values: NDArray[np.float64]) -> tuple[int, int]:
+    """Where the longest run of equal rows of (n, 3) begins, and how many they are."""
+    changes = np.flatnonzero((np.diff(values, axis=0) != 0.0).any(axis=1)) + 1
+    starts = np.concatenate([[0], changes])
+    counts = np.diff(np.concatenate([starts, [len(values)]]))
+    longest = int(np.argmax(counts))
+    return int(starts[longest]), int(counts[longest])
 
 
 def _toml(path: Path) -> Checked:

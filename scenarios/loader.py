@@ -20,7 +20,7 @@ from rig.errors import RigError, nearest, unknown_name
 from rig.files import in_utf8
 from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
 from rig.maneuver.fitting import fitted, unlimited
-from rig.simulate import Rig
+from rig.simulate import Rig, unfelt
 from scenarios.catalogue import built_in, names
 from scenarios.scenario import Scenario
 from scenarios.schema import Built, Table, build
@@ -89,7 +89,7 @@ def from_toml(text: str, file: str) -> Scenario:
     acquisition = _acquisition(top.sub("acquisition"), sensors)
     if ACCELEROMETER in truths and acquisition.accelerometer_reads == "a-g":  # the rig's own sensors feel g - a
         truths[ACCELEROMETER] = truths[ACCELEROMETER].turned()
-    effects, std = _effects(top.sub("effects"), arm)
+    effects, std = _effects(top.sub("effects"), arm, sensors)
     rig = Rig(
         arm=arm,
         environment=environment,
@@ -160,7 +160,9 @@ def _acquisition(table: Table, sensors: Mapping[str, SensorTable]) -> Acquisitio
     return build(Acquisition, table, leave_out=("noise_V",), given={"noise_V": (*noise[0], *noise[1])})
 
 
-def _effects(table: Table, arm: Arm | None) -> tuple[tuple[Effect, ...], tuple[Mapping[str, Value], ...]]:
+def _effects(
+    table: Table, arm: Arm | None, sensors: Collection[str]
+) -> tuple[tuple[Effect, ...], tuple[Mapping[str, Value], ...]]:
     effects: list[Effect] = []
     known: list[Mapping[str, Value]] = []
     for name, values in table.values.items():
@@ -174,6 +176,8 @@ def _effects(table: Table, arm: Arm | None) -> tuple[tuple[Effect, ...], tuple[M
             std = {f"{item.name}{_STD}": item for item in EFFECTS[name].parameters()}
             known.append({item.name: _std(own, key, item) for key, item in std.items() if key in entry})
             effects.append(_checked(own, partial(make_effect, name, _without(entry, std), arm)))
+            if lacking := unfelt(effects[-1], sensors):
+                raise own.error(f"effect {name} at {effects[-1].where}: {lacking}")
     return tuple(effects), tuple(known) if any(known) else ()
 
 

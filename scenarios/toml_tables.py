@@ -188,6 +188,11 @@ class EarthTable:
     base_tilt_deg: float = 0.0
     base_tilt_azimuth_deg: float = 0.0
 
+    def __post_init__(self) -> None:
+        for name in ("base_yaw_deg", "base_tilt_deg", "base_tilt_azimuth_deg"):
+            if not abs(getattr(self, name)) <= 360.0:
+                raise RigError(f"{name}: found {getattr(self, name):g}, expected -360 to 360")
+
     @property
     def R_local_base(self) -> Array:
         """(3, 3) rotation from the base frame to north, west, up."""

@@ -56,6 +56,7 @@ def spoken(*items: object) -> str:
 def read(text: str) -> str:
     """What a reader of the page sees."""
     body = re.sub(r"<style>.*?</style>|<image[^>]*>", "", text, flags=re.DOTALL)
+    body = re.sub(r"</?(code|span)>", "", body)  # within a sentence
     return " ".join(unescape(re.sub(r"<[^>]*>", " ", body)).split())
 
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import codecs
 import os
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cli_support import SMALL, Rig
 
-from scenarios.loader import from_toml
+from rig.errors import RigError
+from rig.recording import read_recording
+from scenarios.causes import read_causes
+from scenarios.loader import from_toml, load
 
 
 @pytest.fixture
@@ -164,3 +169,93 @@ def test_a_maneuver_without_a_sample(here: Path, rig: Rig) -> None:
     Path("slow.toml").write_text(SMALL.replace("duration_s = 60.0", "duration_s = 60.0\nrate_Hz = 1e-9"))
     line = rig.refused("sweep", "slow.toml", "-o", "out.csv")
     assert line == "rig: scenario slow: duration_s 60 s at rate_Hz 1e-09 Hz: found no sample, expected one or more"
+
+
+MANY = "1000000000000"
+
+
+@pytest.mark.parametrize(
+    ("command", "most"),
+    [
+        (("blind", "make", "set", "--cases"), "16<=x<=10000"),
+        (("blind", "make", "set", "--mechanics"), "0<=x<=10000"),
+        (("blind", "make", "set", "--samples"), "400<=x<=1000000"),
+        (("blind", "score", "set", "--power"), "0<=x<=10000"),
+        (("study", "loop", "-o", "loop", "--rigs"), "1<=x<=10000"),
+        (("study", "loop", "-o", "loop", "--samples"), "400<=x<=1000000"),
+        (("study", "subsets", "run.csv", "--subsets"), "2<=x<=100000"),
+    ],
+    ids=lambda value: value[-1] if isinstance(value, tuple) else "",
+)
+@pytest.mark.parametrize("count", [MANY, "-1", "nan", "1e12"])
+def test_so_many_that_nobody_could_wait(here: Path, rig: Rig, command: tuple[str, ...], most: str, count: str) -> None:
+    expected = f"number {most}" if count in (MANY, "-1") else "whole number"
+    assert (
+        f"{command[-1]}': found {count if count in (MANY, '-1') else repr(count)}, expected a {expected}"
+        in rig.refused(*command, count)
+    )
+    assert sorted(path.name for path in here.iterdir()) == ["run.csv", "small.toml"]
+
+
+def test_more_subsets_than_samples_ask_for_no_memory(here: Path, rig: Rig) -> None:
+    line = rig.refused("study", "subsets", "run.csv", "--subsets", "100000")
+    assert line == "rig: run: found 600 samples, expected at least 24 for each of 100000 subsets"
+
+
+def test_the_help_of_a_number_without_bounds_names_none(rig: Rig) -> None:
+    assert "None" not in rig.done("plan", "--help")
+
+
+def test_an_effect_on_a_sensor_that_is_not_there_is_refused_wherever_it_comes_from(here: Path, rig: Rig) -> None:
+    text = SMALL[: SMALL.index("[magnetometer]")]
+    Path("accelerometer.toml").write_text(text)
+    Path("cause.json").write_text('{"effect": "sensor_lag", "where": "magnetometer"}')
+    Path("effect.toml").write_text(f'{text}[effects.sensor_lag]\nwhere = "magnetometer"\n')
+    said = "effect sensor_lag at magnetometer: the rig has no magnetometer, expected an effect on its accelerometer"
+    line = rig.refused("sweep", "accelerometer.toml", "-o", "out.csv", "--with", "cause.json")
+    assert line == f"rig: cause.json: cause 1: {said}"
+    assert rig.refused("bound", "effect.toml") == f"rig: effect.toml: [effects.sensor_lag] {said}"
+    with pytest.raises(RigError, match="the rig has no magnetometer"):
+        load("accelerometer.toml").with_effects(read_causes("cause.json"))
+
+
+def test_what_chose_the_causes_cannot_judge_them(here: Path, rig: Rig) -> None:
+    Path("link.csv").symlink_to("run.csv")
+    for again in ("run.csv", "link.csv"):
+        line = rig.refused("diagnose", "run.csv", "--maneuver2", again, "--out", "out")
+        assert line.startswith(f"rig: {again}: is ")
+        assert line.endswith("expected each once")
+
+
+@pytest.mark.parametrize("minutes", ["1e9", "nan", "0"])
+def test_a_next_maneuver_of_years_is_refused_before_the_diagnosis(here: Path, rig: Rig, minutes: str) -> None:
+    assert "'--minutes': found" in rig.refused("diagnose", "run.csv", "--minutes", minutes, "--out", "out")
+    assert not Path("out").exists()
+
+
+def test_an_empty_list_of_causes_is_no_cause(here: Path, rig: Rig) -> None:
+    Path("none.json").write_text("[]")
+    line = rig.refused("sweep", "small.toml", "-o", "out.csv", "--with", "none.json")
+    assert line == "rig: none.json: found an empty list, expected one cause or more"
+
+
+def test_metadata_and_no_columns(here: Path, rig: Rig) -> None:
+    Path("none.csv").write_text(Path("run.csv").read_text().splitlines()[0] + "\n")
+    assert rig.refused("check", "none.csv").startswith("rig: none.csv: found no line of columns, none of a recording")
+
+
+def test_a_base_that_leans_by_more_than_a_turn(here: Path, rig: Rig) -> None:
+    Path("lean.toml").write_text(SMALL.replace("base_tilt_deg = 3.0", "base_tilt_deg = 1e9"))
+    line = rig.refused("bound", "lean.toml")
+    assert line == "rig: lean.toml: [environment.earth] base_tilt_deg: found 1e+09, expected -360 to 360"
+
+
+def test_a_check_tells_of_stuck_readings_and_of_temperatures_that_cannot_be(here: Path, rig: Rig) -> None:
+    assert not {"stuck", "temperature_degC goes"} & set(rig.done("check", "run.csv").split())
+    run = read_recording("run.csv")
+    readings = run.accelerometer.copy()  # type: ignore[union-attr]
+    readings[100:160] = readings[100]
+    replace(run, accelerometer=readings, temperature=np.full(len(run), -400.0)).write("stuck.csv")
+    text = " ".join(rig("check", "stuck.csv").out.split())
+    assert "accelerometer: 60 readings in a row are the same, from row 100 on (first row 0): stuck?" in text
+    assert "temperature_degC goes from -400 to -400, expected -100 to 300" in text

@@ -252,3 +252,22 @@ def test_an_answer_without_a_posterior_is_refused(spoilt: dict[str, Any]) -> Non
     check_answer(answer("no-gap"), "case000")
     with pytest.raises(RigError, match=r"case000: .*expected"):
         check_answer(answer("no-gap") | spoilt, "case000")
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize(("source", "z"), [("mag1", 1.0), ("mag2", -1.0), ("accel3", 1.0)])
+def test_of_an_effect_that_is_named_twice_the_copy_with_the_true_names_is_compared(
+    order: tuple[int, int], source: str, z: float
+) -> None:
+    """Two crosstalks into one channel differ by their source; of neither true one the likelier is taken."""
+
+    def copy(name: str, value: float, probability: float) -> dict[str, Any]:
+        parameters = {"source": {"value": name, "std": None}, "coefficient": {"value": value, "std": 0.01}}
+        return {"effect": "channel_crosstalk", "where": "accel1", "probability": probability, "parameters": parameters}
+
+    parameters = {"source": source, "coefficient": 0.05}
+    true = TrueCause("channel_crosstalk", "channel_crosstalk", "accel1", 30.0, 30.0, parameters=parameters)
+    copies = [copy("mag1", 0.06, 0.99), copy("mag2", 0.04, 0.96)]
+    (found,) = stated(truth_of(true), {"causes": [copies[index] for index in order]})
+    assert (found.effect, found.name) == ("channel_crosstalk", "coefficient")
+    assert found.z == pytest.approx(z)

@@ -16,7 +16,7 @@ from scipy.stats import binom, chi2
 from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.effects import make_effect
 from scenarios.gap_report.charts import follow_bars, posterior_bar
-from scenarios.gap_report.curves import block_error, density, floor_density, named_density
+from scenarios.gap_report.curves import _frame, block_error, density, floor_density, named_density
 from scenarios.gap_report.maps import Axis, cells, shape_of
 from scenarios.gap_report.svg import Drawing, Scale
 
@@ -131,3 +131,12 @@ def test_names_of_bars_do_not_hang_over_the_left_edge() -> None:
         r'<text x="([^"]*)" y="[^"]*" class="name" text-anchor="end">([^<]*)<', "".join(drawings)
     ):
         assert float(x) > 7.0 * len(words)  # 13 pixels high, DejaVu Sans' letters are 6.6 wide in the mean
+
+
+@pytest.mark.parametrize("high", [10.0, 1e3, 1e5, 1e9])
+def test_the_values_beside_a_spectrum_keep_apart(high: float) -> None:
+    drawing, y = Drawing(300, 140, "a panel"), Scale(0.8, high, 120.0, 0.0, log=True)
+    _frame(drawing, Scale(0.001, 2.0, 40.0, 298.0, log=True), y)
+    at = sorted(float(each) for each in re.findall(r'y="([\d.]+)" class="tick" text-anchor="end"', str(drawing)))
+    assert len(at) >= 2
+    assert min(np.diff(at)) >= 11.5  # the height of a tick's letters

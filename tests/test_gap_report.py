@@ -221,7 +221,7 @@ def test_the_next_maneuver_is_shown_with_what_it_promises(residuals: GapResidual
     assert "q3 &lt;tells&gt; them apart" in text
     assert "Joint 2 over 60 deg" in text
     assert "rig sweep small.next.toml" in text
-    assert "930 (749-1111)" in text
+    assert "930 (749–1111)" in text
     assert "at least 749" in text
 
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
 from diagnosed_recordings import backlash, by_hand, recorded
 from shown_diagnoses import SHOWN, TWIN, TWINS, UNITS, read, spoken
 
-from estimators.gap.diagnosis import Hypothesis
+from estimators.gap.diagnosis import Channel, Hypothesis
 from estimators.gap.remainder_words import course_words
+from rig.maneuver import TorusSweep
 from scenarios.gap_report import GapResiduals, diagnosis_tables, gap_residuals, page
 from scenarios.gap_report.advice import next_steps
+from scenarios.gap_report.charts import channel_bars, shift_bars
+from scenarios.gap_report.html import with_commands
+from scenarios.gap_report.maneuver_words import described
 from scenarios.gap_report.words import left_words, sentence
+from scenarios.shown_units import shown_units
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +59,7 @@ def test_what_is_left_is_said_as_errors_of_the_rig_and_noise_beside_them(residua
         ("time, steadily", "that drifts steadily with time"),
         ("time, in 1 jumps", "that changes in 1 jump"),
         ("time, in 3 jumps", "that changes in 3 jumps"),
+        ("time, in 512 pieces", "that changes with time, 512 times in the recording"),
         ("a sine of 0.5 Hz", "that repeats as a sine of 0.5 Hz"),
         ("level", "that changes with the level of the reading"),
         ("the angle of joint5, once a turn", "that changes with the angle of joint5, once a turn"),
@@ -65,7 +72,7 @@ def test_how_an_error_changes_is_said_in_words(course: str, words: str) -> None:
 
 def test_no_gap_says_the_residual_and_what_may_be_there_where_it_is_not_sure(residuals: GapResiduals) -> None:
     sure = SHOWN["no-gap"]
-    assert "residual noise floor accel1 13.4 mV 1 × floor" in read(page(sure, residuals))
+    assert "residual noise floor accel1 13.4 mV 1.00 × floor" in read(page(sure, residuals))
     assert "RMS / floor" in spoken(diagnosis_tables(sure, UNITS))
     assert "gap after" not in spoken(diagnosis_tables(sure, UNITS))
     assert "--with" not in page(sure, residuals)  # there is no cause to simulate
@@ -113,3 +120,54 @@ def test_the_sentence_names_the_channels_with_the_largest_gap_only() -> None:
     quiet = replace(named.channels["accel2"], gap_before=0.0)
     alone = replace(named, channels={**dict.fromkeys(named.channels, quiet), "mag3": named.channels["mag3"]})
     assert f"{words} mag3;" in alone.sentence()
+
+
+def test_a_gap_that_grows_is_drawn_within_the_picture_and_written_without_exponents() -> None:
+    row = Channel(
+        noise_floor=0.0085, rms_before=0.118, gap_before=0.118, rms_after=0.192, gap_after=0.192, closed=-0.46
+    )
+    drawing = channel_bars(replace(by_hand(), channels={"mag1": row}), shown_units({"magnetometer": "V"}))
+    assert "118 → 192 mV" in drawing
+    assert "13.9 × floor, −46 % closed" in drawing
+    right = max(
+        float(x) + float(width) for x, width in re.findall(r'<rect x="([\d.]+)" y="[\d.]+" width="([\d.]+)"', drawing)
+    )
+    assert right <= 1000.0 - 190.0  # where the values begin
+
+
+def test_large_shifts_are_written_without_tenths() -> None:
+    moved = {"mag2.sensitivity": {"before": 2.4, "after": 1.2, "sigmas": -15422.23}}
+    diagnosis = replace(by_hand(), calibration_shift=moved)
+    assert "it shifts mag2.sensitivity by 15,422 standard deviations" in sentence(diagnosis)
+    assert "mag2.sensitivity by 15,422 standard" in spoken(diagnosis_tables(diagnosis, UNITS))
+    assert "+15,422" in shift_bars([("mag2.sensitivity", 15422.23)])
+    assert "−29.8" in shift_bars([("mag2.sensitivity", -29.8)])
+
+
+def test_commands_in_the_advice_stand_apart_and_break_at_no_option() -> None:
+    words = with_commands(
+        "Diagnose both: rig diagnose RUN NEXT --together. Or rig sweep improved.toml -o AGAIN.parquet."
+    )
+    assert (
+        "<code><span>rig</span> <span>diagnose</span> <span>RUN</span> <span>NEXT</span> <span>--together</span></code>"
+        in words
+    )
+    assert words.endswith("<span>-o</span> <span>AGAIN.parquet</span></code>.")
+    assert with_commands("the rig moves & stops") == "the rig moves &amp; stops"
+
+
+def test_effects_of_the_catalogue_are_written_as_words_wherever_an_error_is_described(residuals: GapResiduals) -> None:
+    follows = ({"source": "the strength of bias_step at accel2", "course": "time", "share": 0.2},)
+    left = replace(by_hand("unknown").remainder, verdict="structured", follows=follows)
+    diagnosis = replace(by_hand("unknown"), remainder=left)
+    for text in (left_words(diagnosis), read(page(diagnosis, residuals)), spoken(diagnosis_tables(diagnosis, UNITS))):
+        assert "the strength of bias step at accel2" in text
+        assert "bias_step at" not in text
+
+
+def test_a_maneuver_is_told_in_tenths_of_a_degree() -> None:
+    sweep = TorusSweep(yaw_range_deg=339.997, yaw_centre_deg=-0.001, pitch_range_deg=179.996, pitch_centre_deg=-0.002)
+    words = described(sweep, 5.0)
+    assert words.startswith("joint 1 over 340 deg about 0 in 15 passes, joint 5 over 180 deg about 0 in 7 passes")
+    assert "joint 3 at −90," in words
+    assert words.endswith("the room 5 °C warmer or colder")

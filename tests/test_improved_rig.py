@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnosed_recordings import backlash, by_hand, cause, recorded, scenario
 
+from estimators.gap.report.fitted_rig import FittedRig
 from rig.arm import Arm
 from rig.assets import model_path
 from rig.effects import make_effect
@@ -158,6 +159,19 @@ def test_comments_say_what_the_scenario_is_not() -> None:
     text = improved_rig(ambiguous, gap_residuals(run, ambiguous, locked), locked).to_toml()
     comments = " ".join(line.removeprefix("# ") for line in text.splitlines() if line.startswith("#"))
     assert "Others that the recording allows: joint scale of joint 5 (.38)." in comments
+
+
+def test_a_fitted_rigs_effects_on_a_sensor_that_was_not_recorded_are_left_out() -> None:
+    run, locked = recorded(backlash())
+    alone, still = (
+        replace(each, magnetometer=None, units={"accelerometer": each.unit("accelerometer")}) for each in (run, locked)
+    )
+    effects = (make_effect("hysteresis", {"where": "mag1"}), backlash(), make_effect("base_dipole", {}))
+    base = FittedRig("both", effects, std=({}, {"width_rad": 1e-4}, {}))
+    diagnosis = by_hand(causes=())
+    made = improved_rig(diagnosis, gap_residuals(alone, diagnosis, still), still, base).scenario
+    assert made.rig.effects == (backlash(),)
+    assert made.fitted_std == ({"width_rad": 1e-4},)
 
 
 def test_tool_poses_make_a_rig_without_an_arm() -> None:

@@ -162,6 +162,42 @@ def test_moves_take_as_long_as_speed_and_acceleration_ask() -> None:
         Dynamics.of(arm, speed=-1.0)
 
 
+#: A rod of 0.5 m that turns about the vertical, 0.3 m above a plate that carries it.
+ROD = """
+<mujoco><worldbody><body name="plate"><geom type="box" size=".05 .05 .01"/>
+  <body name="rod" pos="0 0 .3"><joint name="turn" axis="0 0 1" range="-170 170"/>
+    <geom type="capsule" fromto="0 0 0 .5 0 0" size=".02"/><site name="imu" pos=".5 0 0"/>
+  </body></body></worldbody></mujoco>
+"""
+
+
+@pytest.mark.parametrize("margin_m", [0.0, 0.01, 0.1, 0.4, 1.0])
+def test_the_margin_is_the_distance_at_which_a_box_counts_as_touched(tmp_path: Path, margin_m: float) -> None:
+    (tmp_path / "rod.xml").write_text(ROD)
+    arm = Arm.from_file(tmp_path / "rod.xml", "imu")
+    for distance_m in (margin_m - 1e-3, margin_m + 1e-3):
+        face = 0.5 + 0.02 + distance_m  # the capsule's end is round
+        box = (face, -1.0, -1.0, face + 1.0, 1.0, 1.0)
+        clear = Clearance.of(arm, boxes=[box], margin_m=margin_m)
+        assert clear.touching([[0.0]])[0] == (distance_m < margin_m)
+
+
+def test_what_turns_above_the_table_is_not_asked_to_keep_off_it(tmp_path: Path) -> None:
+    (tmp_path / "rod.xml").write_text(ROD)
+    arm = Arm.from_file(tmp_path / "rod.xml", "imu")
+    turns = np.linspace(-2.0, 2.0, 9)[:, None]
+    assert not Clearance.of(arm, 0.0, margin_m=0.4).touching(turns).any()
+    assert Clearance.of(arm, 0.3, margin_m=0.4).touching(turns).all()  # it lies in the table
+
+
+@pytest.mark.parametrize("kind", ["poses", "sweep"])
+def test_a_margin_beyond_the_room_there_is(rig: Rig, tmp_path: Path, kind: str) -> None:
+    options = ("--seconds", "60", "--kind", kind, "--table", "0", "--margin", "0.6")
+    line = rig.refused("plan", *options, "-o", tmp_path / "no.toml")
+    assert line.endswith("expected more room: a lower table, fewer boxes, or a smaller --margin")
+    assert not (tmp_path / "no.toml").exists()
+
+
 def test_contacts_with_the_table_with_boxes_and_with_the_arm_itself(tmp_path: Path) -> None:
     arm = Arm.a465()
     clear = Clearance.of(arm)
@@ -307,15 +343,15 @@ def test_a_sweep_stays_within_what_the_arm_may_do(sweep: Plan) -> None:
 
 
 def test_a_sweep_errs_as_it_says(sweep: Plan) -> None:
-    """Nearly without noise, what a calibration finds is off by what the acceleration moves it, to first order, and by
-    the converter's steps, which no noise spreads any more. Its standard deviations are those of the bound."""
-    found = estimators.calibrate(sweep.scenario.scaled_noise(1e-3).simulate(seed=0))
+    """Nearly without noise, and without the converter's steps, what a calibration finds is off by what the acceleration
+    moves it, to first order: the second is not to matter beside the noise. Its standard deviations are the bound's."""
+    found = estimators.calibrate(sweep.scenario.with_acquisition(bits=None).scaled_noise(1e-3).simulate(seed=0))
     promised = scenarios.bound.bound_of(sweep.scenario)
     for each in sweep.parameters:
         truth, axes = sweep.scenario.truth.sensors[each.sensor], found[each.sensor].axes
         assert axes is not None
         off = [axis.sensitivity / own - 1.0 for axis, own in zip(axes, truth.sensitivity, strict=True)]
-        np.testing.assert_allclose(off, each.moved[[0, 4, 8]], rtol=0.05, atol=0.1 * each.std[[0, 4, 8]].max())
+        np.testing.assert_allclose(off, each.moved[[0, 4, 8]], rtol=0.05, atol=0.2 * each.std[[0, 4, 8]].max())
         assert np.any(each.moved) == (each.sensor == "accelerometer")
         prediction = promised.sensors[each.sensor].prediction
         known = dict(zip(prediction.names, prediction.std, strict=True))

@@ -158,8 +158,8 @@ def test_every_maneuver_can_be_written(maneuver: Maneuver) -> None:
 def test_every_effect_can_be_written_and_twice() -> None:
     made = [make_effect(name, example(effect)) for name, effect in EFFECTS.items()]
     twice = make_effect("joint_offset", {"where": "joint1", "offset_rad": 1e-3})
-    scenario = from_toml(SMALL, "small.toml").with_effects([*made, twice])
-    again = from_toml(scenario.to_toml(), "small.toml").rig.effects
+    scenario = scenarios.load("ann-arbor").with_effects([*made, twice])
+    again = from_toml(scenario.to_toml(), "ann-arbor.toml").rig.effects
     assert sorted(again, key=repr) == sorted([*made, twice], key=repr)
 
 
@@ -170,7 +170,7 @@ def test_how_well_a_fitted_rig_is_known_is_written_and_read() -> None:
         make_effect("joint_offset", {"where": "joint5", "offset_rad": 2e-3}),
     ]
     known = ({"offset_rad": 1e-4}, {"gradient_per_m": (1e-3,) * 5}, {})
-    scenario = replace(from_toml(SMALL, "small.toml").with_effects(effects), fitted_std=known)
+    scenario = replace(scenarios.load("ann-arbor").with_effects(effects), fitted_std=known)
     again = from_toml(scenario.to_toml(), "small.toml")
     assert dict(zip(again.rig.effects, map(repr, again.fitted_std), strict=True)) == dict(
         zip(effects, map(repr, known), strict=True)
@@ -333,6 +333,16 @@ def test_a_urdf_is_found_beside_the_scenario(tmp_path: Path) -> None:
         (
             ("[maneuver]", '[[effects.backlash]]\nwhere = "joint5"\nwidth_rad_std = -0.1\n[maneuver]'),
             r"\[effects\.backlash\] width_rad_std: found -0\.1, expected a number of zero or more$",
+        ),
+        (
+            ("[maneuver]", '[effects.hysteresis]\nwhere = "mag1"\n[maneuver]'),
+            r"\[effects\.hysteresis\] effect hysteresis at mag1: the rig has no magnetometer, expected an effect on its"
+            r" accelerometer$",
+        ),
+        (("[maneuver]", "[effects.base_dipole]\n[maneuver]"), r"base_dipole at base: the rig has no magnetometer"),
+        (
+            ("[maneuver]", '[effects.channel_crosstalk]\nwhere = "accel1"\nsource = "mag2"\n[maneuver]'),
+            r"channel_crosstalk at accel1: the rig has no magnetometer",
         ),
         (("[maneuver]", "[effects]\nbacklash = 3\n[maneuver]"), r"\[effects\] backlash: found 3, expected a table"),
         (("[maneuver]", "[locked]\nhold = 3\n[maneuver]"), r"\[locked\] unknown key 'hold' .*\(nearest: 'hold_s'\)$"),

@@ -21,6 +21,11 @@ def and_words(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
+def sigmas_words(size: float) -> str:
+    """How large a shift is, in standard deviations: to a tenth below a hundred, whole numbers above."""
+    return f"{abs(size):,.{1 if abs(size) < 99.95 else 0}f}"
+
+
 def parted(sets: Sequence[Causes]) -> tuple[list[tuple[str, str]], list[list[tuple[str, str]]]]:
     """What all of several sets have, and what each has beside it; of one set alone nothing is shared."""
     shared: Counter[tuple[str, str]] = Counter(sets[0] if len(sets) > 1 else ())

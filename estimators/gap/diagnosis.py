@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from estimators.gap.choices import cause_name, choice_words
+from estimators.gap.choices import and_words, cause_name, choice_words, sigmas_words
 from estimators.gap.remainder_words import likeliest_words
 from rig.documents import plain
 from rig.errors import in_short
@@ -324,7 +324,7 @@ class Diagnosis:
         if self.calibration_shift:
             name, shift = max(self.calibration_shift.items(), key=lambda item: abs(item[1]["sigmas"]))
             if abs(shift["sigmas"]) >= 1.0:
-                parts.append(f"not modelled, it shifts {name} by {abs(shift['sigmas']):.1f} standard deviations")
+                parts.append(f"not modelled, it shifts {name} by {sigmas_words(shift['sigmas'])} standard deviations")
         if self.remainder.verdict == "noise":
             parts.append("nothing is left above the noise floor")
         return ": " + "; ".join(parts)
@@ -365,7 +365,7 @@ def describe(cause: Cause) -> str:
     text = cause_name(cause.effect, cause.where) + (f" ({', '.join(sizes[:3])})" if sizes else "")
     if cause.equivalent:
         others = [cause_name(each["effect"], each["where"]) for each in cause.equivalent]
-        text += " (the same here: " + ", ".join(others) + ")"
+        text += f" (the same here: {and_words(others)})"
     return text
 
 

@@ -17,7 +17,7 @@ _VARIABLES: Final = {
     "orientation, to first order": "orientation of the tool, to first order",
     "position": "position of the tool",
     "level": "level of the reading",
-    "level and direction": "level of the reading and the direction in which it changes",
+    "level and direction": "level of the reading, rising or falling",
     "the history of its level": "history of the reading",
 }
 
@@ -36,6 +36,8 @@ def course_words(course: str) -> str:
         return "that drifts steadily with time"
     if start == "time" and rest.endswith("jumps"):
         return f"that changes in {rest.removeprefix('in ').replace('1 jumps', '1 jump')}"
+    if start == "time" and rest.endswith("pieces"):
+        return f"that changes with time, {rest.removeprefix('in ').removesuffix(' pieces')} times in the recording"
     if course.startswith("a sine of "):
         return f"that repeats as {course}"
     if course == "the recording":

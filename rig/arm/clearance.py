@@ -32,12 +32,16 @@ class Clearance:
     Attributes:
         arm: whose joints move.
         model: of the same joints, in which every pair of bodies that could meet makes contacts.
-        joined: pairs of bodies that always touch, which is no collision.
+        around: the geoms of the table and the boxes, which are a part of their own.
+        margin_m: nearer than this counts as touching [m].
+        joined: pairs of parts that always touch, which is no collision.
         slender: whether the links are capsules because the arm's file has no geometry.
     """
 
     arm: Arm
     model: mujoco.MjModel
+    around: tuple[int, ...]
+    margin_m: float
     joined: frozenset[tuple[int, int]]
     slender: bool
 
@@ -65,23 +69,31 @@ class Clearance:
         slender = not carried
         if slender:
             _add_capsules(spec, arm)
-        # What always touches is asked of the arm alone: a table in its way is no part of it.
-        joined = cls(arm, _compiled(spec, margin_m), frozenset(), slender)._always_touching()
-        if slender:  # its first capsule stands on whatever the base stands on
-            joined |= {(0, int(arm.model.jnt_bodyid[arm.chain.members[0]]))}
+        added = []
         if table_m is not None:
             # A plane: whatever is below it touches it.
-            spec.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_PLANE, size=[_TABLE, _TABLE, _TABLE], pos=[0.0, 0.0, table_m]
+            added.append(
+                spec.worldbody.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_PLANE, size=[_TABLE, _TABLE, _TABLE], pos=[0.0, 0.0, table_m]
+                )
             )
         for box in boxes:
             low, high = np.minimum(box[:3], box[3:]), np.maximum(box[:3], box[3:])
             if not (np.isfinite(box).all() and (high > low).all()):
                 raise RigError(f"box: found {list(box)}, expected two opposite corners x,y,z,X,Y,Z [m]")
-            spec.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.5 * (high - low)).tolist(), pos=(0.5 * (high + low)).tolist()
+            size, middle = 0.5 * (high - low), 0.5 * (high + low)
+            added.append(
+                spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size.tolist(), pos=middle.tolist())
             )
-        return cls(arm, _compiled(spec, margin_m), joined, slender)
+        model = _compiled(spec, margin_m)
+        made = cls(arm, model, tuple(int(geom.id) for geom in added), margin_m, frozenset(), slender)
+        joined, nearest_m = made._always_touching()
+        first = int(arm.model.jnt_bodyid[arm.chain.members[0]])
+        if slender:  # its first capsule stands on whatever the base stands on
+            joined |= {(0, first), (first, model.nbody)}
+        elif nearest_m.get((first, model.nbody), 0.0) > 0.0:  # it turns above the table, and comes no nearer
+            joined |= {(first, model.nbody)}
+        return replace(made, joined=joined)
 
     def touching(self, q: ArrayLike) -> Mask:
         """(n,) whether the arm touches anything at joint values (n, N) [rad, m]."""
@@ -91,7 +103,7 @@ class Clearance:
         """The first of joint values (n, N) [rad, m] at which the arm touches something, and the two bodies."""
         for row, values in enumerate(self._values(q)):
             if len(found := self._collisions(values)):
-                names = [self.model.body(int(index)).name or "the surroundings" for index in min(found.tolist())]
+                names = [self._name(index) for index in min(found.tolist())]
                 return row, names[0], names[1]
         return None
 
@@ -104,28 +116,38 @@ class Clearance:
         """(n, M) values of all members of the chain."""
         return self.arm.chain.spread(np.atleast_2d(np.asarray(q, dtype=float)))
 
-    def _pairs(self, values: Array) -> NDArray[np.int64]:
-        """(k, 2) bodies that touch, the lower number first; a pair may come more than once."""
+    def _pairs(self, values: Array) -> tuple[NDArray[np.int64], Array]:
+        """(k, 2) parts that touch, the lower number first, and (k,) how far apart [m]; a pair may come repeatedly."""
         data = self._data
         data.qpos[:] = self.model.qpos0
         data.qpos[self._addresses] = values
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_collision(self.model, data)
-        return np.sort(self._bodies[data.contact.geom.reshape(-1, 2)], axis=1)
+        near = data.contact.dist < self.margin_m  # MuJoCo adds the margins of both
+        found: NDArray[np.int64] = np.sort(self._parts[data.contact.geom.reshape(-1, 2)[near]], axis=1)
+        return found, data.contact.dist[near]
 
     def _collisions(self, values: Array) -> NDArray[np.int64]:
-        """(k, 2) bodies that touch and are not joined."""
-        pairs = self._pairs(values)
+        """(k, 2) parts that touch and are not joined."""
+        pairs, _ = self._pairs(values)
         return pairs[~self._is_joined[pairs[:, 0], pairs[:, 1]]]
 
-    def _always_touching(self) -> frozenset[tuple[int, int]]:
+    def _always_touching(self) -> tuple[frozenset[tuple[int, int]], dict[tuple[int, int], float]]:
+        """Pairs of the arm and its file's scene, of which a table or a box in its way is no part; and how near each
+        pair that is ever within the margin comes [m]."""
         rng = np.random.default_rng(0)
         low, high = finite_limits(self.arm)
         counts: dict[tuple[int, int], int] = {}
+        nearest: dict[tuple[int, int], float] = {}
         for values in self._values(rng.uniform(low, high, (_SAMPLES, self.arm.dof))):
-            for pair in set(map(tuple, self._pairs(values).tolist())):
+            found, distances = self._pairs(values)
+            pairs = list(map(tuple, found.tolist()))
+            for pair in set(pairs):
                 counts[pair] = counts.get(pair, 0) + 1
-        return frozenset(pair for pair, count in counts.items() if count >= _JOINED * _SAMPLES)
+            for pair, distance in zip(pairs, distances.tolist(), strict=True):
+                nearest[pair] = min(nearest.get(pair, np.inf), distance)
+        always = {pair for pair, count in counts.items() if count >= _JOINED * _SAMPLES}
+        return frozenset(pair for pair in always if pair[1] < self.model.nbody), nearest
 
     @cached_property
     def _data(self) -> mujoco.MjData:
@@ -137,14 +159,21 @@ class Clearance:
         return np.array([self.model.joint(name).qposadr[0] for name in names])
 
     @cached_property
-    def _bodies(self) -> NDArray[np.int64]:
-        """(geoms,) the body that each is fixed to."""
-        return np.asarray(self.model.body_weldid[self.model.geom_bodyid], dtype=np.int64)
+    def _parts(self) -> NDArray[np.int64]:
+        """(geoms,) what each belongs to: a body that moves, a fixed tree of bodies, or, last, what stands around."""
+        body = self.model.geom_bodyid
+        moves = self.model.body_weldid[body]
+        parts: NDArray[np.int64] = np.where(moves == 0, self.model.body_rootid[body], moves).astype(np.int64)
+        parts[list(self.around)] = self.model.nbody
+        return parts
+
+    def _name(self, part: int) -> str:
+        return (self.model.body(part).name if part < self.model.nbody else "") or "the surroundings"
 
     @cached_property
     def _is_joined(self) -> Mask:
-        """(bodies, bodies) whether two are joined, the lower number first."""
-        table = np.zeros((self.model.nbody, self.model.nbody), dtype=bool)
+        """(parts, parts) whether two are joined, the lower number first."""
+        table = np.zeros((self.model.nbody + 1, self.model.nbody + 1), dtype=bool)
         for one, other in self.joined:
             table[one, other] = True
         return table

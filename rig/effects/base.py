@@ -79,6 +79,8 @@ class Effect(ABC):
     needs_motion: ClassVar[bool] = False
     #: True where not the world but the log of its poses errs: the simulator calls ``log``, the diagnosis ``apply``.
     of_log: ClassVar[bool] = False
+    #: The sensor that alone can show it, where no place names one.
+    of_sensor: ClassVar[str] = ""
     #: True where the sensor moves on the tool: what logs the tool's pose does not see it.
     on_mount: ClassVar[bool] = False
     #: What a recording must have for the effect to act on it.

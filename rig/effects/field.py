@@ -50,6 +50,7 @@ class FieldGradient(Effect):
 
     name = "field_gradient"
     stage = Stage.FIELD
+    of_sensor = MAGNETOMETER
     places = ("base",)
     requires = ("position",)
 
@@ -78,6 +79,7 @@ class BaseDipole(Effect):
 
     name = "base_dipole"
     stage = Stage.FIELD
+    of_sensor = MAGNETOMETER
     places = ("base",)
     requires = ("position",)
 
@@ -127,6 +129,7 @@ class LinkHardIron(Effect):
 
     name = "link_hard_iron"
     stage = Stage.FIELD
+    of_sensor = MAGNETOMETER
     places = LINKS
     requires = ("joints",)
 
@@ -147,6 +150,7 @@ class LinkSoftIron(Effect):
 
     name = "link_soft_iron"
     stage = Stage.FIELD
+    of_sensor = MAGNETOMETER
     places = LINKS
     requires = ("joints",)
 
@@ -178,6 +182,7 @@ class MotorCurrentField(Effect):
 
     name = "motor_current_field"
     stage = Stage.FIELD
+    of_sensor = MAGNETOMETER
     places = SWEPT_JOINTS
     needs_motion = True
     requires = ("joints",)

@@ -131,8 +131,8 @@ class Columns:
         for name in names:
             _refuse_misspelt(name, present, where)
         if not present:
-            found = shortened(", ".join(names), 60)
-            raise RigError(f"{where}: found columns {found}, none of a recording: rig import makes one of such a log")
+            found = f"columns {shortened(', '.join(names), 60)}" if any(names) else "no line of columns"
+            raise RigError(f"{where}: found {found}, none of a recording: rig import makes one of such a log")
         if TIME not in present:
             near = nearest(TIME, names) or ': only with "still_poses": true in the metadata may it be left out'
             raise RigError(f"{where}: column {TIME!r} is missing{near}")

@@ -142,6 +142,10 @@ def _line(file: BinaryIO, path: Path) -> str:
         raise RigError(f"{path}: is UTF-16 text, expected a CSV file in UTF-8")
     if len(line) == _LONGEST_LINE or b"\0" in line:
         raise RigError(f"{path}: is not a CSV file: no line of column names at its beginning")
+    if b"\r" in line.rstrip(b"\r\n"):
+        raise RigError(
+            f"{path}: its lines end with a carriage return alone, expected line feeds; rig import reads them"
+        )
     try:
         return line.decode("utf-8").rstrip("\r\n")
     except UnicodeDecodeError as error:

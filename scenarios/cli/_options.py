@@ -44,6 +44,10 @@ class Choice(click.Choice[str]):
 class FiniteNumber(click.FloatRange):
     """A number within a range; "nan" is in none, whatever it is compared with."""
 
+    def _describe_range(self) -> str:
+        """The range, for the help; of a number without bounds what it is."""
+        return "a number" if self.min is None and self.max is None else super()._describe_range()
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The number."""
         found = super().convert(value, param, ctx)

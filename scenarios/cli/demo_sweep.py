@@ -111,7 +111,9 @@ def sweep(
     from scenarios.loader import load
 
     chosen = on_arm(load(scenario), arm_file, tip, kind)
-    chosen = chosen.with_effects(effect for path in causes for effect in read_causes(path, chosen.rig.arm))
+    rig = chosen.rig
+    found = [effect for path in causes for effect in read_causes(path, rig.arm, rig.pipeline.sensors)]
+    chosen = chosen.with_effects(found)
     if noise is not None:
         chosen = chosen.scaled_noise(noise)
     chosen = replace(chosen, engine=engine or chosen.engine, motion=motion or chosen.motion)

@@ -14,7 +14,7 @@ from rig.files import check_different
 from scenarios.cli._app import debugging
 from scenarios.cli._options import (
     PATH,
-    POSITIVE,
+    FiniteNumber,
     arm_options,
     check_output,
     chosen_arm,
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 @click.option("--save-scenario", "saved", type=PATH, metavar="F.toml", help="Write the improved rig, for rig sweep.")
 @click.option(
     "--minutes",
-    type=POSITIVE,
+    type=FiniteNumber(min=0.0, max=600.0, min_open=True),
     metavar="M",
     help="For the next maneuver; as long as RUN by default.",
 )
@@ -116,6 +116,9 @@ def diagnose(
         raise RigError("--together: found --cluster, expected one of them: it is one diagnosis, made here")
     if together:
         check_different(chosen)
+    if maneuver2 is not None:  # what chose the causes cannot judge them
+        for run in chosen:
+            check_different((run, maneuver2))
     if together and len(chosen) == 1:
         raise RigError(f"--together: found one recording, {chosen[0]}, expected several")
     _check(

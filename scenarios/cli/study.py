@@ -205,7 +205,7 @@ def _print_consistency(summary: Summary, output: Path, files: list[Path]) -> Non
 @study.command(short_help="How much of a recording's misfit is noise, and how much systematic?")
 @click.argument("run", type=PATH)
 @click.option("-o", "--output", type=PATH, metavar="STUDY", help="Folder for tables and plots.")
-@click.option("--subsets", "count", type=click.IntRange(min=2), default=25, show_default=True, help="How many.")
+@click.option("--subsets", "count", type=click.IntRange(2, 100_000), default=25, show_default=True, help="How many.")
 @click.option(
     "--method", type=Choice(("simultaneous", "separate")), default="simultaneous", help="Of the parameters listed."
 )

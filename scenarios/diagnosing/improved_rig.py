@@ -20,7 +20,7 @@ from rig.environment import Environment
 from rig.errors import RigError
 from rig.maneuver import HandTumble
 from rig.recording import Recording
-from rig.simulate import Rig
+from rig.simulate import Rig, unfelt
 from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import alike_words, cause_title, explanation_words, sentence
 from scenarios.loader import load
@@ -65,6 +65,7 @@ def improved_rig(
     known = () if base is None else (*base.std, *({} for _ in before[len(base.std) :]))
     arm = residuals.data.base.arm
     pipeline = residuals.calibrated
+    felt = [(effect, std) for effect, std in zip(before, known, strict=True) if not unfelt(effect, pipeline.sensors)]
     every = max(1, round(_RATE_HZ / recording.rate_Hz))
     rate_Hz = every * recording.rate_Hz
     played = closest_maneuver(recording.t, recording.q, rate_Hz, arm)
@@ -74,7 +75,10 @@ def improved_rig(
         accelerometer=pipeline.accelerometer,
         magnetometer=pipeline.magnetometer,
         acquisition=_acquisition(residuals, locked, every),
-        effects=(*before, *(delayed(effect, -float(recording.t[0])) for effect in residuals.causes)),
+        effects=(
+            *(effect for effect, _ in felt),
+            *(delayed(effect, -float(recording.t[0])) for effect in residuals.causes),
+        ),
     )
     scenario = Scenario(
         name=diagnosis.recording,
@@ -84,7 +88,7 @@ def improved_rig(
         description=sentence(diagnosis),
         source=f"Calibration and effects fitted to {recording.name} by rig diagnose.",
         fitted_to=tuple(dict.fromkeys((*chosen, recording.fingerprint))),
-        fitted_std=(*known, *(known_to(effect, diagnosis) for effect in residuals.causes)),
+        fitted_std=(*(std for _, std in felt), *(known_to(effect, diagnosis) for effect in residuals.causes)),
         magnetic_field_unit=recording.metadata.magnetic_field_unit,  # type: ignore[arg-type]
     )
     return ImprovedRig(scenario, (played.difference, *_remarks(diagnosis, residuals, rig)))

@@ -9,7 +9,7 @@ from estimators.gap.diagnosis import NAMED, Diagnosis, chance
 from estimators.gap.remainder_words import error_words, is_noise, source_words
 from estimators.gap.report.by_channel import ABSORBED
 from estimators.gap.report.separation import rivals
-from scenarios.gap_report.words import cause_title, explanation_words, place_words
+from scenarios.gap_report.words import cause_title, explanation_words, readable
 
 #: What is left over acts like an error; how its name begins -> what to look at on the rig.
 _LOOK: Final = {
@@ -177,8 +177,8 @@ def _looks(diagnosis: Diagnosis) -> list[str]:
         source = str(each["source"])
         words = next((words for start, words in _LOOK.items() if source.startswith(start)), None)
         if words is not None:
-            look = words.format(source=place_words(source.removeprefix("the angle of ")))
-            like = f"acts like {place_words(error_words(each))}"
+            look = words.format(source=readable(source.removeprefix("the angle of ")))
+            like = f"acts like {readable(error_words(each))}"
             found.append(
                 f"{look[0].upper()}{look[1:]}: what is left {like}." if not found else f"Or {look}: it also {like}."
             )

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from estimators.gap.choices import sigmas_words
 from estimators.gap.diagnosis import Diagnosis, chance, percent
 from estimators.gap.remainder_words import variable_words
 from rig.channels import CHANNELS_OF
 from scenarios.gap_report.svg import Drawing, Scale, nice_step, tick_label
-from scenarios.gap_report.words import ANSWERS, closed_words, place_words
+from scenarios.gap_report.words import ANSWERS, closed_words, part_words, place_words
 from scenarios.shown_units import Shown
 
 _WIDTH: Final = 1000.0
@@ -38,20 +39,21 @@ def channel_bars(diagnosis: Diagnosis, shown: Mapping[str, Shown]) -> str:
         unit = shown[names[0]]
         rows = [diagnosis.channels[name] for name in names]
         sizes = [row.rms_before if quiet else row.gap_before for row in rows]
-        largest = max([row.noise_floor for row in rows] + sizes) * unit.factor
+        after = [row.gap_after for row in rows] if explained else []
+        largest = max([row.noise_floor for row in rows] + sizes + after) * unit.factor
         scale = Scale(0.0, max(largest, 1e-12) * 1.04, _LABEL, _WIDTH - _VALUES)
         bottom = top + 14 + _ROW * len(names)
         for tick in scale.ticks():
             drawing.line(scale.at(tick), top + 8, scale.at(tick), bottom, "grid")
         for number, (name, row) in enumerate(zip(names, rows, strict=True)):
             y = top + 14 + _ROW * number
-            before, after, floor = (unit.factor * size for size in (sizes[number], row.gap_after, row.noise_floor))
+            before, left, floor = (unit.factor * size for size in (sizes[number], row.gap_after, row.noise_floor))
             drawing.text(_LABEL - 10, y + 16, name, "name", "end")
             drawing.rect(_LABEL, y, scale.at(before) - _LABEL, 11, "before")
             if explained:
-                drawing.rect(_LABEL, y + 13, scale.at(after) - _LABEL, 11, "after")
+                drawing.rect(_LABEL, y + 13, scale.at(left) - _LABEL, 11, "after")
             drawing.line(scale.at(floor), y - 3, scale.at(floor), y + 27, "floor")
-            told = f"{before:.3g} → {after:.2g} {unit.name}" if explained else f"{before:.3g} {unit.name}"
+            told = f"{before:.3g} → {left:.3g} {unit.name}" if explained else f"{before:.3g} {unit.name}"
             drawing.text(_WIDTH - _VALUES + 14, y + 10, told, "value")
             drawing.text(_WIDTH - _VALUES + 14, y + 24, _beside(row.closed, before / max(floor, 1e-300)), "note")
         drawing.x_axis(scale, bottom)
@@ -61,8 +63,9 @@ def channel_bars(diagnosis: Diagnosis, shown: Mapping[str, Shown]) -> str:
 
 
 def _beside(closed: float | None, relative: float) -> str:
-    of_floor = f"{relative:.{3 if relative >= 0.95 else 2}g} × floor"  # 1.01 beside 1.00 tells something
-    return of_floor if closed is None else f"{of_floor}, {percent(closed)} closed"
+    near = 0.95 <= relative < 9.995  # 1.01 beside 1.00 tells something
+    of_floor = f"{relative:.2f} × floor" if near else f"{relative:.{2 if relative < 1.0 else 3}g} × floor"
+    return of_floor if closed is None else f"{of_floor}, {part_words(closed)} closed"
 
 
 def follow_bars(follows: Sequence[Mapping[str, Any]]) -> str:
@@ -148,5 +151,5 @@ def shift_bars(rows: Sequence[tuple[str, float]]) -> str:
         drawing.text(left - 12, y + 11, name, "name", "end")
         start, end = sorted((scale.at(0.0), scale.at(sigmas)))
         drawing.rect(start, y, end - start, 14, "before")
-        drawing.text(478, y + 11, f"{sigmas:+.1f}".replace("-", "−"), "value", "end")
+        drawing.text(478, y + 11, f"{'−' if sigmas < 0.0 else '+'}{sigmas_words(sigmas)}", "value", "end")
     return str(drawing)

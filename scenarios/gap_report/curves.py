@@ -18,6 +18,9 @@ from scenarios.shown_units import shown_units
 _WIDTH: Final = 1000.0
 _BANDS: Final = 90
 _BLOCKS: Final = 160
+#: Of a panel's decades: up to so many there is room for 1, 2 and 5 of each, and from so many on not for each.
+_CLOSE: Final = 3.0
+_FAR: Final = 10.0
 
 
 def spectrum(residuals: GapResiduals) -> str:
@@ -56,7 +59,10 @@ def spectrum(residuals: GapResiduals) -> str:
 
 
 def _frame(drawing: Drawing, x: Scale, y: Scale) -> None:
-    values = [tick * factor for tick in (*y.ticks(), *(t / 10.0 for t in y.ticks()[:1])) for factor in (1.0, 2.0, 5.0)]
+    decades = np.log10(y.high / y.low)
+    factors = (1.0, 2.0, 5.0) if decades <= _CLOSE else (1.0,)
+    values = [tick * factor for tick in (*y.ticks(), *(t / 10.0 for t in y.ticks()[:1])) for factor in factors]
+    values = values[:: 1 + int(decades // _FAR)]
     inside = sorted({value for value in values if y.low <= value <= y.high})
     for value in inside:
         drawing.line(x.start, y.at(value), x.end, y.at(value), "grid")

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
+from typing import Final
 
 from scenarios.gap_report.words import VERDICTS
 
+#: A command within a sentence.
+_COMMAND: Final = re.compile(r"rig [a-z]+(?: (?:[A-Z]{3,}(?:\.\w+)?|--?[a-z-]+|[\w/-]+\.\w+))+")
 #: Nothing may be loaded from anywhere; the style is the page's own.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
@@ -32,6 +36,15 @@ def tiles(items: Iterable[tuple[str, str, str]]) -> str:
         for name, value, note in items
     )
     return f'<dl class="tiles">{"".join(made)}</dl>'
+
+
+def with_commands(words: str) -> str:
+    """Words as HTML, with the commands among them set apart; no option is broken after its dashes."""
+
+    def command(found: re.Match[str]) -> str:
+        return f"<code>{' '.join(f'<span>{part}</span>' for part in found[0].split(' '))}</code>"
+
+    return _COMMAND.sub(command, escape(words))
 
 
 def badge(verdict: str) -> str:

@@ -16,7 +16,7 @@ def described(maneuver: TorusSweep | StaticPoses, warmer_degC: float = 0.0) -> s
     """A maneuver in words, and how much warmer or colder than before the room should be."""
     minutes = f"{maneuver.duration_s / 60.0:.3g} minutes"
     if warmer_degC:
-        minutes += f", the room {warmer_degC:g} degC warmer or colder"
+        minutes += f", the room {warmer_degC:g} °C warmer or colder"
     if isinstance(maneuver, StaticPoses):
         return (
             f"{len(maneuver.angles)} poses of all joints, each held for {maneuver.hold_s:.3g} s, with "
@@ -24,24 +24,32 @@ def described(maneuver: TorusSweep | StaticPoses, warmer_degC: float = 0.0) -> s
         )
     yaw, pitch, roll = maneuver.joints
     turning = (
-        f"joint {roll} turning at {maneuver.roll_deg_per_s:g} deg/s"
+        f"joint {roll} turning at {_degrees(maneuver.roll_deg_per_s)} deg/s"
         if maneuver.roll == "continuous"
-        else f"joint {roll} to and fro over {maneuver.roll_range_deg:g} deg in {maneuver.roll_passes} passes"
+        else f"joint {roll} to and fro over {_degrees(maneuver.roll_range_deg)} deg in {maneuver.roll_passes} passes"
     )
     still = [joint for joint in range(1, len(maneuver.locked_deg) + 4) if joint not in maneuver.joints]
-    locked = ", ".join(f"joint {joint} at {angle:g}" for joint, angle in zip(still, maneuver.locked_deg, strict=True))
+    locked = ", ".join(
+        f"joint {joint} at {_degrees(angle)}" for joint, angle in zip(still, maneuver.locked_deg, strict=True)
+    )
     return (
-        f"joint {yaw} over {maneuver.yaw_range_deg:g} deg about {maneuver.yaw_centre_deg:g} in {maneuver.yaw_passes} "
-        f"passes, joint {pitch} over {maneuver.pitch_range_deg:g} deg about {maneuver.pitch_centre_deg:g} in "
+        f"joint {yaw} over {_degrees(maneuver.yaw_range_deg)} deg about {_degrees(maneuver.yaw_centre_deg)} in "
+        f"{maneuver.yaw_passes} passes, joint {pitch} over {_degrees(maneuver.pitch_range_deg)} deg about "
+        f"{_degrees(maneuver.pitch_centre_deg)} in "
         f"{maneuver.pitch_passes} passes, {turning}; {locked} deg; {minutes}"
     )
 
 
+def _degrees(angle: float) -> str:
+    """To a tenth, with a true minus sign."""
+    return f"{round(angle, 1) + 0.0:g}".replace("-", "−")
+
+
 def interval_words(size: float, low: float, high: float | None) -> str:
-    """A promised chi-square: "930 (749-1111)", or "930 (at least 749)" where parts of the cause are not known."""
+    """A promised chi-square: "930 (749–1111)", or "930 (at least 749)" where parts of the cause are not known."""
     if high is None or not np.isfinite(high):
         return f"{size:.0f} (at least {max(low, 0.0):.0f})"
-    return f"{size:.0f} ({max(low, 0.0):.0f}-{high:.0f})"
+    return f"{size:.0f} ({max(low, 0.0):.0f}–{high:.0f})"
 
 
 def speed_advice(diagnosis: Diagnosis) -> str:

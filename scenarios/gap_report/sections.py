@@ -29,7 +29,8 @@ from scenarios.gap_report.words import (
     hidden_words,
     listed_words,
     one_of_words,
-    place_words,
+    part_words,
+    readable,
     rig_words,
     share_words,
     status_words,
@@ -175,8 +176,8 @@ def which(diagnosis: Diagnosis) -> str:
     parts.append(
         '<p class="soft">The probability of a cause is that of all explanations that have it, or what does the same in '
         "its place. Established: .95 or more; likely: .5 or more; possible: less. “Not felt”: this recording says "
-        "nothing about that number. The pictures and the improved rig have the causes of the likeliest explanation."
-        "</p>"
+        "nothing about that number. Its share: what comes back of the squared gap where that cause alone is taken out "
+        "again. The pictures and the improved rig have the causes of the likeliest explanation.</p>"
     )
     parts += [_cause(cause, status_words(cause, diagnosis)) for cause in diagnosis.causes]
     return "\n".join(parts)
@@ -195,7 +196,7 @@ def _cause(cause: Cause, status: str) -> str:
     facts = [
         ("probability", chance(cause.probability)),
         ("status", status),
-        ("closes", f"{share_words(cause.closed)} of the squared gap" if cause.closed.value is not None else "–"),
+        ("its share", f"{share_words(cause.closed)} of the squared gap" if cause.closed.value is not None else "–"),
         ("in the catalogue", f"{cause.effect}, {cause.where}"),
     ]
     listed = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
@@ -224,7 +225,7 @@ def how_far(diagnosis: Diagnosis, residuals: Sequence[GapResiduals]) -> str:
     for name, row in diagnosis.channels.items():
         shown = unit[name]
         sizes = (row.noise_floor, row.rms_before, row.rms_after, row.gap_before, row.gap_after)
-        rows.append((name, *(f"{shown.factor * size:.4g}" for size in sizes), percent(row.closed), shown.name))
+        rows.append((name, *(f"{shown.factor * size:.4g}" for size in sizes), part_words(row.closed), shown.name))
     titles = ("channel", "floor", "RMS before", "RMS after", "gap before", "gap after", "closed", "unit")
     elsewhere = diagnosis.closed_elsewhere
     also = "" if elsewhere is None else f"<p>On the other maneuver: <b>{percent(elsewhere)}</b>.</p>"
@@ -301,8 +302,8 @@ def _left(follows: Sequence[Mapping[str, Any]]) -> list[str]:
     ):
         rows = [
             (
-                escape(place_words(source_words(str(each["source"])))),
-                escape(place_words(variable_words(str(each["course"])))),
+                escape(readable(source_words(str(each["source"])))),
+                escape(readable(variable_words(str(each["course"])))),
                 share_left(each["share"]),
             )
             for each in told
@@ -331,7 +332,7 @@ def untold(diagnosis: Diagnosis) -> str:
 
 def next_step(diagnosis: Diagnosis) -> str:
     """What to do next, and the maneuver that would tell more with how far it separates each pair of explanations."""
-    listed = "".join(f"<li>{escape(step)}</li>" for step in next_steps(diagnosis))
+    listed = "".join(f"<li>{html.with_commands(step)}</li>" for step in next_steps(diagnosis))
     parts = ["<h2>What to do next</h2>", f"<ol>{listed}</ol>"]
     step = diagnosis.next or {}
     if not step.get("maneuver"):

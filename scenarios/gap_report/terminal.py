@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from estimators.gap.choices import sigmas_words
 from estimators.gap.diagnosis import Diagnosis, chance, percent
 from estimators.gap.remainder_words import variable_words
 from scenarios.gap_report.advice import next_steps
@@ -27,6 +28,7 @@ from scenarios.gap_report.words import (
     left_words,
     listed_words,
     one_of_words,
+    part_words,
     place_words,
     posterior_words,
     rig_words,
@@ -102,7 +104,7 @@ def _against_rig(rig: Mapping[str, Any], units: Mapping[str, str]) -> Table:
 
 
 def _causes(diagnosis: Diagnosis) -> Table:
-    numbers = ("probability", "closes")
+    numbers = ("probability", "its share")
     result = table("cause", "parameters", *numbers, numbers=numbers)
     for cause in diagnosis.causes:
         parameters = [
@@ -127,7 +129,7 @@ def _channels(diagnosis: Diagnosis, units: Mapping[str, str]) -> Table:
         factor = shown[name].factor
         sizes = [f"{factor * size:.3g}" for size in (row.noise_floor, row.rms_before)]
         sizes.append(f"{row.rms_before / row.noise_floor:.2f}" if row.noise_floor > 0 else "–")
-        told = [f"{factor * row.gap_before:.3g}", f"{factor * row.gap_after:.3g}", percent(row.closed)]
+        told = [f"{factor * row.gap_before:.3g}", f"{factor * row.gap_after:.3g}", part_words(row.closed)]
         result.add_row(name, *sizes, *told[: len(gap)], shown[name].name)
     return result
 
@@ -156,8 +158,10 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
         lines.append(f"closes       {closed_words(diagnosis)} of the squared gap, judged on {judged}")
     shifts = sorted(diagnosis.calibration_shift.items(), key=lambda item: -abs(item[1]["sigmas"]))[:_SHIFTS]
     if shifts:
-        sizes = [f"{name} by {abs(shift['sigmas']):.1f}" for name, shift in shifts]
+        sizes = [f"{name} by {sigmas_words(shift['sigmas'])}" for name, shift in shifts]
         lines.append("shifts       " + ", ".join([f"{sizes[0]} standard deviations", *sizes[1:]]))
+    if len(diagnosis.causes) > 1:
+        lines.append("its share    of a cause: what comes back of the squared gap where it alone is taken out again")
     left = left_words(diagnosis)
     lines.append(f"left over    {diagnosis.remainder.verdict}" + (f": {left}" if left else ""))
     if hidden := hidden_words(diagnosis):

@@ -194,9 +194,14 @@ def hidden_words(diagnosis: Diagnosis) -> str:
     )
 
 
+def readable(words: str) -> str:
+    """Words in which effects have their names in the catalogue and places theirs, as a person reads them."""
+    return place_words(_EFFECT.sub(lambda found: found[0].replace("_", " "), words))
+
+
 def left_words(diagnosis: Diagnosis) -> str:
     """What is left over acts like: errors, one of which is meant, and noise beside it, each with its share."""
-    return place_words(left_over_words(diagnosis.remainder.follows))
+    return readable(left_over_words(diagnosis.remainder.follows))
 
 
 def closed_words(diagnosis: Diagnosis) -> str:
@@ -204,12 +209,17 @@ def closed_words(diagnosis: Diagnosis) -> str:
     return share_words(diagnosis.closed)
 
 
+def part_words(share: float | None) -> str:
+    """A share without its interval, with a true minus sign where the gap has grown; beyond twice, that it has."""
+    return percent(share).replace("-", "−") + (" or less" if share is not None and share <= -1.0 else "")
+
+
 def share_words(closed: Closed) -> str:
     """A share with its interval; a dash where nothing is to close."""
     if closed.value is None:
         return "–"
     words = percent(closed.value, closed.low, closed.high)
-    return words.replace("-", "−" if " to " in words else "–")
+    return re.sub(r"(?<=\d)-", "–", words).replace("-", "−")
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -217,7 +227,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     words = str(diagnosis.sentence()).removeprefix(f"{diagnosis.verdict}: ")
     words = re.sub(r"\(([\d.]+)-([\d.]+)\)", r"(\1–\2)", words.replace("+-", "±"))
     words = re.sub(r"(?<=[( ])-(?=\d)", "−", words)
-    return _as_sentence(place_words(_EFFECT.sub(lambda found: found[0].replace("_", " "), words)))
+    return _as_sentence(readable(words))
 
 
 #: The figures of a fitted rig, channel by channel, and what they are called.

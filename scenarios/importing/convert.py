@@ -21,7 +21,7 @@ from scenarios.importing.bag_log import is_bag, read_bag
 from scenarios.importing.clocks import clock_offset
 from scenarios.importing.conventions import axis_words, judged, suspicious
 from scenarios.importing.mapping import Conventions, Mapping, check_columns
-from scenarios.importing.quantities import guess, is_joint, is_numbered
+from scenarios.importing.quantities import guess, is_joint, is_numbered, is_time
 from scenarios.importing.text_log import Log, read_text_log
 from scenarios.importing.tracks import LOUD, Track, tracks_of
 
@@ -68,7 +68,8 @@ def import_logs(
     if mapping is None:
         mapping = _guessed(logs, arm, base or Mapping())
     else:
-        check_columns(mapping, [name for log in logs for name in log.columns], str(paths[0]))
+        check_columns(mapping, [name for log in logs for name in (*log.columns, *log.unread)], str(paths[0]))
+    _check_numbers(logs, mapping)
     tracks: dict[str, Track] = {}
     for log in logs:
         own = {name: target for name, target in mapping.columns.items() if name in log.columns}
@@ -83,6 +84,15 @@ def import_logs(
     loud = [line.removeprefix(LOUD) for line in said if line.startswith(LOUD)]
     quiet = tuple(line for line in said if not line.startswith(LOUD))
     return Imported(recording, mapping, quiet, (*loud, *findings, *checked))
+
+
+def _check_numbers(logs: Sequence[Log], mapping: Mapping) -> None:
+    """Refuse a wanted column with a cell that is no number, and times that are written as texts."""
+    timed = "t" in mapping.columns.values()
+    for log in logs:
+        for name, words in log.unread.items():
+            if name in mapping.columns or (not timed and is_time(name)):
+                raise RigError(f"{log.name}: {name} {words}, expected {'seconds' if is_time(name) else 'a number'}")
 
 
 def _guessed(logs: Sequence[Log], arm: Arm | None, base: Mapping) -> Mapping:
@@ -235,7 +245,7 @@ def _on_one_clock(
     """The poses with their times on the readings' clock, and what is to be said of it."""
     assert main.t is not None
     assert pose.t is not None
-    if main.log == pose.log:
+    if main.log == pose.log and conventions.clock_offset_s is None:
         return pose
     if isinstance(conventions.clock_offset_s, float):
         said.append(f"clock: {conventions.clock_offset_s:g} s added to the times of the poses, as stated")

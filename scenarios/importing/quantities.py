@@ -167,9 +167,14 @@ def guess(columns: dict[str, Array], joint_names: Sequence[str] = (), theta: boo
     return found
 
 
+def is_time(name: str) -> bool:
+    """Whether a column's name says that it holds times."""
+    return _TIME.fullmatch(name.strip()) is not None
+
+
 def _guess_time(columns: dict[str, Array], found: dict[str, str]) -> None:
     """A column by that name; in other languages, one in a unit of time that rises from row to row."""
-    named = [name for name in columns if _TIME.fullmatch(name.strip())]
+    named = [name for name in columns if is_time(name)]
     timed = [name for name in columns if unit_word(name, tuple(TIME_UNITS)) and "/" not in name]
     for names, least in ((named, 0.0), (timed, np.nextafter(0.0, 1.0))):
         for name in names:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping as Table
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 
 from rig.arrays import Array
 from rig.documents import check_ordinary
-from rig.errors import RigError
+from rig.errors import RigError, shown
 
 _DELIMITERS: Final = (";", "\t", ",", "|")
 _LOOKED_AT: Final = 1 << 16  # bytes
 _COMMENTS: Final = ("#", "%", "//")
 _NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|nan|-?inf", re.IGNORECASE)
+_NOT_A_NUMBER: Final = re.compile(r"CSV column #(\d+): .*invalid value '(.*)'", re.DOTALL)
+_MISSING: Final = ("", "nan", "NaN", "NA", "null", "-")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
@@ -32,12 +36,15 @@ class Log:
         columns: name -> (n,) numbers; NaN where a cell is empty.
         said: how it was read, in words.
         rate_Hz: of transforms, the rate at which they came; inf: at the readings' own instants.
+        unread: name -> what is no number, in words, of columns that hold such cells; where most are numbers, the column
+            is among ``columns`` all the same, NaN in these cells.
     """
 
     name: str
     columns: dict[str, Array]
     said: str = ""
     rate_Hz: float | None = None
+    unread: Table[str, str] = field(default_factory=dict)
 
 
 def read_text_log(path: Path) -> Log:
@@ -55,7 +62,11 @@ def read_text_log(path: Path) -> Log:
     if not head.strip() or b"\0" in head:
         raise RigError(f"{path}: is {'empty' if not head.strip() else 'no text'}, expected a table of numbers")
     text = head.decode("utf-8-sig", errors="replace")
-    lines = text.splitlines()[:-1] if len(head) == _LOOKED_AT else text.splitlines()
+    lines = text.splitlines()
+    if len(head) == _LOOKED_AT:
+        if len(lines) == 1:
+            raise RigError(f"{path}: has a line of more than {_LOOKED_AT} bytes, expected a table of numbers")
+        lines = lines[:-1]
     comments = 0
     while comments < len(lines) and (not lines[comments].strip() or lines[comments].lstrip().startswith(_COMMENTS)):
         comments += 1
@@ -70,10 +81,10 @@ def read_text_log(path: Path) -> Log:
     width = len(cells[first])
     names = _names(cells[:first], lines[:comments], delimiter, width)
     comma = delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell) for line in cells[first:] for cell in line)
-    table = _numbers(path, delimiter, comments + first, names, comma)
+    table, unread = _numbers(path, delimiter, comments + first, names, comma)
     words = {"\t": "tabs", None: "blanks"}.get(delimiter, f"{delimiter!r}")
     said = f"separated by {words}{', decimal comma' if comma else ''}{'' if first else ', no header'}"
-    return Log(str(path), table, said)
+    return Log(str(path), table, said, unread=unread)
 
 
 def _is_number(cell: str) -> bool:
@@ -117,30 +128,49 @@ def _names(header: list[list[str]], comments: list[str], delimiter: str | None, 
     return result
 
 
-def _numbers(path: Path, delimiter: str | None, skipped: int, names: list[str], comma: bool) -> dict[str, Array]:
-    """The columns that hold numbers; others, such as texts, are left out."""
+def _numbers(
+    path: Path, delimiter: str | None, skipped: int, names: list[str], comma: bool
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """The columns that hold numbers, others, such as texts, left out; and of all others a cell that is no number."""
     if delimiter is None:
         try:
             values = np.loadtxt(path, skiprows=skipped, ndmin=2, encoding="utf-8-sig")
         except ValueError as error:
             raise RigError(f"{path}: not a table of numbers: {' '.join(str(error).split())[:120]}") from error
-        return dict(zip(names, np.ascontiguousarray(values.T), strict=False))
+        return dict(zip(names, np.ascontiguousarray(values.T), strict=False)), {}
     try:
         with path.open("rb") as file:  # Arrow itself opens no name that is not UTF-8
             table = pa.csv.read_csv(
                 file,
                 read_options=pa.csv.ReadOptions(skip_rows=skipped, column_names=names, use_threads=False),
                 parse_options=pa.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=lambda row: "error"),
-                convert_options=pa.csv.ConvertOptions(
-                    decimal_point="," if comma else ".", null_values=["", "nan", "NaN", "NA", "null", "-"]
-                ),
+                convert_options=pa.csv.ConvertOptions(decimal_point="," if comma else ".", null_values=list(_MISSING)),
             )
     except (pa.ArrowInvalid, OSError) as error:
+        if bad := _NOT_A_NUMBER.search(str(error)):
+            raise RigError(f"{path}: {names[int(bad[1])]} holds {shown(bad[2])}, expected a number") from error
         raise RigError(f"{path}: not a whole table: {' '.join(str(error).split())[:120]}") from error
-    found = {}
+    found, unread = {}, {}
     for name, column in zip(names, table.columns, strict=True):
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             found[name] = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+        elif pa.types.is_null(column.type):
+            unread[name] = "is empty"
+        else:
+            values, unread[name] = _mixed(column.combine_chunks().cast(pa.string()), comma)
+            if 2 * np.isfinite(values).sum() > len(values) - column.null_count:
+                found[name] = values
     if not found:
         raise RigError(f"{path}: found no column of numbers among {', '.join(names[:8])}")
-    return found
+    return found, unread
+
+
+def _mixed(cells: pa.StringArray, comma: bool) -> tuple[Array, str]:
+    """The numbers of a column with texts, NaN where there is none; and the first text, in words."""
+    number = pc.match_substring_regex(cells, rf"(?i)^\s*(?:{_NUMBER.pattern})\s*$")
+    numbers = pc.if_else(number, pc.utf8_trim_whitespace(cells), None)
+    values = pc.cast(pc.replace_substring(numbers, ",", ".") if comma else numbers, pa.float64())
+    row = pc.index(pc.fill_null(number, True), False).as_py()
+    return np.asarray(values.to_numpy(zero_copy_only=False), dtype=float), (
+        f"holds {shown(cells[max(row, 0)].as_py())} in row {max(row, 0)} (first row 0)"
+    )

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from rig.arrays import Array, Rows
 from rig.errors import RigError
+from rig.recording.checks import check_finite
 from scenarios.importing.mapping import Conventions
 from scenarios.importing.quantities import (
     ACCELEROMETER_UNITS,
@@ -88,11 +89,20 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
     t, order = None, np.arange(len(next(iter(log.columns.values()))))
     if "time" in groups:
         name = groups.pop("time")[""][0]
+        if np.isnan(log.columns[name]).all():
+            raise RigError(f"{log.name}: {name} holds no number, expected times")
+        check_finite(np.nan_to_num(log.columns[name], nan=0.0, posinf=np.inf, neginf=-np.inf), (name,), log.name)
         t, words = _times(name, log.columns[name], conventions)
         order = np.argsort(t, kind="stable")
-        if not np.array_equal(order, np.arange(len(t))):
-            words += "; rows were not in the order of time: sorted"
+        missing = np.flatnonzero(np.isnan(t))
+        whole_t = t[np.isfinite(t)]
+        if back := int((np.diff(whole_t) < 0).sum()):
+            row = int(np.flatnonzero(np.isfinite(t))[np.argmax(np.diff(whole_t) < 0) + 1])
+            words += f"; it goes back {'once' if back == 1 else f'{back} times'}, at row {row} (first row 0): sorted"
         said.append(f"{log.name}: time is {words}")
+        if missing.size:
+            left = f"{len(missing)} of {len(t)} rows, such as row {missing[0]} (first row 0)"
+            said.append(f"{LOUD}{log.name}: {name} is missing in {left}: left out")
     found: list[Track] = []
     for kind, parts in groups.items():
         columns = _stacked(kind, parts, log, order)

@@ -101,7 +101,7 @@ class NextManeuver:
         if self.warmer_degC:
             words = (
                 f"No other maneuver tells the explanations apart; the same one does with the room {self.warmer_degC:g} "
-                f"degC warmer or colder, both recordings diagnosed together. {words}"
+                f"°C warmer or colder, both recordings diagnosed together. {words}"
             )
         return words
 

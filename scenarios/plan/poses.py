@@ -98,7 +98,7 @@ class PoseSearch:
                 return np.array(found[:count])
         if len(found) < 3 * max(_COUNTS):
             raise RigError(
-                f"arm {self.arm.name}: of {20 * count:,} random poses {len(found)} touch nothing, expected more room:"
+                f"arm {self.arm.name}: of {20 * count:,} random poses {len(found)} keep clear, expected more room:"
                 " a lower table, fewer boxes, or a smaller --margin"
             )
         return np.array(found)

@@ -34,6 +34,7 @@ _STEPS: Final = 20
 _FAR, _NEAR, _SMALL = 0.1, 1e-4, 1e-5
 #: Instants at which a sweep is judged; the share of a joint's range that it may go between looks for contacts.
 _INSTANTS: Final = 200
+_POSES: Final = 1000  # of which one at least must be free
 _FINE: Final = 0.01
 #: Speeds and accelerations stay below the limits by this factor, which leaves room for rounding.
 _SLOWER: Final = 0.99
@@ -192,8 +193,10 @@ class SweepSearch:
             RigError: none is found.
         """
         number = np.tile(np.arange(1.0, HARMONICS + 1), 2)
-        found = []
-        for _ in range(10 * count):
+        found: list[tuple[float, Array]] = []
+        anywhere = np.random.default_rng(0).uniform(self.room.low, self.room.high, (_POSES, self.arm.dof))
+        tries = 0 if self.room.clearance.touching(anywhere).all() else 10 * count  # no pose is free, so no sweep is
+        for _ in range(tries):
             waves = self.span * self.room.rng.standard_normal((self.arm.dof, 2 * HARMONICS)) / number
             size = self.room.rng.uniform(0.1, 1.0)
             centre = self.room.rng.uniform(self.room.low, self.room.high)[:, None]

@@ -65,7 +65,7 @@ class Settings:
         if not self.counts or self.counts[0] < _FEWEST or any(np.diff(self.counts) <= 0):
             raise RigError(f"counts: found {self.counts}, expected growing numbers of samples from {_FEWEST}")
         if not self.noise_factors or min(self.noise_factors) <= 0 or not np.isfinite(self.noise_factors).all():
-            raise RigError(f"noise factors: found {self.noise_factors}, expected positive numbers")
+            raise RigError(f"noise factors: found {', '.join(map(str, self.noise_factors))}, expected positive numbers")
         for given, choices, what in ((self.methods, METHODS, "method"), (self.orders, ORDERS, "order")):
             if not given:
                 raise RigError(f"{what}: found none, expected at least one of {', '.join(choices)}")

@@ -60,6 +60,8 @@ def study(
     """
     if subsets < 2:
         raise RigError(f"subsets: found {subsets}, expected 2 or more")
+    if (rows := _rows(source)) is not None and rows < subsets:  # before the memory for each of them is asked for
+        raise _too_few(source.name, rows, subsets)
     summed, parts = _interleaved(source, subsets, arm, progress)
     if summed.statistics.count < subsets * _FEWEST:
         raise RigError(
@@ -128,6 +130,15 @@ def _interleaved(
             progress(len(batch))
     there = [part for part in parts if part is not None]
     if found is None or len(there) < subsets:
-        raise RigError(f"{source.name}: found {row} samples, expected at least {_FEWEST} for each of {subsets} subsets")
+        raise _too_few(source.name, row, subsets)
     whole = Statistics.merge(there)
     return Summed(whole, found.units, source.metadata, found.arm, found.where), there
+
+
+def _rows(source: Recording | RecordingScan) -> int | None:
+    """The number of samples; None where it is not known before they are read."""
+    return len(source) if isinstance(source, Recording) else source.rows
+
+
+def _too_few(name: str, rows: int, subsets: int) -> RigError:
+    return RigError(f"{name}: found {rows} samples, expected at least {_FEWEST} for each of {subsets} subsets")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from rig.effects import EFFECTS
-from validation.blind.truth import Truth
+from validation.blind.truth import TrueCause, Truth
 
 _WIDTH: Final = 1.959964  # standard deviations, two-sided 95 %
 #: Of a sine the pair (amplitude, phase) is the same as (-amplitude, phase + pi); of a tone known modulo the sampling.
@@ -33,9 +33,8 @@ class Stated:
 
 def stated(truth: Truth, answer: Mapping[str, Any]) -> Iterator[Stated]:
     """Every number with a standard deviation of every cause that carries the true name at the true place."""
-    causes = {(cause["effect"], cause["where"]): cause for cause in answer.get("causes", ())}
     for true in truth.visible:
-        found = causes.get((true.effect, true.where))
+        found = _said(true, answer.get("causes", ()))
         if found is None or true.name != true.effect:  # another form has no such parameters
             continue
         tone = EFFECTS[true.effect].tone
@@ -45,6 +44,20 @@ def stated(truth: Truth, answer: Mapping[str, Any]) -> Iterator[Stated]:
                 continue
             unsigned = name in _UNSIGNED and (tone or "phase_rad" in true.parameters)
             yield from _numbers(true.effect, name, value, estimate, unsigned)
+
+
+def _said(true: TrueCause, causes: Iterable[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """The answer's cause of the true name at the true place; of several the one with the true names of sensors, axes
+    and frames, such as the source of a crosstalk, else the likeliest; None where there is none."""
+    named = {name: value for name, value in true.parameters.items() if isinstance(value, str)}
+
+    def fits(cause: Mapping[str, Any]) -> tuple[int, float]:
+        parameters = cause.get("parameters", {})
+        same = [(parameters.get(name) or {}).get("value") == value for name, value in named.items()]
+        return sum(same), float(cause.get("probability", 1.0))
+
+    copies = [cause for cause in causes if (cause["effect"], cause["where"]) == (true.effect, true.where)]
+    return max(copies, key=fits, default=None)
 
 
 def _numbers(effect: str, name: str, value: Any, estimate: Mapping[str, Any], unsigned: bool) -> Iterator[Stated]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 import click
 
@@ -11,6 +11,10 @@ from scenarios.cli._options import json_option
 from scenarios.cli.study import workers_options
 
 Command = Callable[..., Any]
+
+#: Rigs or cases of a study at most, each of which takes seconds; and samples of a recording, three days at 4 Hz.
+MOST: Final = 10_000
+MOST_SAMPLES: Final = 1_000_000
 
 
 def hidden_rigs_options(rigs: int) -> Callable[[Command], Command]:
@@ -24,9 +28,13 @@ def hidden_rigs_options(rigs: int) -> Callable[[Command], Command]:
                 "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of everything random."
             ),
             click.option(
-                "--samples", type=click.IntRange(min=400), default=1664, show_default=True, help="Of each recording."
+                "--samples",
+                type=click.IntRange(400, MOST_SAMPLES),
+                default=1664,
+                show_default=True,
+                help="Of each recording.",
             ),
-            click.option("--rigs", type=click.IntRange(min=1), default=rigs, show_default=True, help="Hidden rigs."),
+            click.option("--rigs", type=click.IntRange(1, MOST), default=rigs, show_default=True, help="Hidden rigs."),
         ):
             command = option(command)
         return command

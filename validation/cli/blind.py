@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from scenarios.cli._options import PATH, Command, check_output, json_option, print_json, progress_bar
+from validation.cli._options import MOST, MOST_SAMPLES
 
 _JOBS = click.option("--jobs", type=click.IntRange(min=0), metavar="N", help="Processes; one for each processor.")
 _SEALED = click.option(
@@ -15,9 +16,11 @@ _SEALED = click.option(
 )
 
 _OF_A_SET = (
-    click.option("--cases", type=click.IntRange(min=16), default=100, help="Beside those of mechanics."),
-    click.option("--mechanics", type=click.IntRange(min=0), default=0, help="Cases stepped by MuJoCo; a minute each."),
-    click.option("--samples", type=click.IntRange(min=400), default=6656, help="Of each recording, at 4 Hz."),
+    click.option("--cases", type=click.IntRange(16, MOST), default=100, help="Beside those of mechanics."),
+    click.option(
+        "--mechanics", type=click.IntRange(0, MOST), default=0, help="Cases stepped by MuJoCo; a minute each."
+    ),
+    click.option("--samples", type=click.IntRange(400, MOST_SAMPLES), default=6656, help="Of each recording, at 4 Hz."),
     click.option("--scenario", default="ann-arbor", help="What the rigs are drawn around: a name or a TOML file."),
     click.option("--seed", type=click.IntRange(min=0), help="Of everything random; drawn and sealed by default."),
 )
@@ -107,7 +110,7 @@ def solve(folder: Path, jobs: int | None, as_json: bool) -> None:
     "--withheld/--no-withheld", default=True, help="Diagnose again, the true effect taken out of the catalogue."
 )
 @click.option(
-    "--power", "draws", type=click.IntRange(min=0), default=0, help="Recordings a strength for detection power."
+    "--power", "draws", type=click.IntRange(0, MOST), default=0, help="Recordings a strength for detection power."
 )
 @_SEALED
 @_JOBS
@@ -131,7 +134,7 @@ def score(
 @click.argument("folder", type=PATH)
 @_set_options
 @click.option(
-    "--power", "draws", type=click.IntRange(min=0), default=0, help="Recordings a strength for detection power."
+    "--power", "draws", type=click.IntRange(0, MOST), default=0, help="Recordings a strength for detection power."
 )
 @click.option(
     "-o", "--output", type=PATH, required=True, metavar="PAGE", help="The page: .md, with a picture beside it."

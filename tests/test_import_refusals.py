@@ -1,0 +1,119 @@
+"""Logs with bad cells, bad times or odd line ends: refused in one line that names the file, or said to be left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import SMALL, Rig
+
+from scenarios.importing import Mapping, import_logs
+from scenarios.importing.mapping import Conventions
+from scenarios.loader import from_toml
+
+ROWS = 600
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """A recording as another program would log it, without metadata."""
+    path = tmp_path / "log.csv"
+    from_toml(SMALL, "small.toml").simulate(0).write(path)
+    path.write_text(path.read_text().split("\n", 1)[1])
+    return path
+
+
+def spoil(log: Path, row: int, cell: str, column: str = "t_s") -> None:
+    """Change one cell."""
+    names, *rows = [line.split(",") for line in log.read_text().splitlines()]
+    rows[row][names.index(column)] = cell
+    log.write_text("\n".join(map(",".join, [names, *rows])) + "\n")
+
+
+def without(log: Path, beginning: str) -> Path:
+    """The log without the columns whose names begin so, in a file of that name."""
+    rows = [line.split(",") for line in log.read_text().splitlines()]
+    kept = [column for column, name in enumerate(rows[0]) if not name.startswith(beginning)]
+    path = log.with_name(f"{beginning}.csv")
+    path.write_text("\n".join(",".join(row[column] for column in kept) for row in rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"),
+    [
+        ("1e300", "in row 50 (first row 0) is 1e+300, expected a number below 1e+60"),
+        ("inf", "in row 50 (first row 0) is inf, expected a number"),
+        ("soon", "holds 'soon' in row 50 (first row 0), expected seconds"),
+    ],
+)
+def test_a_bad_time_of_one_log_of_two_is_named_with_its_file(rig: Rig, log: Path, cell: str, message: str) -> None:
+    joints = without(without(log, "accel"), "mag")
+    imu = without(log, "q")
+    spoil(imu, 50, cell)
+    for order in ((imu, joints), (joints, imu), (imu,)):
+        assert rig.refused("import", *order, "-o", log.with_name("out.parquet")) == f"rig: {imu}: t_s {message}"
+    assert not log.with_name("out.parquet").exists()
+
+
+def test_a_row_without_a_time_is_said_to_be_left_out(log: Path) -> None:
+    spoil(log, 50, "")
+    found = import_logs([log], None, None)
+    assert len(found.recording) == ROWS - 1
+    assert f"{log}: t_s is missing in 1 of {ROWS} rows, such as row 50 (first row 0): left out" in found.findings
+
+
+def test_times_that_go_back_are_counted(log: Path) -> None:
+    spoil(log, 50, "-1")
+    assert any(
+        "it goes back once, at row 50 (first row 0): sorted" in line for line in import_logs([log], None, None).said
+    )
+
+
+def test_a_text_in_a_column_that_is_wanted_is_named(rig: Rig, log: Path) -> None:
+    spoil(log, 7, "abc", "mag2_V")
+    line = rig.refused("import", log, "-o", log.with_name("out.parquet"))
+    assert line == f"rig: {log}: mag2_V holds 'abc' in row 7 (first row 0), expected a number"
+    columns = {"t_s": "t"} | {f"accel{axis}_V": f"accel{axis}_V" for axis in (1, 2, 3)}
+    assert len(import_logs([log], Mapping(columns), None).recording) == ROWS  # it is not asked for
+
+
+def test_numbers_with_decimal_commas_beside_a_text_are_numbers(rig: Rig, log: Path) -> None:
+    log.write_text(log.read_text().replace(",", ";").replace(".", ","))
+    same = import_logs([log], None, None).recording
+    text = log.read_text().splitlines()
+    log.write_text(
+        "\n".join([f"{text[0]};note", *(f"{row};{'x' if n % 3 else '1,5'}" for n, row in enumerate(text[1:]))])
+    )
+    np.testing.assert_array_equal(import_logs([log], None, None).recording.accelerometer, same.accelerometer)
+
+
+def test_an_empty_column_of_times_is_not_taken_for_none(rig: Rig, log: Path) -> None:
+    names, *rows = log.read_text().splitlines()
+    log.write_text("\n".join([names, *(f",{row.split(',', 1)[1]}" for row in rows)]) + "\n")
+    assert rig.refused("import", log, "-o", log.with_name("o.csv")) == f"rig: {log}: t_s is empty, expected seconds"
+
+
+def test_line_ends_of_old_macs_are_read_by_the_import_alone(rig: Rig, log: Path) -> None:
+    same = import_logs([log], None, None).recording
+    log.write_bytes(log.read_bytes().replace(b"\n", b"\r"))
+    np.testing.assert_array_equal(import_logs([log], None, None).recording.accelerometer, same.accelerometer)
+    line = rig.refused("check", log)
+    assert line.endswith("its lines end with a carriage return alone, expected line feeds; rig import reads them")
+
+
+def test_a_header_without_end_is_not_called_a_comment(rig: Rig, tmp_path: Path) -> None:
+    (tmp_path / "wide.csv").write_text(",".join(f"c{number}" for number in range(200_000)) + "\n")
+    line = rig.refused("import", tmp_path / "wide.csv", "-o", tmp_path / "out.csv")
+    assert line.endswith("wide.csv: has a line of more than 65536 bytes, expected a table of numbers")
+
+
+def test_a_stated_offset_of_the_clock_holds_within_one_log_too(rig: Rig, log: Path) -> None:
+    plain = import_logs([log], None, None).recording
+    late = import_logs([log], None, None, Mapping(conventions=Conventions(clock_offset_s=0.5))).recording
+    # Poses half a second later: a row's reading meets the pose of five rows before.
+    np.testing.assert_allclose(late.q, plain.q[: len(late)], atol=1e-9)  # type: ignore[index]
+    np.testing.assert_array_equal(late.accelerometer, plain.accelerometer[5:])  # type: ignore[index]
+    line = rig.refused("import", log, "-o", log.with_name("out.csv"), "--clock-offset", "1e30")
+    assert "do not overlap" in line
