@@ -259,3 +259,9 @@ def test_a_check_tells_of_stuck_readings_and_of_temperatures_that_cannot_be(here
     text = " ".join(rig("check", "stuck.csv").out.split())
     assert "accelerometer: 60 readings in a row are the same, from row 100 on (first row 0): stuck?" in text
     assert "temperature_degC goes from -400 to -400, expected -100 to 300" in text
+
+
+@pytest.mark.parametrize("option", ["--alarms", "--learn"])
+def test_what_watches_a_calibration_needs_one(here: Path, rig: Rig, option: str) -> None:
+    line = rig.refused("live", "run.csv", "-o", "live.parquet", option, "5")
+    assert line == f"rig: {option}: found without --calibration, expected the calibration to watch"

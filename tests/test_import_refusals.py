@@ -79,6 +79,14 @@ def test_a_text_in_a_column_that_is_wanted_is_named(rig: Rig, log: Path) -> None
     assert len(import_logs([log], Mapping(columns), None).recording) == ROWS  # it is not asked for
 
 
+def test_a_cell_that_is_no_utf8_is_named_too(rig: Rig, log: Path) -> None:
+    spoil(log, 7, "abc", "mag2_V")
+    log.write_bytes(log.read_bytes().replace(b"abc", b"a\xffc"))
+    line = rig.refused("import", log, "-o", log.with_name("out.parquet"))
+    assert line.startswith(f"rig: {log}: mag2_V holds 'a")
+    assert line.endswith("in row 7 (first row 0), expected a number")
+
+
 def test_numbers_with_decimal_commas_beside_a_text_are_numbers(rig: Rig, log: Path) -> None:
     log.write_text(log.read_text().replace(",", ";").replace(".", ","))
     same = import_logs([log], None, None).recording

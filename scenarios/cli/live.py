@@ -132,10 +132,8 @@ def _connected(text: str) -> socket.socket:
 @click.option("--seconds", type=POSITIVE, metavar="S", help="Stop after so much of the stream's time.")
 @click.option("--idle", type=POSITIVE, metavar="S", help="Stop when nothing comes so long; of a file 3 s by default.")
 @click.option("--calibration", type=PATH, metavar="CAL", help="Watch this calibration instead: alarms when it fails.")
-@click.option("--alarms", type=POSITIVE, default=1.0, metavar="N", help="False alarms a day at most; 1 by default.")
-@click.option(
-    "--learn", type=FiniteNumber(min=0.0), default=60.0, metavar="S", help="The noise's memory is learnt so long; 60 s."
-)
+@click.option("--alarms", type=POSITIVE, metavar="N", help="False alarms a day at most; 1 by default.")
+@click.option("--learn", type=FiniteNumber(min=0.0), metavar="S", help="The noise's memory is learnt so long; 60 s.")
 @arm_options
 @click.option("--view/--no-view", default=False, help="Show it in the rerun viewer.")
 @click.option("--view-file", type=PATH, metavar="F.rrd", help="Write what the viewer would show.")
@@ -202,6 +200,9 @@ def _plan(source: str, given: dict[str, Any]) -> Plan:
     is_file = source != "-" and ":" not in source
     idle = given["idle"] if given["idle"] is not None else _FILE_IDLE_S if is_file else None
     known = None if given["calibration"] is None else Calibration.read(given["calibration"])
+    for name in ("alarms", "learn"):
+        if known is None and given[name] is not None:
+            raise RigError(f"--{name}: found without --calibration, expected the calibration to watch")
     return Plan(
         Options(
             to=_share(given["to"]),
@@ -215,8 +216,8 @@ def _plan(source: str, given: dict[str, Any]) -> Plan:
         not given["keep_going"],
         idle,
         given["seconds"],
-        given["alarms"],
-        given["learn"],
+        1.0 if given["alarms"] is None else given["alarms"],
+        60.0 if given["learn"] is None else given["learn"],
     )
 
 

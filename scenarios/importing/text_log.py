@@ -157,12 +157,21 @@ def _numbers(
         elif pa.types.is_null(column.type):
             unread[name] = "is empty"
         else:
-            values, unread[name] = _mixed(column.combine_chunks().cast(pa.string()), comma)
+            values, unread[name] = _mixed(_texts(column), comma)
             if 2 * np.isfinite(values).sum() > len(values) - column.null_count:
                 found[name] = values
     if not found:
         raise RigError(f"{path}: found no column of numbers among {', '.join(names[:8])}")
     return found, unread
+
+
+def _texts(column: pa.ChunkedArray) -> pa.StringArray:
+    """The cells as texts; bytes that are no UTF-8 as a mark."""
+    if not pa.types.is_binary(column.type):
+        return column.cast(pa.string()).combine_chunks()
+    return pa.array(
+        [None if cell is None else cell.decode("utf-8", "replace") for cell in column.to_pylist()], pa.string()
+    )
 
 
 def _mixed(cells: pa.StringArray, comma: bool) -> tuple[Array, str]:
