@@ -27,7 +27,7 @@ from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained, Score
 from estimators.gap.search import posterior, weighing
 from estimators.gap.search.beam import Search
-from estimators.gap.search.explanation import Explanation
+from estimators.gap.search.explanation import Explanation, Member
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Noises, Promise
 from rig.arm import Arm
@@ -214,6 +214,23 @@ def test_a_drift_without_an_end_tells_a_slope_and_no_time(arm: Arm) -> None:
     linear = linearised(found)
     assert abs(linear.pull[3] / linear.width[3]) < 3.5
     assert found.misfit == pytest.approx(data.size, abs=6.0 * np.sqrt(2.0 * data.size))
+
+
+def test_effects_that_nearly_do_the_same_are_judged_where_they_are_likeliest(arm: Arm) -> None:
+    """Two warm-ups imitate a drift with the temperature, by large coefficients against each other. Where these are
+    fitted alone, Laplace's approximation slides far from there; the set is no likelier than the one cause."""
+    drift = make_effect("bias_temperature", {"where": "magnetometer", "coefficient_per_degC": (0.05, 0.02, -0.1)})
+    data = whitened_data(1, arm, drift)
+    labels = ("bias_temperature@magnetometer", "bias_warmup@magnetometer")
+    one, other = (next(each for each in all_candidates(data) if each.label == label) for label in labels)
+    search = Search(Scanner.of(data), [one, other], set_prior([one, other], {}, data, {}))
+    true = search.fine([Member(Fitted(one, np.array([0.05, 0.02, -0.1]), {}), 0.0, (one.label,))])
+    starts = [np.array([-0.1, -0.05, 0.2, tau_s]) for tau_s in (240.0, 960.0)]
+    two = search.fine([Member(Fitted(other, start, {}), 0.0, (other.label,)) for start in starts])
+    assert two.linear.ahead < 1.0
+    assert two.log_mass < true.log_mass
+    bare = linearised(converged([Fitted(other, start, {}) for start in starts], data))
+    assert bare.ahead > 1.0
 
 
 def test_an_instant_is_moved_to_where_it_is_likeliest_beside_the_rest(arm: Arm) -> None:

@@ -179,7 +179,7 @@ class Refit:
         return Explained(absorbed, project(absorbed, self.left)).extended(self.columns)
 
 
-def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24) -> Refit:
+def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24, held: Array | None = None) -> Refit:
     """All parameters of all effects together by nonlinear least squares.
 
     The calibration moves along its tangent, which is projected out. Strengths are held near nothing, and shapes among
@@ -188,13 +188,13 @@ def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24) -> Refit:
     Wright, Numerical Optimization, 2006, section 10.3; Kelley, Iterative Methods, 1995, section 5.4).
 
     Args:
-        most: steps at most.
+        most: steps at most. held: (p,) prior precisions of the strengths, in typical sizes; by default next to none.
     """
     fits = list(fits)
     if not fits:
         return at(fits, data)
     scale = np.concatenate([each.scale for each in fits])
-    problem = _Problem(fits, data)
+    problem = _Problem(fits, data, held)
     here = problem.at(np.concatenate([each.values for each in fits]) / scale)
     slopes, damping, gone = problem.slopes(here), _DAMPED, 0.0
     for _ in range(most):
@@ -258,10 +258,11 @@ class _Slopes:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Effects to be fitted."""
+    """Effects to be fitted; the prior precisions (p,) of their strengths."""
 
     fits: Sequence[Fitted]
     data: WhitenedData
+    held: Array | None = None
 
     def at(self, point: Array) -> _Point:
         """The misfit (chi-square) with the calibration's tangent projected out; infinite beyond what can be said."""
@@ -287,7 +288,7 @@ class _Problem:
             for item in each.free:
                 own = slice(first, first := first + item.size)
                 if item.strength:
-                    precision[own] = _HELD**2
+                    precision[own] = _HELD**2 if self.held is None else self.held[own]
                 elif searched(each.candidate.effect, item, self.data):
                     away[own], width = shape_prior(each.effect, item, self.data)
                     precision[own] = 1.0 / width**2
