@@ -17,7 +17,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.means import Means
-from estimators.gap.evidence.refine import Refit, explained_by, refit, started
+from estimators.gap.evidence.refine import Refit, explained_by, started
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
@@ -42,8 +42,6 @@ _FOLLOWED: Final = 2
 #: So many sets of each size, and of all, are fitted sample by sample; what means over neighbours change of an
 #: evidence, as a share.
 _FINE_EACH, _FINE, _ROUGHLY = 3, 6, 0.02
-#: Log posterior that the likeliest values must gain for a set to be refitted there, so often at most.
-_ELSEWHERE, _ANEW = 1.0, 3
 #: Log odds within which rivals of the leading set are fitted themselves; what first order tells well enough.
 _CLOSE, _STRAIGHT = 6.0, 0.1
 
@@ -142,7 +140,7 @@ class Search:
                 for index in instants:
                     own, refitted = self._at_its_instant(own, index, refitted)
                 each = Explanation(own, refitted.data, prior, fine, refitted)
-            self.found[key] = _where_likeliest(each)
+            self.found[key] = each.where_likeliest()
         return self.found[key]
 
     def _best_fine(self) -> float:
@@ -352,23 +350,6 @@ class Search:
             moved = self.data.around(rough.data.pipeline)
             self.found[key] = replace(rough, data=moved, fine=True, refitted=None)
         return self.found[key]
-
-
-def _where_likeliest(each: Explanation) -> Explanation:
-    """An explanation refitted under the prior of its own strengths, where that is elsewhere.
-
-    Laplace's approximation is about the likeliest values. Of effects that nearly do the same, such as two warm-ups, a
-    fit that leaves least has large ones against each other, and straight on from there lie any number of others.
-    """
-    for _ in range(_ANEW):
-        if not each.fits or not each.linear.felt or each.linear.ahead < _ELSEWHERE:
-            break
-        linear = each.linear
-        held = np.where(linear.strength, linear.precision(linear.averaged[1]), 0.0)
-        refitted = refit(each.fits, each.data, held=held)
-        members = tuple(replace(member, fit=fit) for member, fit in zip(each.members, refitted.fits, strict=True))
-        each = replace(each, members=members, refitted=refitted)
-    return each
 
 
 def _without_one(members: Sequence[Member]) -> list[tuple[Member, ...]]:
