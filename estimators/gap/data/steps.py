@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -48,35 +49,42 @@ class Step:
 
 @dataclass(frozen=True)
 class Gaps:
-    """Where a channel's readings are left out.
+    """Where a channel's readings are left out; nowhere if all are, as nothing stands for them.
 
     Attributes:
-        at: (g,) which. short: (s,) those of them with another reading nearby. near: (s, 2 k) the nearest that are there
-            of these, k on either side.
+        at: (g,) which. near: (g, 2 k) the nearest that are there, k before and k after.
     """
 
     at: NDArray[np.intp]
-    short: NDArray[np.intp]
     near: NDArray[np.intp]
 
     @classmethod
-    def of(cls, weights: Array) -> Gaps | None:
-        """Of a channel's weights (count,); None where all readings are there, or none."""
-        at, there = np.flatnonzero(weights == 0.0), np.flatnonzero(weights > 0.0)
-        if not at.size or not there.size:
-            return None
+    def of(cls, weights: Array) -> Gaps:
+        """Of a channel's weights (count,)."""
+        there = np.flatnonzero(weights > 0.0)
+        at = np.flatnonzero(weights == 0.0)[: len(weights) if there.size else 0]
         own = np.searchsorted(there, at)[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS)
-        near = there[np.clip(own, 0, len(there) - 1)]
-        short = np.abs(near - at[:, None]).min(axis=1) <= _NEIGHBOURS
-        return cls(at, at[short], near[short])
+        return cls(at, there[np.clip(own, 0, len(there) - 1)])
+
+    def bridged(self, means: Array) -> Array:
+        """Values (..., count) with a straight line in place of those that are left out: a filter must not carry these
+        on."""
+        before, after = self.near[:, _NEIGHBOURS - 1], self.near[:, _NEIGHBOURS]
+        share = np.clip((self.at - before) / np.maximum(after - before, 1), 0.0, 1.0)
+        means = means.copy()
+        means[..., self.at] = (1.0 - share) * means[..., before] + share * means[..., after]
+        return means
 
     def filled(self, white: Array) -> Array:
-        """Whitened values (..., count) with the mean of the nearest in place of those that are left out.
+        """Whitened values (..., count) with the mean of the nearest in place of those that are left out, where these
+        are near.
 
         What is slow goes on, and of white noise nothing is added.
         """
+        if not self.at.size:
+            return white
         white = white.copy()
-        white[..., self.short] = white[..., self.near].mean(axis=-1)
+        white[..., self.at[self._short]] = white[..., self.near[self._short]].mean(axis=-1)
         return white
 
     def emptied(self, white: Array) -> Array:
@@ -84,9 +92,14 @@ class Gaps:
         white[..., self.at] = 0.0
         return white
 
+    @cached_property
+    def _short(self) -> NDArray[np.bool_]:
+        """(g,) whether another reading is near."""
+        return np.asarray(np.abs(self.near - self.at[:, None]).min(axis=1) <= _NEIGHBOURS)
 
-def after_steps(steps: Sequence[Step], white: Array, gaps: Gaps | None) -> Array:
+
+def after_steps(steps: Sequence[Step], white: Array, gaps: Gaps) -> Array:
     """Whitened values (..., count) after further steps, in this order."""
     for step in steps:
-        white = step(white if gaps is None or step.in_time else gaps.filled(white))
-    return white if gaps is None or not steps else gaps.emptied(white)
+        white = step(white if step.in_time else gaps.filled(white))
+    return gaps.emptied(white) if steps else white

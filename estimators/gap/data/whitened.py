@@ -161,17 +161,14 @@ class WhitenedData:
     def whiten_channel(self, column: int, values: Array) -> Array:
         """One channel's values (n,) or (n, m) in whitened coordinates (count,) or (count, m)."""
         means = self._means(column, values.T)
-        if (bridge := self._bridges[column]) is not None:  # the filter must not carry on what is left out
-            gap, before, after, share = bridge
-            means = means.copy()
-            means[..., gap] = (1.0 - share) * means[..., before] + share * means[..., after]
-        white = self.whiteners[column](means) * self.weights[:, column]
-        return np.asarray(
-            after_steps([step for step in self.steps if step.column == column], white, self.gaps[column]).T
-        )
+        whitener, gaps = self.whiteners[column], self.gaps[column]
+        if gaps.at.size and not whitener.white:
+            means = gaps.bridged(means)
+        steps = [step for step in self.steps if step.column == column]
+        return np.asarray(after_steps(steps, whitener(means) * self.weights[:, column], gaps).T)
 
     @cached_property
-    def gaps(self) -> tuple[Gaps | None, ...]:
+    def gaps(self) -> tuple[Gaps, ...]:
         """Where the readings of each channel are left out."""
         return tuple(Gaps.of(weights) for weights in self.weights.T)
 
@@ -195,21 +192,6 @@ class WhitenedData:
             column = self.columns[index]
             white[:, index - low] = self.whiten_channel(column, np.stack([each[:, column] for each in changes], 1)).T
         return Columns(white.reshape(len(changes), -1).T, low * self.count)
-
-    @cached_property
-    def _bridges(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Array] | None]:
-        """Of each coloured channel with readings left out: these, their neighbours, and the way between."""
-        found: list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Array] | None] = []
-        for whitener, weights in zip(self.whiteners, self.weights.T, strict=True):
-            gap, kept = np.flatnonzero(weights == 0.0), np.flatnonzero(weights > 0.0)
-            if whitener.white or not gap.size or not kept.size:
-                found.append(None)
-                continue
-            right = np.searchsorted(kept, gap)
-            before, after = kept[np.maximum(right - 1, 0)], kept[np.minimum(right, len(kept) - 1)]
-            share = np.clip((gap - before) / np.maximum(after - before, 1), 0.0, 1.0)
-            found.append((gap, before, after, share))
-        return found
 
     def channel(self, white: Array, column: int) -> Array:
         """The part of a whitened vector that belongs to a channel."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import Basis, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.shapes import searched, shape_prior
+from estimators.gap.evidence.shapes import among, searched
 from estimators.gap.hypotheses.candidates import Candidate, Shape
 from estimators.gap.hypotheses.scan import KEPT, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained
@@ -284,15 +284,21 @@ class _Problem:
         """How far the prior's mean is away, and its precisions: of strengths about nothing, of searched shapes among
         the values that are searched. What nothing holds may lie anywhere."""
         away, precision, first = -point, np.zeros(len(point)), 0
-        for each in fits:
+        for each, grids in zip(fits, self.searched, strict=True):
             for item in each.free:
                 own = slice(first, first := first + item.size)
                 if item.strength:
                     precision[own] = _HELD**2 if self.held is None else self.held[own]
-                elif searched(each.candidate.effect, item, self.data):
-                    away[own], width = shape_prior(each.effect, item, self.data)
+                elif grids[item.name]:
+                    away[own], width = among(getattr(each.effect, item.name), item, grids[item.name])
                     precision[own] = 1.0 / width**2
         return away, precision
+
+    @cached_property
+    def searched(self) -> list[dict[str, tuple[Array, ...]]]:
+        """Of each effect's parameters the values that are searched, which are the same wherever it is fitted."""
+        effects = [(each.candidate.effect, each.free) for each in self.fits]
+        return [{item.name: searched(effect, item, self.data) for item in free} for effect, free in effects]
 
     @cached_property
     def touched(self) -> list[NDArray[np.bool_]]:

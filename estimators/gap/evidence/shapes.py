@@ -35,7 +35,12 @@ def shape_prior(effect: Effect, item: Parameter, data: WhitenedData) -> tuple[Ar
     grids = searched(type(effect), item, data)
     if not grids:
         return nothing, nothing + 1.0
-    values = np.atleast_1d(np.asarray(getattr(effect, item.name), dtype=float))
+    return among(getattr(effect, item.name), item, grids)
+
+
+def among(value: object, item: Parameter, grids: tuple[Array, ...]) -> tuple[Array, Array]:
+    """The same of a shape that is searched, from its value and its ``searched`` ones."""
+    values = np.atleast_1d(np.asarray(value, dtype=float))
     places = [_place(own, grid) for own, grid in zip(values, grids, strict=True)]
     away = [(0.5 * (len(grid) - 1) - place) * step for (place, step), grid in zip(places, grids, strict=True)]
     width = [len(grid) * step / _NORMAL for (_, step), grid in zip(places, grids, strict=True)]

@@ -123,7 +123,7 @@ class Pieces:
             column, part = place
             _, values = self._values[place]
             gaps = self.data.parts[part].gaps[column]
-            if before or gaps is not None or last.in_time:
+            if before or gaps.at.size or last.in_time:
                 values = after_steps([*before, last], values, gaps)
             else:  # the transform keeps products: it need not be undone
                 if place not in self._spectra:
@@ -337,10 +337,8 @@ def _any_spectrum(part: WhitenedData, own: Mapping[int, Array], root: Array, lea
     gain, price, factors = 0.0, 0.0, []
     for column, white in own.items():
         here, gaps = part.weights[:, column] > 0, part.gaps[column]
-        scaled = white / root
-        power = dct(scaled if gaps is None else gaps.filled(scaled), norm="ortho")[1:] ** 2 / max(
-            float(np.mean(here)), 1e-9
-        )
+        filled, share = gaps.filled(white / root), max(float(np.mean(here)), 1e-9)
+        power = dct(filled, norm="ortho")[1:] ** 2 / share
         ratio = np.bincount(band, power, minlength=_BANDS) / np.maximum(many, 1.0)
         raised = np.where(many > 0, np.maximum(ratio, least), 1.0)
         gains = 0.5 * many * (ratio - np.log(raised) - ratio / raised)
@@ -365,9 +363,8 @@ def _coming_and_going(part: WhitenedData, own: Mapping[int, Array]) -> _Way:
     for _ in range(_ALTERNATE):
         left = dict(own)
         for column, factor, _ in found[2]:
-            left[column] = (
-                after_steps([Step(column, factor, in_time=False)], own[column] / root, part.gaps[column]) * root
-            )
+            step = Step(column, factor, in_time=False)
+            left[column] = after_steps([step], own[column] / root, part.gaps[column]) * root
         square = np.bincount(piece, sum(white**2 for white in left.values()), minlength=_PIECES)
         root = np.sqrt(np.where(many > 0, np.maximum(square / np.maximum(many, 1.0), _LEAST), 1.0))[piece]
         found = _any_spectrum(part, own, root, _LEAST)

@@ -51,9 +51,9 @@ def moved_together(spectra: Sequence[Spectrum]) -> tuple[list[Array], float]:
 def _prior_precision(spectra: Sequence[Spectrum]) -> Array:
     """(p, p) of the points of all channels, one after the other."""
     precision = np.diag(np.concatenate([each.precision for each in spectra]))
-    for number in range(spectra[0].learned.unseen):
-        places = np.cumsum([0, *(each.learned.free for each in spectra[:-1])])
-        places = places + [each.learned.free - 2 * (each.learned.unseen - number) for each in spectra]
+    first = np.cumsum([0, *(each.learned.free for each in spectra[:-1])])
+    unseen = [start + np.arange(each.learned.free)[each.unseen] for start, each in zip(first, spectra, strict=True)]
+    for places in np.transpose(unseen):
         shared = 1.0 / float(np.mean(np.diag(precision)[places])) - _APART**2
         covariance = shared + _APART**2 * np.eye(len(spectra))
         precision[np.ix_(places, places)] = np.linalg.inv(covariance)

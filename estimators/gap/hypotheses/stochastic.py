@@ -227,8 +227,7 @@ def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: boo
     Cosines are close to the eigenvectors of slowly correlated noise and of a random walk, without the jump between its
     ends that a Fourier transform would see.
     """
-    residual, gaps = data.channel(explained.residual, column), data.gaps[column]
-    residual = residual if gaps is None else gaps.filled(residual)
+    residual = data.gaps[column].filled(data.channel(explained.residual, column))
     count = len(residual)
     frequency = np.arange(count)[_TAKEN:] / (2.0 * count)
     alive = max(float(np.mean(data.weights[:, column] > 0)), 1e-9)

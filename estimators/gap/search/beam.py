@@ -22,7 +22,7 @@ from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained, solve
-from estimators.gap.search.explanation import Explanation, Key, Member
+from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ class Search:
         if key not in self.found:
             rough = self.rough if all(member.fit.candidate.smooth for member in members) else None
             refitted = converged([member.fit for member in members], data, rough)
-            own = tuple(replace(member, fit=fit) for member, fit in zip(members, refitted.fits, strict=True))
+            own = as_fitted(members, refitted)
             prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
             each = Explanation(own, refitted.data, prior, fine, refitted)
             instants = [index for index, member in enumerate(own) if member.widths] if fine else []
@@ -162,7 +162,7 @@ class Search:
             again = converged([*refitted.fits[:index], fit, *refitted.fits[index + 1 :]], refitted.data)
             if again.misfit > refitted.misfit:
                 return members, refitted
-        own = [replace(each, fit=other) for each, other in zip(members, again.fits, strict=True)]
+        own = list(as_fitted(members, again))
         own[index] = replace(own[index], searched=tested.spread, widths=tested.widths)
         return tuple(own), again
 

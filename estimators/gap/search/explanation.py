@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -49,6 +49,11 @@ class Member:
     def drawn(self) -> Drawn:
         """As the prior knows it."""
         return self.fit.candidate.effect.name, self.labels
+
+
+def as_fitted(members: Sequence[Member], refitted: Refit) -> tuple[Member, ...]:
+    """Members as they were fitted together."""
+    return tuple(replace(member, fit=fit) for member, fit in zip(members, refitted.fits, strict=True))
 
 
 @dataclass(frozen=True)
@@ -103,8 +108,7 @@ class Explanation:
             linear = each.linear
             held = np.where(linear.strength, linear.precision(linear.averaged[1]), 0.0)
             refitted = refit(each.fits, each.data, held=held)
-            members = tuple(replace(member, fit=fit) for member, fit in zip(each.members, refitted.fits, strict=True))
-            each = replace(each, members=members, refitted=refitted)
+            each = replace(each, members=as_fitted(each.members, refitted), refitted=refitted)
             if not each.linear.felt or each.linear.ahead < _THERE:
                 break
         return each

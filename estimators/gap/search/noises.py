@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.data.steps import Step
@@ -31,7 +32,9 @@ from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left
-from estimators.gap.search.explanation import Explanation, Member
+from estimators.gap.search.explanation import Explanation, Member, as_fitted
+
+Array = NDArray[np.float64]
 
 #: Log odds by which one more part of a floor must be better.
 _BETTER: Final = 1.0
@@ -73,16 +76,6 @@ class Noises:
     without: Sequence[str]
     at_rest: bool
 
-    def moved_under(self, given: Given, each: Explanation, common: FittedNoise) -> list[NoiseState]:
-        """The floor moved where there is noise that all channels share, taken as if each had that by itself.
-
-        Args:
-            given: state, and its scanner. each: explanation under it.
-        """
-        here = each.on(given[1].fine.data)
-        floors = self.floors_under(here, common.steps(here.data))
-        return [one.state for one in self._promised(given, each, here.data, here.linear, floors)]
-
     def beyond(self, given: Given, each: Explanation) -> list[Promise]:
         """States beyond a given one, beside an explanation under that."""
         data = given[1].fine.data
@@ -112,16 +105,23 @@ class Noises:
                 found += self._promised(one.given, one.explanation, here.data, here.linear, moved)
         return found
 
+    def moved_under(self, given: Given, each: Explanation, common: FittedNoise) -> list[NoiseState]:
+        """The floor moved where there is noise that all channels share, taken as if each had that by itself.
+
+        Args:
+            given: state, and its scanner. each: explanation under it.
+        """
+        here = each.on(given[1].fine.data)
+        floors = self.floors_under(here, common.steps(here.data))
+        return [one.state for one in self._promised(given, each, here.data, here.linear, floors)]
+
     def floors_under(self, here: Explanation, steps: Sequence[Step]) -> list[NoiseState]:
         """The floor moved, and one that goes on below what the poses at rest show, where further noise is known.
 
         Args:
             here: an explanation. steps: that whiten the noise beyond its data's.
         """
-        own = here.data.stepped(steps)
-        unexplained = here.data.residual - here.data.change([fit.effect for fit in here.fits])
-        lefts = left_of(own, Explained(own.absorbed, project(own.absorbed, own.whiten(unexplained))))
-        return self._floors(lefts)
+        return self._floors(_left_after(here.data, steps, _unexplained(here)))
 
     def again(self, every: Sequence[tuple[Given, Explanation]]) -> list[Promise]:
         """Floors, and noise without a name, beyond given states: beside explanations found under other ones.
@@ -150,8 +150,7 @@ class Noises:
             if less is None or less.log_mass <= one.log_mass:
                 break
             refitted = converged(less.explanation.fits, one.given[1].fine.data)
-            pairs = zip(less.explanation.members, refitted.fits, strict=True)
-            again = self._beside(one, tuple(replace(member, fit=fit) for member, fit in pairs), refitted)
+            again = self._beside(one, as_fitted(less.explanation.members, refitted), refitted)
             fresh = self._likeliest([again], name)
             if fresh is None or fresh.log_mass <= one.log_mass:
                 break
@@ -201,10 +200,8 @@ class Noises:
         found: list[Promise] = []
         state, here = given[0], each.on(given[1].fine.data)
         data, linear = here.data, here.linear
-        own, left = data, linear.left
-        unexplained = data.residual - data.change([fit.effect for fit in each.fits])
+        lefts, unexplained = left_of(data, Explained(data.absorbed, linear.left)), _unexplained(here)
         while True:
-            lefts = left_of(own, Explained(own.absorbed, left))
             parts = named(lefts, self.without, state)
             if found:
                 parts.append(refined(state, lefts))
@@ -214,8 +211,7 @@ class Noises:
                 break
             found.append(promised[likeliest])
             state = parts[likeliest]
-            own = data.stepped(state.steps[len(given[0].steps) :])
-            left = project(own.absorbed, own.whiten(unexplained))
+            lefts = _left_after(data, state.steps[len(given[0].steps) :], unexplained)
         return found
 
     def _promised(
@@ -231,6 +227,17 @@ class Noises:
             own = replace(state, log_weight=weight)
             found.append(Promise(under.averaged[0] + prior + weight, own, given, each, determinant))
         return found
+
+
+def _unexplained(here: Explanation) -> Array:
+    """(n, 6) [recorded unit] what an explanation leaves of the residual."""
+    return here.data.residual - here.data.change([fit.effect for fit in here.fits])
+
+
+def _left_after(data: WhitenedData, steps: Sequence[Step], unexplained: Array) -> list[Left]:
+    """What is left of each recording after further steps of whitening."""
+    own = data.stepped(steps)
+    return left_of(own, Explained(own.absorbed, project(own.absorbed, own.whiten(unexplained))))
 
 
 def _best(found: Sequence[Promise]) -> float:

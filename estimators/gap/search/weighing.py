@@ -172,10 +172,8 @@ class Weighing:
             leading = self.leading
             if (common := self._common()) is None:
                 return
-            steps = list(common.steps(data))
-            search = Search(
-                scanner.stepped(steps), self.candidates, self.prior, self.progress, given=tuple(leading.state.drawn)
-            )
+            below, given = scanner.stepped(common.steps(data)), tuple(leading.state.drawn)
+            search = Search(below, self.candidates, self.prior, self.progress, given=given)
             alone = self.hypotheses.get((leading.state.labels, floor.name, False, False))
             target = -np.inf if alone is None else leading.log_mass - alone.log_mass
             for each in search.run(leading.explanation.seeds, False, target)[:_BESIDE]:
