@@ -65,7 +65,6 @@ class Search:
     wide: bool = False
     found: dict[tuple[Key, bool], Explanation] = field(default_factory=dict)
     explained: dict[tuple[Key, bool, bool], Explained] = field(default_factory=dict)
-    nothing: dict[int, float] = field(default_factory=dict)
     improved: set[Key] = field(default_factory=set)
 
     @property
@@ -123,14 +122,13 @@ class Search:
 
     def fitted(self, members: Sequence[Member]) -> Explanation:
         """A set, fitted together on means over neighbouring samples where all its effects outlive these."""
-        smooth = all(member.fit.candidate.smooth for member in members)
-        return self._fitted(members, self.rough if smooth else self.data)
+        return self._fitted(members, self.rough if _smooth(members) else self.data)
 
     def _fitted(self, members: Sequence[Member], data: WhitenedData) -> Explanation:
         fine = data is self.data
         key = tuple(sorted(member.label for member in members)), fine
         if key not in self.found:
-            rough = self.rough if all(member.fit.candidate.smooth for member in members) else None
+            rough = self.rough if _smooth(members) else None
             refitted = converged([member.fit for member in members], data, rough)
             own = as_fitted(members, refitted)
             prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
@@ -197,7 +195,7 @@ class Search:
     def _left(self, parent: Explanation, data: WhitenedData) -> Explained:
         key = parent.key, parent.fine, data is self.data
         if key not in self.explained:
-            if data is self.data or all(member.fit.candidate.smooth for member in parent.members):
+            if data is self.data or _smooth(parent.members):
                 moved = data if not parent.members else data.around(parent.data.pipeline)
                 self.explained[key] = explained_by(parent.fits, moved)
             else:  # what needs single samples is not to be seen on means: it is summed up from these
@@ -209,7 +207,7 @@ class Search:
 
     def _member(self, group: Sequence[ScoreTest], parent: Explanation) -> Member:
         tested = group[0]
-        smooth = tested.candidate.smooth and all(member.fit.candidate.smooth for member in parent.members)
+        smooth = tested.candidate.smooth and _smooth(parent.members)
         scanner, labels = self._scanner(parent), tuple(each.candidate.label for each in group)
         look, data = (scanner.rough, self.rough) if smooth else (scanner.fine, self.data)
         return Member(started(tested, look.data, self._left(parent, data)), tested.spread, labels, tested.widths)
@@ -276,21 +274,28 @@ class Search:
                 self.fitted(members)
 
     def gained(self, each: Explanation) -> float:
-        """Log mass beyond that of the set without effects, on the same samples."""
-        own = self.data if each.fine else self.rough
-        if own.size not in self.nothing:
-            self.nothing[own.size] = self._fitted((), own).log_mass
-        return each.log_mass - self.nothing[own.size]
+        """Log mass beyond that of the set without effects, the same for all sets: as means over neighbouring samples
+        tell it, which is less than single samples do; what needs these counts for what it adds on them."""
+        smooth = tuple(member for member in each.members if member.fit.candidate.smooth)
+        rough = self.fitted(smooth)
+        own = rough.log_mass - self._fitted((), self.rough).log_mass
+        return own if len(smooth) == len(each.members) else own + each.log_mass - self.fine(smooth, rough).log_mass
 
     def _best(self) -> Explanation:
-        return max(list(self.found.values()), key=self.gained)  # which may fit the empty set
+        return self.ranked[0]
+
+    @property
+    def ranked(self) -> list[Explanation]:
+        """The sets as they were searched, those that lead first."""
+        found = [each for each in self.found.values() if each.fine != _smooth(each.members) or self.rough is self.data]
+        return sorted(found, key=lambda each: -self.gained(each))
 
     def _of_size(self, size: int) -> list[Explanation]:
-        return [each for each in self.found.values() if len(each.members) == size]
+        return [each for each in self.ranked if len(each.members) == size]
 
     def _refined(self) -> list[Explanation]:
         """The leading sets, fitted sample by sample."""
-        ranked = sorted(self.found.values(), key=lambda each: -self.gained(each))
+        ranked = self.ranked
         if self.rough is self.data:
             return ranked
         margin = _FAR + _ROUGHLY * max(self.gained(ranked[0]), 0.0)
@@ -350,6 +355,11 @@ class Search:
             moved = self.data.around(rough.data.pipeline)
             self.found[key] = replace(rough, data=moved, fine=True, refitted=None)
         return self.found[key]
+
+
+def _smooth(members: Sequence[Member]) -> bool:
+    """Whether all effects outlive means over neighbouring samples."""
+    return all(member.fit.candidate.smooth for member in members)
 
 
 def _without_one(members: Sequence[Member]) -> list[tuple[Member, ...]]:

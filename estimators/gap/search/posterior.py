@@ -159,7 +159,7 @@ def _far_from_it(work: Weighing, noises: Noises, each: Explanation) -> list[Expl
         scanner = work.scanner.stepped(raised(here.data, Explained(here.data.absorbed, here.linear.left)))
         search = Search(scanner, work.candidates, work.prior, work.progress, wide=True)
         found += search.run(each.seeds, deep=False)
-        leading = max(search.found.values(), key=search.gained)
+        leading = search.ranked[0]
         if leading.key == each.key:
             break
         each = leading
