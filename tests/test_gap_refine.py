@@ -237,6 +237,28 @@ def test_effects_that_nearly_do_the_same_are_judged_where_they_are_likeliest(arm
     assert likeliest.log_mass < true.log_mass
 
 
+def test_sets_are_compared_on_one_scale(arm: Arm) -> None:
+    """Single samples tell more of a backlash than means over neighbours do. A set that needs single samples counts for
+    what it adds on these: it is no further ahead of sets that are fitted on means than of their fits sample by sample.
+    """
+    data = whitened_data(1, arm, make_effect("backlash", {"where": "joint1", "width_rad": 0.05}))
+    labels = ("backlash@joint1", "harmonic_drive_error@joint6")
+    candidates = [next(each for each in all_candidates(data) if each.label == label) for label in labels]
+    assert [each.smooth for each in candidates] == [True, False]
+    search = Search(Scanner.of(data), candidates, set_prior(candidates, {}, data, {}))
+    assert search.rough.size < data.size
+    (members,) = (one for one in search.additions(search.fitted(()), 2) if one[0].label == labels[0])
+    lash = search.fitted(members)
+    wave = Fitted(candidates[1], np.array([3e-5, 0.5, 200.0]), {})
+    fine = search.fine(lash.members, lash)
+    assert search.gained(fine) == search.gained(lash)
+    both = search.fitted((*lash.members, Member(wave, 0.0, (labels[1],))))
+    assert both.fine
+    assert not lash.fine
+    assert search.gained(both) - search.gained(lash) == pytest.approx(both.log_mass - fine.log_mass, abs=1e-9)
+    assert fine.log_mass - search.fine(()).log_mass > search.gained(lash) + 1.0  # what the scales differ by
+
+
 def test_an_instant_is_moved_to_where_it_is_likeliest_beside_the_rest(arm: Arm) -> None:
     """A step that was found three readings early, beside nothing else."""
     data = whitened_data(1, arm, make_effect("bias_step", {"where": "mag2", "volts": 0.1, "at_s": 800.0}))

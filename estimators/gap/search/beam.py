@@ -110,7 +110,7 @@ class Search:
             if not deep and best.members and len(best.members) <= size:
                 break
             level = [each for each in level if self.gained(each) > self.gained(best) - _PROMISING]
-            if not level or (size >= _FOLLOWED and self.gained(level[0]) < target - _FAR):
+            if not level or (size >= _FOLLOWED and self._on_samples(level[0]) < target - _FAR):
                 break
         if deep or self.wide:
             self._improve(1 if self.wide else 3)
@@ -280,6 +280,10 @@ class Search:
         rough = self.fitted(smooth)
         own = rough.log_mass - self._fitted((), self.rough).log_mass
         return own if len(smooth) == len(each.members) else own + each.log_mass - self.fine(smooth, rough).log_mass
+
+    def _on_samples(self, each: Explanation) -> float:
+        """Log mass beyond that of the set without effects, sample by sample, to first order where it is not fitted."""
+        return self.fine(each.members, each).log_mass - self.fine(()).log_mass
 
     def _best(self) -> Explanation:
         return self.ranked[0]
