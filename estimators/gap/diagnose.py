@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.gap.data.basefit import posed, set_up
@@ -28,6 +27,7 @@ from estimators.gap.report.fitted_rig import FittedRig, judged
 from estimators.gap.report.remainder_test import remainder_p_value
 from estimators.gap.report.summary import conclude
 from estimators.gap.search.posterior import explain
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError, unknown_name
 from rig.pipeline import Pipeline
@@ -37,7 +37,6 @@ from rig.threads import one_blas_thread
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
 
 #: Where known causes leave less than this share of the defective readings, these are looked at anew.

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from estimators.gap.floor.channel_noise import ChannelNoise
+from rig.arrays import Array
 from rig.channels import COLUMNS_OF
-
-Array = NDArray[np.float64]
 
 #: Frequencies whose logarithms differ by less are added up.
 _ALIKE: Final = 0.03
