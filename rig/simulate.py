@@ -114,7 +114,12 @@ class Rig:
 
     def record(self, signals: Signals, rng: np.random.Generator, rate_Hz: float, name: str = "run") -> Recording:
         """From encoder angles or poses to a recording: the pipeline, sampling, noise and converter."""
-        kept = slice(None, None, self.acquisition.decimation)
+        decimation, count = self.acquisition.decimation, len(signals.t)
+        if 1 < count <= decimation:
+            raise RigError(
+                f"acquisition.decimation: found {decimation}, expected less than the maneuver's {count} samples"
+            )
+        kept = slice(None, None, decimation)
         logged = self._log(signals, rng)
         signals = sampled(self.pipeline.expected(signals, rng), kept)
         signals = replace(signals, volts=self.acquisition.add_noise(signals.volts, rng))
@@ -134,7 +139,7 @@ class Rig:
             metadata=Metadata(
                 gravity_m_s2=self.environment.gravity_m_s2,
                 magnetic_field=self.environment.magnetic_field,
-                rate_Hz=rate_Hz / self.acquisition.decimation,
+                rate_Hz=rate_Hz / decimation,
                 arm=self.arm.name if self.arm else "none",
                 accelerometer_reads=self.acquisition.accelerometer_reads,
             ),

@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.documents import read_json
 from rig.errors import RigError, one_line
 from rig.recording import Recording, RecordingScan, locked_beside, scan_recording
+from rig.recording.stuck import stuck_words
 
 _AT_AN_END: Final = 0.02  # of the samples at the least or greatest value are many
-#: Equal readings of all three axes in a row, more than which noise, at rest or not, does not make.
-_REPEATS: Final = 10
 _POSSIBLE_DEGC: Final = (-100.0, 300.0)  # of a board that works
 _G: Final = {"g": 1.0, "m_s2": 9.8}
 #: Columns that other readings of a log would be, and what to do with them.
@@ -91,20 +89,16 @@ def _findings(scan: RecordingScan, run: Recording) -> list[str]:
         found.append(f"a gap of {steps[row]:.4g} s after row {row}; the median step is {np.median(steps):.4g} s")
     if meta.rate_Hz and len(steps) and not 0.8 < meta.rate_Hz * float(np.median(steps)) < 1.25:
         found.append(f"rate_Hz says {meta.rate_Hz:g}, the times say {1.0 / float(np.median(steps)):.4g}")
+    found += stuck_words(run)
     for sensor, unit in run.units.items():
         values = run.readings(sensor)
         if unit in _G and not 0.5 < (size := float(np.median(np.linalg.norm(values, axis=1))) / _G[unit]) < 2.0:
             found.append(f"{sensor}: the median magnitude is {size:.3g} times that of gravity in {unit}: its unit?")
-        stuck = np.flatnonzero(values.std(axis=0) == 0.0)
-        found += [f"{sensor}: channel {channel + 1} never changes" for channel in stuck]
-        row, count = _longest_repeat(values)
-        if count > _REPEATS and not len(stuck):
-            found.append(f"{sensor}: {count} readings in a row are the same, from row {row} on (first row 0): stuck?")
         ends = ((values == values.min(axis=0)) | (values == values.max(axis=0))).mean(axis=0)
         found += [
             f"{sensor}: channel {channel + 1} is at an end of its range in {100 * share:.3g} % of the samples: clipped?"
             for channel, share in enumerate(ends)
-            if share > max(_AT_AN_END, 20 / len(run)) and channel not in stuck
+            if share > max(_AT_AN_END, 20 / len(run)) and np.ptp(values[:, channel]) > 0.0
         ]
     if (
         run.temperature is not None
@@ -115,15 +109,6 @@ def _findings(scan: RecordingScan, run: Recording) -> list[str]:
     if run.q is not None and np.abs(run.q).max() > 100.0 * np.pi and "deg" not in "".join(scan.table.names):
         found.append("joint angles beyond 50 turns: degrees under the name of radians?")
     return found
-
-
-def _longest_repeat(values: NDArray[np.float64]) -> tuple[int, int]:
-    """Where the longest run of equal rows of (n, 3) begins, and how many they are."""
-    changes = np.flatnonzero((np.diff(values, axis=0) != 0.0).any(axis=1)) + 1
-    starts = np.concatenate([[0], changes])
-    counts = np.diff(np.concatenate([starts, [len(values)]]))
-    longest = int(np.argmax(counts))
-    return int(starts[longest]), int(counts[longest])
 
 
 def _toml(path: Path) -> Checked:

@@ -27,6 +27,12 @@ ELAPSED: Final = (BLUE, SKY_BLUE, "#A8D08D", YELLOW)
 AXES_ON_DARK: Final = (SKY_BLUE, ORANGE, GREEN)
 AXES_ON_PAPER: Final = (BLUE, VERMILLION, GREEN)
 
+#: Signed values, from below zero to above.
+SIGNED: Final = (BLUE, SKY_BLUE, "#F2F2F2", ORANGE, VERMILLION)
+
+#: What is within expectation, behind lines.
+BAND: Final = "#E4E7EB"
+
 #: What the fields are drawn in.
 GRAVITY: Final = YELLOW
 MAGNETIC: Final = PURPLE
@@ -49,7 +55,7 @@ def ramp(values: ArrayLike, stops: tuple[str, ...]) -> Bytes:
 
 def signed(values: ArrayLike, limit: float) -> Bytes:
     """Colours (n, 3) of signed values (n,): blue at -limit, pale at zero, vermillion at +limit."""
-    return ramp(np.asarray(values, dtype=float) / (2.0 * limit) + 0.5, (BLUE, SKY_BLUE, "#F2F2F2", ORANGE, VERMILLION))
+    return ramp(np.asarray(values, dtype=float) / (2.0 * limit) + 0.5, SIGNED)
 
 
 def elapsed(share: ArrayLike) -> Bytes:

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from cli_support import SMALL, Rig
 
+import estimators
+from rig.effects import EFFECTS
 from rig.errors import RigError
 from rig.recording import read_recording
 from scenarios.causes import read_causes
@@ -259,9 +261,22 @@ def test_a_check_tells_of_stuck_readings_and_of_temperatures_that_cannot_be(here
     text = " ".join(rig("check", "stuck.csv").out.split())
     assert "accelerometer: 60 readings in a row are the same, from row 100 on (first row 0): stuck?" in text
     assert "temperature_degC goes from -400 to -400, expected -100 to 300" in text
+    told = estimators.diagnose("stuck.csv", without=[name for name in EFFECTS if name != "backlash"])
+    assert "accelerometer: 60 readings in a row are the same, from row 100 on (first row 0): stuck?" in told.warnings
 
 
 @pytest.mark.parametrize("option", ["--alarms", "--learn"])
 def test_what_watches_a_calibration_needs_one(here: Path, rig: Rig, option: str) -> None:
     line = rig.refused("live", "run.csv", "-o", "live.parquet", option, "5")
     assert line == f"rig: {option}: found without --calibration, expected the calibration to watch"
+
+
+def test_what_would_be_passed_over_is_refused(here: Path, rig: Rig) -> None:
+    line = rig.refused("bound", "small.toml", "--effects", "--method", "separate")
+    assert line == "rig: --method: found with --effects, which asks for no parameters, expected one of them"
+    line = rig.refused("import", "run.csv", "-o", "again.csv", "--base-frame", "table")
+    assert line == "rig: run.csv: no bag, expected one with the transforms of base_frame and tool_frame"
+    Path("few.toml").write_text(SMALL.replace("decimation = 10", "decimation = 10_000_000"))
+    assert "acquisition.decimation: found 10000000, expected less than the maneuver's" in rig.refused(
+        "sweep", "few.toml", "-o", "few.csv"
+    )

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import re
-from base64 import b64decode
-from io import BytesIO
+from itertools import pairwise
 from xml.etree import ElementTree
 
-import matplotlib.image
 import numpy as np
 import pytest
-from diagnosed_recordings import by_hand
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.stats import binom, chi2
 
 from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.effects import make_effect
-from scenarios.gap_report.charts import follow_bars, posterior_bar
-from scenarios.gap_report.curves import _frame, block_error, density, floor_density, named_density
+from scenarios.gap_report import html
+from scenarios.gap_report.curves import block_error, density, floor_density, label_decades, named_density
 from scenarios.gap_report.maps import Axis, cells, shape_of
-from scenarios.gap_report.svg import Drawing, Scale
+from scenarios.plots.inline_svg import inline_svg, page_panels
+from scenarios.plots.style import style
 
 #: Two readings of the same voltage differ by the converter's rounding: sqrt(2) 1.2207 mV / sqrt(12).
 ROUNDING_V = np.sqrt(2.0 / 12.0) * 20.0 / 2**14
@@ -67,11 +66,8 @@ def map_axes(count: int, rng: np.random.Generator) -> tuple[Axis, Axis]:
 def test_maps_show_a_mean_in_its_standard_errors_and_empty_cells_as_nothing() -> None:
     across = Axis("q6", "deg", np.array([0.1, 0.1, 0.9, 0.9, 0.9]), ())
     up = Axis("q5", "deg", np.array([0.9, 0.9, 0.1, 0.1, 0.1]), ())
-    pixels = cells(np.array([-2.0, -2.0, 0.0, 2.0, 2.0]), across, up, (2, 2))
-    assert pixels.shape == (2, 2, 4)
-    assert pixels[..., 3].tolist() == [[255, 0], [0, 255]]
-    assert pixels[0, 0, 2] > pixels[0, 0, 0]  # above and left: below zero is blue
-    assert pixels[1, 1, 0] > pixels[1, 1, 2]  # above zero is red, and the reading left out (zero) does not count
+    scores = cells(np.array([-2.0, -2.0, 0.0, 2.0, 2.0]), across, up, (2, 2))  # what is left out is zero
+    np.testing.assert_allclose(scores, [[-2.0 * np.sqrt(2.0), np.nan], [np.nan, 2.0 * np.sqrt(2.0)]], rtol=1e-15)
 
 
 def test_noise_alone_leaves_maps_within_two_standard_errors() -> None:
@@ -87,56 +83,49 @@ def test_noise_alone_leaves_maps_within_two_standard_errors() -> None:
     inside = int((np.abs(score) < 1.96).sum())
     assert binom.cdf(inside, len(score), 0.95) > 1e-6
     assert binom.sf(inside, len(score), 0.95) > 1e-6
-    pixels = cells(white, horizontal, vertical, (down, across)).reshape(-1, 4).astype(int)
-    redder = pixels[:, 0] > pixels[:, 2]
-    assert (redder == (score > 0)).mean() > 0.97  # the palest cells are as red as blue
+    np.testing.assert_allclose(cells(white, horizontal, vertical, (down, across)).ravel(), score, rtol=1e-12)
 
 
-def test_pixels_survive_in_a_drawing() -> None:
-    pixels = np.random.default_rng(3).integers(0, 256, (5, 7, 4), dtype=np.uint8)
-    drawing = Drawing(70.0, 50.0, "pixels")
-    drawing.image(0.0, 0.0, 70.0, 50.0, pixels)
-    data = str(drawing).partition("data:image/png;base64,")[2].partition('"')[0]
-    read = matplotlib.image.imread(BytesIO(b64decode(data)), format="png")
-    np.testing.assert_array_equal(np.round(255 * read).astype(np.uint8), pixels)
-
-
-def test_scales_place_and_tick() -> None:
-    linear = Scale(0.0, 13.4, 100.0, 234.0)
-    assert linear.at(6.7) == pytest.approx(167.0)
-    assert linear.ticks() == [0.0, 5.0, 10.0]
-    log = Scale(0.03, 40.0, 0.0, 10.0, log=True)
-    assert log.ticks() == [0.1, 1.0, 10.0]
-    assert log.at(np.sqrt(0.03 * 40.0)) == pytest.approx(5.0)
-
-
-def test_a_drawing_escapes_its_words_and_breaks_lines_at_gaps() -> None:
-    drawing = Drawing(10, 10, 'a "label" <b>')
-    drawing.text(1, 2, "a < b & c")
-    drawing.path(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, np.nan, 1.0, 2.0]), "line")
-    root = ElementTree.fromstring(str(drawing))
+def test_a_figure_of_a_page_escapes_its_words_and_is_the_same_every_time() -> None:
+    drawings = []
+    for _ in range(2):
+        with style():
+            figure, panels = page_panels((300.0, 150.0), 1, 2, (60.0, 5.0, 20.0, 40.0), (10.0, 0.0))
+            for panel in panels.flat:
+                panel.plot([0.0, 1.0], [2.0, 1.0])
+                panel.set_xlabel("a < b & c z Q")
+        drawings.append(inline_svg(figure, 'a "label" <b>'))
+    assert drawings[0] == drawings[1]
+    root = ElementTree.fromstring(drawings[0])
     assert root.attrib["aria-label"] == 'a "label" <b>'
-    assert root[0].text == "a < b & c"
-    assert root[1].attrib["d"] == "M0 0M2 1L3 2"
+    assert [each.text for each in root.iter() if each.tag.endswith("}text")].count("a < b & c z Q") == 2
+    assert root.attrib["width"] == "225pt"  # 300 pixels
 
 
-def test_names_of_bars_do_not_hang_over_the_left_edge() -> None:
-    names = (
-        "the direction and angle of joint7",
-        "speed and acceleration of joint7",
-        "the angle of joint7, once a turn",
+def test_drawings_of_a_page_share_no_names_and_find_their_own() -> None:
+    with style():
+        figure, panels = page_panels((300.0, 150.0), 1, 1, (60.0, 5.0, 20.0, 40.0))
+        panels[0, 0].plot([0.0, 1.0], [2.0, 1.0])
+    text = html.document("two alike", [inline_svg(figure, "one"), inline_svg(figure, "one")])
+    first, second = (
+        (set(re.findall(r' id="([^"]*)"', drawing)), set(re.findall(r'(?:href="#|url\(#)([^")]*)', drawing)))
+        for drawing in re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)
     )
-    drawings = [follow_bars([{"variable": name, "share": 0.5} for name in names]), posterior_bar(by_hand())]
-    for x, words in re.findall(
-        r'<text x="([^"]*)" y="[^"]*" class="name" text-anchor="end">([^<]*)<', "".join(drawings)
-    ):
-        assert float(x) > 7.0 * len(words)  # 13 pixels high, DejaVu Sans' letters are 6.6 wide in the mean
+    assert first[0] >= first[1] > set()
+    assert second[0] >= second[1] > set()
+    assert not first[0] & second[0]
 
 
-@pytest.mark.parametrize("high", [10.0, 1e3, 1e5, 1e9])
+@pytest.mark.parametrize("high", [1.0, 10.0, 1e3, 1e5, 1e9])
 def test_the_values_beside_a_spectrum_keep_apart(high: float) -> None:
-    drawing, y = Drawing(300, 140, "a panel"), Scale(0.8, high, 120.0, 0.0, log=True)
-    _frame(drawing, Scale(0.001, 2.0, 40.0, 298.0, log=True), y)
-    at = sorted(float(each) for each in re.findall(r'y="([\d.]+)" class="tick" text-anchor="end"', str(drawing)))
-    assert len(at) >= 2
-    assert min(np.diff(at)) >= 11.5  # the height of a tick's letters
+    with style():
+        figure, panels = page_panels((300.0, 186.0), 1, 1, (66.0, 12.0, 24.0, 42.0))
+        panels[0, 0].plot([1e-3, 2.0], [0.8, high])
+        label_decades(panels[0, 0])
+        FigureCanvasAgg(figure).draw()
+        low, top = panels[0, 0].get_ylim()
+        places = [
+            tick.get_window_extent() for tick in panels[0, 0].get_yticklabels() if low <= tick.get_position()[1] <= top
+        ]
+    assert len(places) >= 2
+    assert all(below.y1 < above.y0 for below, above in pairwise(places))

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.gap.data.basefit import posed, set_up
@@ -28,16 +27,17 @@ from estimators.gap.report.fitted_rig import FittedRig, judged
 from estimators.gap.report.remainder_test import remainder_p_value
 from estimators.gap.report.summary import conclude
 from estimators.gap.search.posterior import explain
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError, unknown_name
 from rig.pipeline import Pipeline
 from rig.recording import Recording, read_recording
+from rig.recording.stuck import stuck_words
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
 
 #: Where known causes leave less than this share of the defective readings, these are looked at anew.
@@ -158,6 +158,9 @@ def examined(
         unmodelled = [[defect for defect in own if not fitted.has(defect)] for own in defects]
     readings = [[*own, *tones] for own, (tones, _) in zip(unmodelled, found, strict=True)]
     result, effects = conclude(laid.recordings, clean, posterior, readings, without, laid.floors, laid.sources)
+    several = len(laid.recordings) > 1
+    stuck = [f"{run.name}: " * several + words for run in laid.recordings for words in stuck_words(run)]
+    result = replace(result, warnings=(*result.warnings, *stuck))
     if rig is not None:
         p_value = remainder_p_value(posterior, rig.std_of(Kind.MEAN)) if laid.at_rest else None
         verdict = judged(rig, laid.recordings[0], result, ideal, laid.data[0], defects[0], p_value)

@@ -9,14 +9,12 @@ from typing import Final
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
 from rig.arm import Arm
 from rig.arm.rotation_map import moving_joints
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 #: The torque is affine in the cosine and sine of each joint: three angles a joint determine it.
 _NODES: Final = 2.0 * np.pi / 3.0 * np.arange(3)

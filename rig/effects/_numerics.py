@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.linalg.lapack import dgtsv, dtbtrs
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Span [s] of the parabola that is fitted to a path for its curvature: at 100 Hz a path known to 0.1 mm gives
 #: 0.07 m/s^2, and motions up to 2 Hz keep 97 % of their acceleration.

@@ -12,8 +12,8 @@ from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects.parameters import Parameter, Value, choices_of, parameters_of
 from rig.effects.readings import Finding, Readings
@@ -25,9 +25,6 @@ from rig.units import ELECTRICAL
 if TYPE_CHECKING:
     from rig.arm import Arm
     from rig.pipeline import Pipeline
-
-
-Array = NDArray[np.float64]
 
 
 class Stage(IntEnum):

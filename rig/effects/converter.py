@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammainc, ndtr
 from typing_extensions import override
 
+from rig.arrays import Array, Mask
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.electronic import mid_scale
@@ -21,9 +21,6 @@ from rig.effects.parameters import parameter
 from rig.effects.readings import Finding, Readings
 from rig.effects.tails import as_rare_as, beside_neighbours, limit, log_tail, tails_of
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: A level that no reading reaches, whatever its unit.
 _OUT_OF_REACH: Final = 1e12

@@ -6,17 +6,15 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
+from rig.arrays import Array
 from rig.channels import CHANNELS, SENSORS
 from rig.effects.base import Effect, Stage, register
 from rig.effects.geometry import instants
 from rig.effects.parameters import Value, parameter
 from rig.effects.sensor import with_inputs
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 #: Temperature [degC] at which data sheets state sensitivity and offset.
 REFERENCE_TEMPERATURE: Final = 25.0

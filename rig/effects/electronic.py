@@ -7,17 +7,15 @@ from typing import Final
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebval
-from numpy.typing import NDArray
 from typing_extensions import override
 
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects.base import Effect, Stage, register
 from rig.effects.drift import with_volts
 from rig.effects.parameters import choice, frequency, parameter
 from rig.errors import RigError
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 #: The sensors' output range [V], and how far beyond it readings may stray.
 _RANGE, _STRAY = (0.0, 5.0), 0.5

@@ -6,17 +6,15 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
+from rig.arrays import Array
 from rig.channels import COLUMNS_OF, MAGNETOMETER
 from rig.effects._numerics import times
 from rig.effects.base import LINKS, SWEPT_JOINTS, Effect, Stage, register
 from rig.effects.parameters import Value, parameter
 from rig.effects.transmission import smooth_sign
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 #: A dipole is searched on a grid of this step, so far around the sensor's path, and no nearer to it than this [m].
 DIPOLE_STEP, DIPOLE_REACH, DIPOLE_CLEARANCE = 0.25, 0.4, 0.1

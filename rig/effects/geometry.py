@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
+from rig.arrays import Array
 from rig.effects._numerics import times, turned
 from rig.effects.base import Effect, Stage, register
 from rig.effects.parameters import Value, parameter
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 _PARALLEL = 1e-6  # sine of the angle between axes that count as parallel
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 from typing_extensions import override
 
+from rig.arrays import Array
 from rig.effects._numerics import exponential_spectrum, gauss_markov, turned
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.parameters import parameter
@@ -20,7 +20,6 @@ from rig.signals import Signals
 if TYPE_CHECKING:
     from rig.pipeline import Pipeline
 
-Array = NDArray[np.float64]
 
 #: Turn [rad] by which the readings' response to a turn of the tool is taken.
 _TURN = 1e-6

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
+from rig.arrays import Array
 from rig.channels import CHANNELS, SENSORS
 from rig.effects._numerics import exponential_spectrum, gauss_markov
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.drift import with_volts
 from rig.effects.parameters import parameter
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 
 @register

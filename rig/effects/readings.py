@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.arrays import Array
+
 if TYPE_CHECKING:
     from rig.effects.base import Effect
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

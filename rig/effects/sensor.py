@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
+from rig.arrays import Array
 from rig.channels import CHANNELS, SENSORS
 from rig.effects._numerics import low_passed, play
 from rig.effects.base import Effect, Stage, register
 from rig.effects.parameters import parameter
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 
 def with_inputs(signals: Signals, columns: slice, values: Array) -> Signals:

@@ -7,10 +7,9 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy.special import gammaln, log_ndtr, ndtr, ndtri, stdtr, stdtrit
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Degrees of freedom that are tried; more is as good as normal.
 _DEGREES: Final = (2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0, 16.0, 24.0)

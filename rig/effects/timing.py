@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
+from rig.arrays import Array
 from rig.channels import SENSORS
 from rig.effects._numerics import shifted
 from rig.effects.base import Effect, Kind, Stage, register
@@ -17,8 +17,6 @@ from rig.signals import Signals
 
 if TYPE_CHECKING:
     from rig.pipeline import Pipeline
-
-Array = NDArray[np.float64]
 
 
 @register

@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
+from rig.arrays import Array
 from rig.effects._gravity import is_loaded, relative_gravity_torque
 from rig.effects._numerics import play
 from rig.effects.base import JOINTS, SWEPT_JOINTS, Effect, Stage, register
 from rig.effects.parameters import parameter, phase
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 #: Half-width [rad/s] of the smooth sign: below the sweep's slowest joint (0.013 rad/s), above an encoder's jitter
 #: (31 urad in 0.25 s).

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rig.errors import RigError
 from scenarios.cli._options import (
     PATH,
     Choice,
@@ -29,8 +30,7 @@ if TYPE_CHECKING:
 @click.option(
     "--method",
     type=Choice(("simultaneous", "separate")),
-    default="simultaneous",
-    help="One field for all axes, or one each.",
+    help="One field for all axes, or one each; simultaneous by default.",
 )
 @click.option("--effects", is_flag=True, help="Which effects it can show and tell apart, instead of the parameters.")
 @arm_options
@@ -61,6 +61,8 @@ def bound(
       rig bound ann-arbor --effects -o effects.png
       rig bound ann-arbor --arm ur5e.urdf --maneuver static-poses
     """
+    if effects and method is not None:
+        raise RigError("--method: found with --effects, which asks for no parameters, expected one of them")
     check_picture(output, Path(scenario), arm_file)
     from scenarios.bound import bound_of
     from scenarios.loader import load
@@ -71,7 +73,7 @@ def bound(
         return
     from scenarios.terminal.bound import bound_report
 
-    found = bound_of(chosen, method)
+    found = bound_of(chosen, method or "simultaneous")
     if output is not None:
         from scenarios.plots import save
         from scenarios.plots.bound import bound_figure

@@ -203,6 +203,7 @@ def _plan(source: str, given: dict[str, Any]) -> Plan:
     for name in ("alarms", "learn"):
         if known is None and given[name] is not None:
             raise RigError(f"--{name}: found without --calibration, expected the calibration to watch")
+    watched = {"alarms_a_day": given["alarms"], "learn_s": given["learn"]}
     return Plan(
         Options(
             to=_share(given["to"]),
@@ -216,8 +217,7 @@ def _plan(source: str, given: dict[str, Any]) -> Plan:
         not given["keep_going"],
         idle,
         given["seconds"],
-        1.0 if given["alarms"] is None else given["alarms"],
-        60.0 if given["learn"] is None else given["learn"],
+        **{name: value for name, value in watched.items() if value is not None},
     )
 
 

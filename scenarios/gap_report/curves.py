@@ -3,71 +3,75 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullLocator
 
 from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.arrays import Array, Rows
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
+from scenarios.colours import BAND, BLACK, BLUE, GREY, VERMILLION
 from scenarios.gap_report.residuals import GapResiduals
-from scenarios.gap_report.svg import Drawing, Scale
+from scenarios.plots.inline_svg import inline_svg, page_panels
+from scenarios.plots.style import style
 from scenarios.shown_units import shown_units
 
-_WIDTH: Final = 1000.0
 _BANDS: Final = 90
 _BLOCKS: Final = 160
-#: Of a panel's decades: up to so many there is room for 1, 2 and 5 of each, and from so many on not for each.
+#: Up to so many decades there is room for 1, 2 and 5 of each.
 _CLOSE: Final = 3.0
-_FAR: Final = 10.0
+_LINES: Final[dict[str, dict[str, Any]]] = {
+    "before": {"color": VERMILLION},
+    "after": {"color": BLUE},
+    "named": {"color": BLUE, "linestyle": ":", "linewidth": 1.4},
+    "floor": {"color": BLACK, "linestyle": "--"},
+}
 
 
 def spectrum(residuals: GapResiduals) -> str:
     """Amplitude density of each channel's residual before and after, and of its floor; three panels a row."""
-    columns = residuals.data.columns
-    rows = (len(columns) + 2) // 3
-    drawing = Drawing(
-        _WIDTH, 178.0 * rows + 10, "amplitude density of the residuals before and after, and of the floor"
-    )
-    interval = residuals.data.interval_s
+    columns, interval = residuals.data.columns, residuals.data.interval_s
     shown = shown_units(residuals.recording.units)
-    for number, column in enumerate(columns):
-        left, top = 56 + 326.0 * (number % 3), 22 + 178.0 * (number // 3)
-        unit = shown[CHANNELS[column]]
-        frequency, before = density(residuals.before[:, column], interval)
-        lines = [(before, "line-before")]
-        if residuals.after is not None:
-            after = np.where(residuals.left_out[:, column], 0.0, residuals.after[:, column])
-            lines.append((density(after, interval)[1], "line-after"))
-        floor = floor_density(residuals.floor[column], frequency, interval)
-        named = floor + named_density(residuals.causes, column, frequency, interval)
-        if np.any(named != floor):
-            lines.append((named, "line-named"))
-        lines.append((floor, "line-floor"))
-        values = unit.factor * np.sqrt(np.concatenate([line for line, _ in lines]))
-        low, high = float(values[values > 0].min()), float(values.max())
-        x = Scale(float(frequency[0]), float(frequency[-1]), left, left + 258, log=True)
-        y = Scale(0.8 * low, 1.25 * max(high, 1.5 * low), top + 120, top, log=True)
-        _frame(drawing, x, y)
-        drawing.text(left, top - 8, CHANNELS[column], "panel")
-        for line, css in lines:
-            drawing.path(x(frequency), y(unit.factor * np.sqrt(np.maximum(line, 1e-300))), css)
-        drawing.text(left + 258, top - 8, f"{unit.name}/√Hz", "tick", "end")
-        drawing.text(left + 258, top + 149, "Hz", "tick", "end")
-    return str(drawing)
+    with style():
+        rows = (len(columns) + 2) // 3
+        figure, axes = page_panels((1000.0, 186.0 * rows), rows, 3, (66.0, 12.0, 24.0, 42.0), (76.0, 66.0))
+        for axis, column in zip(axes.flat, columns, strict=True):
+            unit = shown[CHANNELS[column]]
+            frequency, before = density(residuals.before[:, column], interval)
+            lines = {"before": before}
+            if residuals.after is not None:
+                after = np.where(residuals.left_out[:, column], 0.0, residuals.after[:, column])
+                lines["after"] = density(after, interval)[1]
+            floor = floor_density(residuals.floor[column], frequency, interval)
+            named = floor + named_density(residuals.causes, column, frequency, interval)
+            if np.any(named != floor):
+                lines["named"] = named
+            for name, line in (lines | {"floor": floor}).items():
+                axis.plot(frequency, unit.factor * np.sqrt(np.where(line > 0.0, line, np.nan)), **_LINES[name])
+            axis.margins(x=0.0)
+            label_decades(axis)
+            axis.set_title(CHANNELS[column], weight="bold")
+            axis.set_ylabel(f"{unit.name}/√Hz")
+            axis.set_xlabel("frequency [Hz]")
+    return inline_svg(figure, "amplitude density of the residuals before and after, and of the floor")
 
 
-def _frame(drawing: Drawing, x: Scale, y: Scale) -> None:
-    decades = np.log10(y.high / y.low)
-    factors = (1.0, 2.0, 5.0) if decades <= _CLOSE else (1.0,)
-    values = [tick * factor for tick in (*y.ticks(), *(t / 10.0 for t in y.ticks()[:1])) for factor in factors]
-    values = values[:: 1 + int(decades // _FAR)]
-    inside = sorted({value for value in values if y.low <= value <= y.high})
-    for value in inside:
-        drawing.line(x.start, y.at(value), x.end, y.at(value), "grid")
-    drawing.y_axis(y, x.start, inside)
-    drawing.x_axis(x, y.start)
+def label_decades(axis: Axes) -> None:
+    """Logarithmic scales of what is drawn, with round values that keep apart, and nothing between them."""
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    low, high = axis.get_ylim()
+    if high < 5.0 * low:  # so that two round values are among them
+        low, high = (np.sqrt(low * high) * factor for factor in (0.44, 2.3))
+        axis.set_ylim(low, high)
+    close = np.log10(high / low) <= _CLOSE
+    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if close else (1.0,), numticks=8))
+    for each in (axis.xaxis, axis.yaxis):
+        each.set_major_formatter("{x:g}")
+        each.set_minor_locator(NullLocator())
 
 
 def density(values: Array, interval_s: float) -> tuple[Array, Array]:
@@ -105,35 +109,37 @@ def named_density(causes: Sequence[Effect], column: int, frequency: Array, inter
 
 def over_time(residuals: GapResiduals) -> str:
     """Block means of each channel's residual, before and after, in the band of two standard errors of the floor."""
-    columns = residuals.data.columns
-    row = 74.0
-    drawing = Drawing(_WIDTH, row * len(columns) + 28, "residuals in time, as means of blocks, before and after")
-    t = residuals.recording.t
+    columns, t = residuals.data.columns, residuals.recording.t
     shown = shown_units(residuals.recording.units)
     blocks = np.array_split(np.arange(len(t)), _block_count(residuals))
     middle = np.array([t[block].mean() for block in blocks])
-    x = Scale(float(t[0]), float(t[-1]), 92, _WIDTH - 46)
-    for number, column in enumerate(columns):
-        unit = shown[CHANNELS[column]]
-        top = row * number
-        lines = [(residuals.before[:, column], "line-before")]
-        if residuals.after is not None:
-            lines.append((np.where(residuals.left_out[:, column], np.nan, residuals.after[:, column]), "line-after"))
-        means = [(unit.factor * _block_means(values, blocks), css) for values, css in lines]
-        band = 2.0 * unit.factor * block_error(residuals.floor[column], len(blocks[0]), residuals.data.interval_s)
-        reach = 1.1 * max(2.0 * band, *(float(np.nanmax(np.abs(values))) for values, _ in means))
-        y = Scale(-reach, reach, top + row - 8, top + 4)
-        drawing.rect(x.start, y.at(band), x.end - x.start, y.at(-band) - y.at(band), "band")
-        drawing.line(x.start, y.at(0.0), x.end, y.at(0.0), "axis")
-        for values, css in means:
-            drawing.path(x(middle), y(values), css)
-        tick = float(f"{0.7 * reach:.1g}")
-        drawing.y_axis(y, x.start, (-tick, 0.0, tick))
-        drawing.text(x.start - 48, y.at(0.0) + 4, CHANNELS[column], "name", "end")
-        drawing.text(_WIDTH - 40, y.at(0.0) + 4, unit.name, "tick")
-    drawing.x_axis(x, row * len(columns))
-    drawing.text(_WIDTH - 40, row * len(columns) + 15, "s", "tick")
-    return str(drawing)
+    with style():
+        size = 1000.0, 74.0 * len(columns) + 48.0
+        figure, panels = page_panels(size, len(columns), 1, (106.0, 12.0, 4.0, 44.0), (0.0, 10.0), sharex=True)
+        axes = panels[:, 0]
+        for axis, column in zip(axes, columns, strict=True):
+            unit = shown[CHANNELS[column]]
+            band = 2.0 * unit.factor * block_error(residuals.floor[column], len(blocks[0]), residuals.data.interval_s)
+            axis.axhspan(-band, band, color=BAND, linewidth=0)
+            axis.axhline(0.0, color=GREY, linewidth=0.7)
+            lines = {"before": residuals.before[:, column]}
+            if residuals.after is not None:
+                lines["after"] = np.where(residuals.left_out[:, column], np.nan, residuals.after[:, column])
+            means = {name: unit.factor * _block_means(values, blocks) for name, values in lines.items()}
+            for name, values in means.items():
+                axis.plot(middle, values, **_LINES[name])
+            reach = 1.1 * max(2.0 * band, *(float(np.nanmax(np.abs(values))) for values in means.values()))
+            axis.set_ylim(-reach, reach)
+            tick = float(f"{0.7 * reach:.1g}")
+            axis.set_yticks((-tick, 0.0, tick))
+            axis.yaxis.set_major_formatter("{x:g}")
+            axis.set_ylabel(f"{CHANNELS[column]}\n[{unit.name}]", rotation="horizontal", ha="right", va="center")
+            axis.grid(visible=False)
+            axis.spines["bottom"].set_visible(axis is axes[-1])
+            axis.tick_params("x", length=3.5 if axis is axes[-1] else 0.0)
+        axes[-1].set_xlim(t[0], t[-1])
+        axes[-1].set_xlabel("time [s]")
+    return inline_svg(figure, "residuals in time, as means of blocks, before and after")
 
 
 def _block_count(residuals: GapResiduals) -> int:

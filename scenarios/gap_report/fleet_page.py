@@ -20,15 +20,10 @@ from rig.files import made_folder, write_text
 from scenarios.diagnosing.fleet import Entry, History, fleet_csv, fleet_json, histories, in_order
 from scenarios.gap_report import html
 from scenarios.gap_report.own_names import in_own_names
-from scenarios.gap_report.svg import Drawing
 from scenarios.gap_report.words import VERDICTS, alike_words, cause_title, cause_words, closed_words
 from scenarios.terminal.tables import table
 
-#: A recording in the picture is so wide [px], or narrower where they are many.
-_CELL: Final = 22.0
-_ROW: Final = 24.0
-_LEFT, _WIDTH = 330.0, 1000.0
-_SIGNS: Final = {"found": "k-found", "absent": "k-absent", "open": "k-open"}
+_SIGN: Final = '<i class="k-{0}" title="{0}" aria-label="{0}" role="img"></i>'
 
 
 def fleet_page(entries: Sequence[Entry]) -> str:
@@ -113,18 +108,11 @@ def _since(told: Sequence[History]) -> str:
 
 
 def _picture(told: Sequence[History]) -> str:
-    longest = max(len(each.seen) for each in told)
-    cell = min(_CELL, (_WIDTH - _LEFT) / longest)
-    drawing = Drawing(_WIDTH, _ROW * len(told) + 6, "every cause of every arm, recording by recording")
-    for row, each in enumerate(told):
-        y = _ROW * row
-        words = f"{each.arm}: {_title(each)}"
-        drawing.text(0, y + 15, words if len(words) <= 52 else f"{words[:51]}…")
-        for place, seen in enumerate(each.seen):
-            drawing.rect(_LEFT + cell * place + 0.5, y + 4, cell - min(2.0, 0.2 * cell), 14, _SIGNS[seen])
+    rows = [(escape(f"{each.arm}: {_title(each)}"), "".join(map(_SIGN.format, each.seen))) for each in told]
+    boxes = html.table(("arm and cause", "its recordings, from the first one on"), rows)
     signs = html.key([("found", "found"), ("looked for and not found", "absent"), ("could not tell", "open")])
     return html.figure(
-        f"{drawing}{signs}",
+        f'<div class="fleet">{boxes}</div>{signs}',
         "One box a recording of the arm, from its first one on. A cause has been found where its probability is .5 or "
         "more; a recording with something unexplained does not say that a cause is not there.",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
+from itertools import count
 from pathlib import Path
 from typing import Final
 
@@ -18,15 +19,26 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 def document(title: str, parts: Iterable[str]) -> str:
     """An HTML file with the pages' style, of what stands in it."""
+    body = _own_names("\n".join(part for part in parts if part))
     style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n<main>\n"
-        + "\n".join(part for part in parts if part)
-        + "\n</main>\n</body>\n</html>\n"
+        f"{body}\n</main>\n</body>\n</html>\n"
     )
+
+
+def _own_names(body: str) -> str:
+    """What drawings refer to gets a name that no other drawing has: alike parts of two have the same."""
+    number = count(1)
+
+    def own(drawing: re.Match[str]) -> str:
+        mark = f"d{next(number)}-"
+        return re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{mark}", drawing[0])
+
+    return re.sub(r"<svg.*?</svg>", own, body, flags=re.DOTALL)
 
 
 def tiles(items: Iterable[tuple[str, str, str]]) -> str:
@@ -57,6 +69,22 @@ def figure(drawing: str, caption: str = "", wide: bool = False) -> str:
     words = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
     kind = ' class="wide"' if wide else ""
     return f"<figure{kind}>{drawing}{words}</figure>"
+
+
+def bar(words: str, told: str, share: float, css: str, ends: tuple[float, float] | None = None) -> str:
+    """A share of one as a bar below its words and its value; ``ends``: of its interval."""
+    left, right = (100.0 * min(max(each, 0.0), 1.0) for each in ends or (0.0, 0.0))
+    whisker = f'<i style="left:{left:.1f}%;width:{right - left:.1f}%"></i>' if ends else ""
+    width = 100.0 * min(max(share, 0.0), 1.0)
+    return (
+        f"<dt>{escape(words)}</dt><dd>{escape(told)}</dd>"
+        f'<dd class="bar"><b class="{css}" style="width:{width:.1f}%"></b>{whisker}</dd>'
+    )
+
+
+def bars(made: Iterable[str], label: str) -> str:
+    """Bars below each other; they are as wide as the screen lets them be."""
+    return f'<dl class="bars" aria-label="{escape(label)}">{"".join(made)}</dl>'
 
 
 def key(items: Iterable[tuple[str, str]]) -> str:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.colors import LinearSegmentedColormap
 
 from rig.arrays import Array, Rows
 from rig.channels import CHANNELS
-from scenarios.colours import signed
+from scenarios.colours import BLUE, GREY, SIGNED, VERMILLION
 from scenarios.gap_report.residuals import GapResiduals
-from scenarios.gap_report.svg import Drawing, Scale, tick_label
-
-Pixels = NDArray[np.uint8]
+from scenarios.plots.inline_svg import inline_svg, page_panels
+from scenarios.plots.style import style
 
 #: A cell's mean is shown in its standard errors, up to so many.
 LIMIT: Final = 4.0
@@ -24,7 +23,14 @@ _LEAST: Final = (10, 6)
 _FILLED: Final = 0.85  # a map with more empty cells is drawn coarser
 _STILL_RAD: Final = 0.05
 _TURNS: Final = 1.5  # a joint that spans more than so many turns is shown within one
-_EMPTY: Final = (255, 255, 255, 0)
+_SHOWN: Final[dict[str, Any]] = {
+    "cmap": LinearSegmentedColormap.from_list("signed", SIGNED),
+    "vmin": -LIMIT,
+    "vmax": LIMIT,
+    "extent": (0.0, 1.0, 0.0, 1.0),
+    "aspect": "auto",
+    "interpolation": "none",
+}
 
 
 @dataclass(frozen=True)
@@ -52,49 +58,40 @@ class Axis:
 
 def maps(residuals: GapResiduals) -> str:
     """A row a channel: the first pair of axes before and after, then the second pair."""
-    pairs = axis_pairs(residuals)
-    columns = residuals.data.columns
-    sides = {"before": residuals.white_before}
+    sides = [("before", residuals.white_before, VERMILLION)]
     if residuals.white_after is not None:
-        sides["after"] = residuals.white_after
-    width, height, pitch, left, top = (206.0 if len(sides) > 1 else 424.0), 84.0, 100.0, 92.0, 40.0
-    drawing = Drawing(1000, top + pitch * len(columns) + 66, "maps of the whitened residual, before and after")
-    for group, (horizontal, vertical) in enumerate(pairs):
-        shape = shape_of(horizontal, vertical)
-        for side, (when, white) in enumerate(sides.items()):
-            x = left + (width + 12.0) * (group * len(sides) + side) + 36.0 * group
-            if side == 0:
-                drawing.text(x, 14, f"across: {horizontal.title}; up: {vertical.title}", "panel")
-            drawing.text(x, 32, when if len(sides) > 1 else "residual", f"when-{when}")
-            for number, column in enumerate(columns):
-                y = top + pitch * number
-                drawing.image(x, y, width, height, cells(white[:, column], horizontal, vertical, shape))
-                drawing.rect(x, y, width, height, "frame")
-                if vertical.folded:
-                    drawing.line(x, y + height / 2, x + width, y + height / 2, "fold")
-                if horizontal.folded:
-                    drawing.line(x + width / 2, y, x + width / 2, y + height, "fold")
-                if side == 0:
-                    for at, label in vertical.ticks:
-                        drawing.text(x - 4, y + height * (1 - at) + 8 * at, label, "small", "end")
-            for at, label in horizontal.ticks:
-                anchor = {0.0: "start", 1.0: "end"}.get(at, "middle")
-                drawing.text(x + width * at, top + pitch * len(columns) - 3, label, "small", anchor)
-    for number, column in enumerate(columns):
-        drawing.text(0, top + pitch * number + height / 2 + 4, CHANNELS[column], "name")
-    _legend(drawing, left, drawing.height - 34)
-    return str(drawing)
-
-
-def _legend(drawing: Drawing, x: float, y: float) -> None:
-    ramp = np.linspace(-LIMIT, LIMIT, 101)
-    drawing.image(x, y, 300, 10, _coloured(ramp[None, :]))
-    drawing.rect(x, y, 300, 10, "frame")
-    scale = Scale(-LIMIT, LIMIT, x, x + 300)
-    for value in (-4.0, -2.0, 0.0, 2.0, 4.0):
-        drawing.text(scale.at(value), y + 24, tick_label(value), "tick", "middle")
-    words = "mean of a cell, in its standard errors: noise alone leaves 95 of 100 cells within ±2"
-    drawing.text(x + 316, y + 10, words, "note")
+        sides.append(("after", residuals.white_after, BLUE))
+    pairs, columns = axis_pairs(residuals), residuals.data.columns
+    with style():
+        height = 100.0 * len(columns) + 120.0
+        figure, axes = page_panels(
+            (1000.0, height), len(columns), len(pairs) * len(sides), (84.0, 20.0, 62.0, 90.0), (44.0, 20.0)
+        )
+        for group, (horizontal, vertical) in enumerate(pairs):
+            shape = shape_of(horizontal, vertical)
+            for side, (when, white, colour) in enumerate(sides):
+                panels = axes[:, group * len(sides) + side]
+                for panel, column in zip(panels, columns, strict=True):
+                    image = panel.imshow(cells(white[:, column], horizontal, vertical, shape), **_SHOWN)
+                    if horizontal.folded:
+                        panel.axvline(0.5, color="white", linewidth=2.0)
+                    if vertical.folded:
+                        panel.axhline(0.5, color="white", linewidth=2.0)
+                    panel.set_xticks([])
+                    panel.set_yticks(*(zip(*vertical.ticks, strict=True) if side == 0 else ((),)))
+                    panel.grid(visible=False)
+                    panel.spines[:].set(visible=True, color=GREY)
+                panels[0].set_title(when if len(sides) > 1 else "residual", color=colour, weight="bold")
+                panels[-1].set_xticks(*zip(*horizontal.ticks, strict=True))
+            words = f"across: {horizontal.title}\nup: {vertical.title}"
+            figure.text(axes[0, group * len(sides)].get_position().x0, 0.995, words, weight="bold", va="top")
+        for panel, column in zip(axes[:, 0], columns, strict=True):
+            panel.set_ylabel(CHANNELS[column])
+        bar = figure.colorbar(
+            image, figure.add_axes((0.25, 44.0 / height, 0.5, 12.0 / height)), orientation="horizontal"
+        )
+        bar.set_label("mean of a cell, in its standard errors: noise alone leaves 95 of 100 cells within ±2")
+    return inline_svg(figure, "maps of the whitened residual, before and after")
 
 
 def axis_pairs(residuals: GapResiduals) -> list[tuple[Axis, Axis]]:
@@ -119,12 +116,12 @@ def _joint_axis(joint: int, angle: Array, fold: bool = True) -> Axis:
     turns = np.ptp(np.unwrap(angle)) > 2.0 * np.pi * _TURNS
     if turns:
         place = np.mod(angle / (2.0 * np.pi) + 0.5, 1.0)
-        ticks = tuple((share, tick_label(360.0 * share - 180.0)) for share in (0.0, 0.25, 0.5, 0.75, 1.0))
+        ticks = tuple((share, _label(360.0 * share - 180.0)) for share in (0.0, 0.25, 0.5, 0.75, 1.0))
         return Axis(name, "deg", place, ticks)
     low, high = float(angle.min()), float(angle.max())
     along = np.clip((angle - low) / (high - low), 0.0, 1.0)
     rising = np.gradient(angle) >= 0
-    ends = tick_label(round(np.degrees(low))), tick_label(round(np.degrees(high)))
+    ends = _label(round(np.degrees(low))), _label(round(np.degrees(high)))
     if fold and 0.1 < float(np.mean(rising)) < 0.9:
         place = np.where(rising, 0.5 * along, 1.0 - 0.5 * along)
         return Axis(name, "deg", place, ((0.0, ends[0]), (0.5, ends[1]), (1.0, ends[0])), folded=True)
@@ -132,7 +129,7 @@ def _joint_axis(joint: int, angle: Array, fold: bool = True) -> Axis:
 
 
 def _time_axis(t: Array) -> Axis:
-    ticks = ((0.0, tick_label(round(float(t[0])))), (1.0, tick_label(round(float(t[-1])))))
+    ticks = ((0.0, _label(round(float(t[0])))), (1.0, _label(round(float(t[-1])))))
     return Axis("time", "s", (t - t[0]) / max(float(t[-1] - t[0]), 1e-12), ticks)
 
 
@@ -140,8 +137,8 @@ def _attitude_pairs(residuals: GapResiduals) -> list[tuple[Axis, Axis]]:
     """Where the base's vertical points in the tool's frame; and the tool's position, where it is known."""
     vertical = residuals.data.base.R_base_tool[:, 2, :]
     azimuth = np.arctan2(vertical[:, 1], vertical[:, 0]) / (2.0 * np.pi) + 0.5
-    ticks = tuple((share, tick_label(360.0 * share - 180.0)) for share in (0.0, 0.25, 0.5, 0.75, 1.0))
-    heights = tuple((0.5 + 0.5 * value, tick_label(value)) for value in (-1.0, 0.0, 1.0))
+    ticks = tuple((share, _label(360.0 * share - 180.0)) for share in (0.0, 0.25, 0.5, 0.75, 1.0))
+    heights = tuple((0.5 + 0.5 * value, _label(value)) for value in (-1.0, 0.0, 1.0))
     attitude = (
         Axis("azimuth of the vertical in the tool", "deg", azimuth, ticks),
         Axis("its z component", "1", 0.5 + 0.5 * vertical[:, 2], heights),
@@ -156,20 +153,19 @@ def _attitude_pairs(residuals: GapResiduals) -> list[tuple[Axis, Axis]]:
 
 def _length_axis(name: str, values: Array) -> Axis:
     low, high = float(values.min()), float(values.max())
-    ticks = ((0.0, tick_label(round(low, 2))), (1.0, tick_label(round(high, 2))))
+    ticks = ((0.0, _label(round(low, 2))), (1.0, _label(round(high, 2))))
     return Axis(name, "m", np.clip((values - low) / max(high - low, 1e-9), 0.0, 1.0), ticks)
 
 
-def cells(white: Array, horizontal: Axis, vertical: Axis, shape: tuple[int, int]) -> Pixels:
-    """The map as pixels (rows, columns, 4): each cell's mean in its standard errors; empty cells are transparent."""
+def cells(white: Array, horizontal: Axis, vertical: Axis, shape: tuple[int, int]) -> Array:
+    """The map (rows, columns): each cell's mean in its standard errors; NaN where it is empty."""
     known = np.isfinite(white) & (white != 0.0)  # what is left out is zero
     index = _index(horizontal, vertical, shape)[known]
     size = shape[0] * shape[1]
     count = np.bincount(index, minlength=size)
     total = np.bincount(index, weights=white[known], minlength=size)
     with np.errstate(invalid="ignore", divide="ignore"):
-        score = total / np.sqrt(count)
-    return _coloured(score.reshape(shape))
+        return np.asarray((total / np.sqrt(count)).reshape(shape))
 
 
 def _index(horizontal: Axis, vertical: Axis, shape: tuple[int, int]) -> Rows:
@@ -192,9 +188,5 @@ def shape_of(horizontal: Axis, vertical: Axis) -> tuple[int, int]:
         wanted *= 0.8
 
 
-def _coloured(score: Array) -> Pixels:
-    pixels = np.empty((*score.shape, 4), dtype=np.uint8)
-    pixels[..., :3] = signed(np.nan_to_num(score).ravel(), LIMIT).reshape(*score.shape, 3)
-    pixels[..., 3] = 255
-    pixels[~np.isfinite(score)] = _EMPTY
-    return pixels
+def _label(value: float) -> str:
+    return f"{value:g}".replace("-", "−")

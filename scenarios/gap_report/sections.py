@@ -54,7 +54,7 @@ def explanations(diagnosis: Diagnosis) -> str:
         [
             "<h2>What could explain it</h2>",
             f"<p><b>{VERDICTS[diagnosis.verdict]}</b>: {escape(MEANINGS[diagnosis.verdict])}</p>",
-            html.figure(charts.posterior_bar(diagnosis), "Probability of each answer; the three add up to one."),
+            html.figure(charts.posterior_bars(diagnosis), "Probability of each answer; the three add up to one."),
             html.table(("explanation", "probability"), rows, numbers=(1,)),
             *(f"<p>{escape(_sentence(words))}</p>" for words in one_of_words(diagnosis)),
             '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. Of what is '

@@ -63,6 +63,8 @@ def import_logs(
     """
     conventions = (mapping or base or Mapping()).conventions
     frames = conventions.base_frame, conventions.tool_frame
+    if any(frames) and not any(map(is_bag, paths)):
+        raise RigError(f"{paths[0]}: no bag, expected one with the transforms of base_frame and tool_frame")
     logs = [log for path in paths for log in (read_bag(path, *frames) if is_bag(path) else [read_text_log(path)])]
     said = [f"{log.name}: {log.said}" for log in logs if log.said]
     if mapping is None:

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators import calibrate, noise_floor
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import COLUMNS_OF, SENSORS
 from rig.effects import Effect
 from rig.environment import Environment
@@ -26,8 +26,6 @@ from rig.signals import Signals
 from validation.blind.floors import Floor
 from validation.blind.likeness import candidates
 from validation.blind.projection import Projection
-
-Array = NDArray[np.float64]
 
 _STEP: Final = 1e-3
 _THINNED: Final = 4  # every so many samples: the simple judges need not be slow as well

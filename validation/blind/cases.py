@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError
 from rig.recording import Recording
@@ -23,8 +23,6 @@ from validation.blind.settings import FAST, SWEEPS, Setting, draw_setting
 from validation.blind.strata import MECHANICS, Plan
 from validation.blind.strength import added_variance, signal_to_noise, single_readings, strength_for
 from validation.blind.truth import TrueCause, Truth, parameters_of
-
-Array = NDArray[np.float64]
 
 _DRAWS: Final = 40  # a draw that cannot have the wanted strength within its bounds is drawn again
 _GENTLE_S: Final = 2.0

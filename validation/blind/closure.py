@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
 from rig.errors import RigError
@@ -18,8 +18,6 @@ from rig.signals import Signals
 from scenarios.causes import read_causes
 from validation.blind.projection import Projection
 from validation.blind.truth import Truth
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,14 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect
 from rig.errors import RigError
 from validation.blind.settings import Setting
 from validation.blind.strength import Make
 
-Array = NDArray[np.float64]
 Drawer = Callable[[np.random.Generator, Setting], dict[str, Any]]
 
 #: Effects at places where the calibration takes them up on a sweep of joints 1, 5 and 6 with angles that are known.

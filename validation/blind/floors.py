@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import COLUMNS_OF, SENSORS
 from rig.effects import Effect, Kind, Stage
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 _SETTLED = 1e-12  # the Kalman gain has converged
 _MOST = 4000  # samples by which it has, or is taken to have

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from rig.arrays import Array
 from rig.channels import CHANNELS, SENSORS
 from rig.effects import EFFECTS, Effect, Kind, Stage
 from rig.effects.base import SWEPT_JOINTS
@@ -18,7 +18,6 @@ from validation.blind.draws import near, unit
 from validation.blind.settings import Setting
 from validation.blind.strength import Make
 
-Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.trajectory import JointTrajectory
-
-Array = NDArray[np.float64]
 
 _ARMS: Final = Path(__file__).parent / "arms"
 #: Turns of a wandering joint [Hz], and how much of its limits it uses.

@@ -12,15 +12,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.signals import Signals, sampled
 from validation.blind.projection import Projection
 from validation.blind.settings import RATE_HZ, Setting
 
-Array = NDArray[np.float64]
 Label = tuple[str, str]
 
 #: What is left of the true change, in standard deviations: below the first nobody can tell, below the second the data

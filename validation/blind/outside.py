@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -18,8 +17,6 @@ from validation.blind.draws import unit
 from validation.blind.outside_slow import SLOW, Vector, scaled, with_field
 from validation.blind.settings import Setting
 from validation.blind.strength import Make
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

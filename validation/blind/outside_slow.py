@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import Effect, Stage
 from rig.signals import Signals
@@ -17,7 +17,6 @@ from validation.blind.draws import unit
 from validation.blind.settings import Setting
 from validation.blind.strength import Make
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 

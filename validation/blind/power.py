@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
@@ -26,8 +25,6 @@ from validation.blind.intervals import Rate
 from validation.blind.likeness import columns_at
 from validation.blind.settings import Setting, draw_setting
 from validation.blind.strength import strength_for
-
-Array = NDArray[np.float64]
 
 #: So many mean effects and places a sweep of three joints has, about; and how often one of them may be found where
 #: nothing is.

@@ -11,13 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.pipeline import Pipeline
 from validation.blind.floors import Floor
-
-Array = NDArray[np.float64]
 
 _SINGULAR = 1e-8  # relative to the largest singular value: parameters that the maneuver cannot tell
 

@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.effects import Effect, Stage
 from rig.environment import Environment
@@ -25,7 +25,6 @@ from validation.blind.floors import Colour, Floor
 from validation.blind.laboratories import LABORATORIES, Laboratory, Wander
 from validation.blind.projection import Projection
 
-Array = NDArray[np.float64]
 FloorKind = Literal["white", "coloured", "flicker", "slow flicker", "walk", "long tails"]
 
 #: Samples a second that a recording keeps, and that are simulated for each of them.

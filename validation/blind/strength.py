@@ -7,16 +7,15 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from rig.arrays import Array
 from rig.channels import CHANNELS, COLUMNS_OF, SENSORS
 from rig.effects import Effect, Kind, apply_stage
 from rig.effects.base import Stage
 from rig.errors import RigError
 from validation.blind.settings import RATE_HZ, Setting
 
-Array = NDArray[np.float64]
 Make = Callable[[float], Effect]
 
 _TRIES: Final = 12

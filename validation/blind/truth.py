@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rig.arrays import Array
 from rig.effects import Effect
 from rig.environment import Environment
 from rig.maneuver import TorusSweep
@@ -17,7 +15,6 @@ from rig.sensor import TriaxialSensor
 from validation.blind.floors import Colour, Floor
 from validation.blind.settings import Setting
 
-Array = NDArray[np.float64]
 Label = tuple[str, str]
 
 #: Weaker than this, signal over noise, nobody is asked to see it.

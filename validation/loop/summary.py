@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from validation.blind.intervals import Rate
 from validation.loop.play import STRATEGIES, Step, Strategy
-
-Array = NDArray[np.float64]
 
 ENDS: Final = ("rightly", "wrongly", "no maneuver", "given up")
 

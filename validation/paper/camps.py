@@ -8,12 +8,12 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from estimators.ellipsoid import Start, fit_ellipsoid
 from estimators.ellipsoid.fit import Parameters
 from estimators.stillness import CAMPS_THRESHOLD_V2, find_still
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.maneuver import HandTumble
 from rig.recording import Recording
@@ -21,8 +21,6 @@ from scenarios.loader import load
 from scenarios.scenario import Scenario
 from validation.paper.published import EllipsoidTable, camps, ellipsoid_table
 from validation.paper.rows import SIGMAS, Row, Word
-
-Array = NDArray[np.float64]
 
 #: Simulated experiments, each with its own tumble.
 EXPERIMENTS: Final = 60

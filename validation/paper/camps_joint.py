@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rig.arrays import Array
 from rig.maneuver import HandTumble
 from validation.paper.camps import TESTS, column_in_row, scenario_of, tumbles
 from validation.paper.published import ellipsoid_table
-
-Array = NDArray[np.float64]
 
 #: Triples of experiments that the published three tests are held against.
 TRIPLES: Final = 20_000

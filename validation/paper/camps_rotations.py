@@ -7,15 +7,12 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.design.attitude_free_bound import FreeSensor
 from rig.channels import SENSORS
 from rig.maneuver import AxisRotations, HandTumble
 from validation.paper.camps import field_of_place, truth, tumbles
 from validation.paper.published import camps
-
-Array = NDArray[np.float64]
 
 #: Of the sensor before each turn [deg].
 TILTS_DEG: Final = (0.0, 10.0, 30.0, 50.0)

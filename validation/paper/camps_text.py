@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from rig.arrays import Array
 from rig.channels import MAGNETOMETER, SENSORS
 from rig.maneuver import AxisRotations
 from rig.threads import one_blas_thread
@@ -17,7 +17,6 @@ from validation.paper.camps_joint import JointScatter, joint_scatter
 from validation.paper.published import camps, ellipsoid_table
 from validation.paper.rows import Statement
 
-Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
 
 #: A table whose three tests scatter otherwise than the rig's with less than this probability does not agree with it.

@@ -8,12 +8,12 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
 from estimators.known_angle.model import Method
 from estimators.known_angle.quasi_newton import FIELD_START, QuasiNewton, quasi_newton
 from estimators.known_angle.statistics import Statistics
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.directions import angles_from_direction
 from scenarios.studies.increments import Increments
@@ -21,8 +21,6 @@ from scenarios.studies.settings import Settings, expected
 from validation.paper.published import parameter_table, renk, spread_table
 from validation.paper.renk_text import misfits
 from validation.paper.simulated import displacement_deg, scenario_of
-
-Array = NDArray[np.float64]
 
 #: A search ends with the first iteration that lowers the cost by a smaller share; phi at the start [deg]: straight
 #: down, and far from it.

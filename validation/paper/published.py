@@ -9,13 +9,11 @@ from importlib.resources import files
 from typing import Any, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.directions import direction_from_angles
 from rig.errors import RigError, unknown_name
-
-Array = NDArray[np.float64]
 
 #: The columns of a table of parameters, and the stems of their names in a calibration.
 STEMS: Final = {

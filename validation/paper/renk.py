@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rig.arrays import Array
 from scenarios.studies.coordinates import RADIAN_DEG, elevation_azimuth_basis
 from validation.paper.published import (
     STEMS,
@@ -22,8 +22,6 @@ from validation.paper.published import (
 )
 from validation.paper.rows import SIGMAS, Basis, Row, Word
 from validation.paper.simulated import Drawn, displacement_deg, drawn, noiseless, subsets
-
-Array = NDArray[np.float64]
 
 #: A ratio of standard deviations is held against chi-square at the level of ``SIGMAS``.
 _TAIL: Final = 0.5 * 4.65e-4

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from scenarios.studies.coordinates import Coordinates
 from scenarios.studies.settings import Settings, expected
@@ -15,8 +15,6 @@ from validation.paper.dip import dip_argument, dip_words
 from validation.paper.published import Printed, parameter_table, renk, spread_table, unit_of
 from validation.paper.rows import Statement
 from validation.paper.simulated import drawn, scenario_of
-
-Array = NDArray[np.float64]
 
 _G: Final = 9.8  # as in the paper
 _OUTPUT_V: Final = 5.0  # 0 to 5 V

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 from scipy.stats import chi2
 
@@ -16,6 +15,7 @@ from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import SensorParameters
 from estimators.noise import DB_PER_BIT, FULL_SCALE_V
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import SENSORS
 from rig.maneuver import TorusSweep
 from scenarios.studies.coordinates import RADIAN_DEG
@@ -30,8 +30,6 @@ from validation.paper.published import (
 from validation.paper.renk import printed_bounds
 from validation.paper.rows import Statement
 from validation.paper.simulated import drawn
-
-Array = NDArray[np.float64]
 
 LEVEL: Final = 0.95
 _SEPARATE: Final = {"accelerometer": "3", "magnetometer": "8"}

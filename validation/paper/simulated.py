@@ -7,10 +7,10 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.batch import ManyParameters, fit_many
 from estimators.known_angle.model import Method, SensorParameters, parameter_names
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.threads import one_blas_thread
 from scenarios.loader import load
@@ -21,8 +21,6 @@ from scenarios.studies.settings import Settings, expected
 from scenarios.studies.subset_results import SubsetStudy
 from scenarios.studies.subsets import study
 from validation.paper.published import renk
-
-Array = NDArray[np.float64]
 
 #: Draws of the whole experiment: standard deviations are good to 2 %.
 DRAWS: Final = 1000

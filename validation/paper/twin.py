@@ -13,11 +13,11 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import f
 
 from estimators import Calibration, calibrate
 from estimators.known_angle.model import Method
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.directions import angles_from_direction, direction_from_angles
 from rig.effects import Effect, make_effect
@@ -28,8 +28,6 @@ from scenarios.scenario import Scenario
 from scenarios.studies.subset_results import SubsetStudy
 from scenarios.studies.subsets import study
 from validation.paper.published import ParameterTable, parameter_table, renk, spread_table
-
-Array = NDArray[np.float64]
 
 SCENARIO: Final = "renk2005-gap"
 #: The tables of the separate and of the simultaneous fit of each sensor.

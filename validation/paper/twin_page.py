@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.diagnosis import ESTABLISHED, chance
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.files import made_folder, write_text
 from scenarios.loader import load
@@ -36,8 +36,6 @@ from validation.paper.twin import (
     subsets_of_twin,
 )
 from validation.plots.gap import gap_figure
-
-Array = NDArray[np.float64]
 
 PAGE: Final = "gap.md"
 FOLDER: Final = "gap"

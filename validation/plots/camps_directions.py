@@ -9,17 +9,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.coverage import coverage
+from rig.arrays import Array
 from rig.errors import RigError
 from scenarios.colours import BLACK, GREY, VERMILLION
 from scenarios.decimation import evenly
 from scenarios.overlay import Overlay
 from scenarios.plots.coverage import ELAPSED_MAP, outlines, time_bar, time_span, unseen
 from scenarios.plots.style import new_figure, style
-
-Array = NDArray[np.float64]
 
 _POINTS = 20_000
 _ON_SPHERE = 1_500

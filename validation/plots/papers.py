@@ -9,11 +9,11 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from estimators import calibrate
 from estimators.ellipsoid import EllipsoidFit, fit_ellipsoid
 from estimators.known_angle.reported import NORMAL_95
+from rig.arrays import Array
 from scenarios.colours import BLACK, BLUE, GREY, VERMILLION
 from scenarios.overlay import overlays
 from scenarios.plots.style import new_figure, style
@@ -21,8 +21,6 @@ from scenarios.studies.error_summary import Cell, Summary, first_draw
 from validation.paper.camps import readings, scenario_of, truth, tumbles
 from validation.paper.figures_text import OneDraw
 from validation.plots.camps_directions import projection_figure
-
-Array = NDArray[np.float64]
 
 #: Estimates are drawn within so many bounds at this number of samples and the next.
 _HEIGHT: Final = 4.5

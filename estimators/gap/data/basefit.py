@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
@@ -19,6 +18,7 @@ from estimators.goodness.residuals import residuals_of
 from estimators.known_angle.from_recording import arm_of
 from estimators.noise import held_poses
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect
 from rig.effects.converter import lattice_step
@@ -31,8 +31,6 @@ from rig.recording.columns import JOINTS_OF_ARM
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals
 from rig.units import ELECTRICAL
-
-Array = NDArray[np.float64]
 
 #: Time at the ends of a recording in which its poses do not tell all that its readings show [s]: as long as boards,
 #: buses and filters of laboratories delay.

@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.signals import Signals, sampled
-
-Array = NDArray[np.float64]
 
 #: So many means a channel are enough for every effect that turns with the arm.
 _ENOUGH: Final = 8192

@@ -12,20 +12,17 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.special import ndtri
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import sigmas
+from rig.arrays import Array, Mask
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Finding, Kind, Readings
 from rig.effects.converter import lattice_step
 from rig.effects.tails import beside_neighbours, drawn_in, tails_of
 from rig.pipeline import Pipeline
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Found last, in the readings that the others have left.
 _LAST: Final = "outliers"

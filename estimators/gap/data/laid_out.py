@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.gap.data.basefit import (
@@ -30,6 +29,7 @@ from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.goodness.raw_readings import copies
 from estimators.goodness.words import copied
 from estimators.known_angle.together import calibrate_together, check_alike
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RefusedFit, RigError
 from rig.pose_nodes import quaternions
@@ -39,7 +39,6 @@ from rig.units import conversion_factor
 if TYPE_CHECKING:
     from rig.arm import Arm
 
-Array = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
 #: A recording at rest, or one for each of several.
 Locked = Recording | PathLike | Sequence[Recording | PathLike | None] | None

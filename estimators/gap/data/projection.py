@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Least eigenvalue of columns' Gram matrix, their lengths one, above which Cholesky's factor orthogonalises them.
 _WELL: Final = 1e-8

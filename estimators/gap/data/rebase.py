@@ -11,17 +11,15 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.tangent import moments
 from estimators.gap.data.whitened import WhitenedData
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.directions import tangent_basis
 from rig.effects import Effect
 from rig.pipeline import Pipeline
 from rig.sensor import TriaxialSensor
-
-Array = NDArray[np.float64]
 
 #: Directions of the calibration's parameters that move the readings by less than this share are left alone.
 _FELT: Final = 1e-6

@@ -24,14 +24,13 @@ from estimators.calibration.turned import turned
 from estimators.gap.data.steps import Step
 from estimators.gap.data.tangent import ChannelTangent, size
 from estimators.gap.data.whitened import WhitenedData
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.directions import tangent_basis
 from rig.effects import Effect
 from rig.errors import RigError
 from rig.pipeline import Pipeline
 from rig.signals import Signals, joined, sampled
-
-Array = NDArray[np.float64]
 
 #: Eigenvalues of a calibration's correlation matrix below this are rounding.
 _ROUNDING: Final = 1e-12

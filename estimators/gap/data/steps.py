@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: So many readings on either side of one that is left out stand for it.
 _NEIGHBOURS: Final = 4

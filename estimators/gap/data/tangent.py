@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.projection import Basis, orthonormal, project
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
 from rig.directions import tangent_basis
 from rig.pipeline import Pipeline
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

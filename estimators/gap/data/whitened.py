@@ -21,13 +21,12 @@ from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.steps import Gaps, Step, after_steps
 from estimators.gap.data.tangent import ChannelTangent
 from estimators.gap.floor.channel_noise import ChannelNoise, Whitener
+from rig.arrays import Array
 from rig.channels import CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect, Stage
 from rig.effects.base import apply_stage
 from rig.pipeline import Pipeline
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

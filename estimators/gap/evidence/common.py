@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.projection import Basis, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
@@ -20,9 +19,8 @@ from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.terms import Errors, Term, blocks_term
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, variances
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
-
-Array = NDArray[np.float64]
 
 #: Steps of the grid of amplitudes, and their ratio: fine enough to tell the strength from.
 _STEPS, _RATIO = 40, 1.25

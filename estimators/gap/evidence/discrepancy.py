@@ -15,7 +15,6 @@ from math import log
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.projection import side_by_side
 from estimators.gap.data.whitened import WhitenedData
@@ -28,8 +27,7 @@ from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import Course, courses, history_course, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
 from estimators.gap.hypotheses.sources import Source, sources
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Makes the (c n,) whitened change of an effect, and the derivatives (c n, p) of that by its parameters.
 Changed = Callable[[], tuple[Array, Array]]

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.projection import Basis
@@ -20,9 +19,8 @@ from estimators.gap.hypotheses.candidates import Candidate, all_candidates
 from estimators.gap.hypotheses.scan import ScoreTest
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.tones import best_tone, envelopes
+from rig.arrays import Array
 from rig.channels import CHANNELS
-
-Array = NDArray[np.float64]
 
 #: Logarithm of the largest p-value and the least evidence (twice a log Bayes factor) of a tone.
 SIGNIFICANT: Final = float(np.log(5e-4))

@@ -21,8 +21,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import Course
 from estimators.gap.hypotheses.sources import Source
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Where the catalogue has single steps, fewer jumps are such ones, each a cause of its own. More are not followed.
 _STEPS, _MOST = 4, 64

@@ -21,8 +21,7 @@ from estimators.gap.data.projection import project
 from estimators.gap.evidence.refine import Refit
 from estimators.gap.evidence.shapes import shape_prior
 from estimators.gap.hypotheses.prior import ONE_AXIS, scales
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Squared signal-to-noise of a typical size below which an effect does nothing on this recording.
 _UNFELT: Final = 1e-9

@@ -16,12 +16,11 @@ from estimators.gap.evidence.shapes import among, searched
 from estimators.gap.hypotheses.candidates import Candidate, Shape
 from estimators.gap.hypotheses.scan import KEPT, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import Effect
 from rig.effects.parameters import Parameter, Value
 from rig.environment import MAGNITUDES
-
-Array = NDArray[np.float64]
 
 #: Strengths are held near zero by a prior of so many typical sizes, inverted: what the calibration absorbs stays there.
 _HELD = 1e-2

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.stack import part_of
 from estimators.gap.data.whitened import WhitenedData
+from rig.arrays import Array
 from rig.effects import Effect
 from rig.effects.parameters import Parameter
-
-Array = NDArray[np.float64]
 
 #: One over the density of a normal number of width one, where it is highest.
 _NORMAL: Final = float(np.sqrt(2.0 * np.pi))

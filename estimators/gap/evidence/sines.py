@@ -11,15 +11,13 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.terms import Errors, Term, freedoms_of, terms_along
 from estimators.gap.hypotheses.courses import COSINES, Course
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.tones import of_waves, polished
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: So many sources are weighed along a sine of their best frequency.
 _MOST: Final = 3

@@ -37,9 +37,8 @@ from estimators.gap.hypotheses.prior import (
 )
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left
+from rig.arrays import Array
 from rig.channels import COLUMNS_OF
-
-Array = NDArray[np.float64]
 
 #: The state of a coloured floor that goes on below what poses at rest can show.
 SLOWER: Final = "slower floor"

@@ -18,8 +18,7 @@ from estimators.gap.evidence.means import Means
 from estimators.gap.hypotheses.courses import COSINES, Course, cosines, matern
 from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, DISCREPANCY_STEPS, LENGTHS
 from estimators.gap.hypotheses.sources import Source
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Eigenvalues below this share of the largest tell nothing.
 _NEGLIGIBLE: Final = 1e-9

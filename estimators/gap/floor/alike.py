@@ -8,12 +8,10 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from estimators.gap.floor.learned import Spectrum
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Prior standard deviation of the logarithm of an unseen part's size in one channel about that of its sensor: the
 #: channels are made by one process.

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 from scipy.signal import lfilter
 
+from rig.arrays import Array
 from rig.effects.tails import level_spread
-
-Array = NDArray[np.float64]
 
 #: The filter has forgotten its start once its memory is below this share.
 _FORGOTTEN = 0.01

@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import chdtri
 
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.periodogram import Periodogram
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Twice the gain in log likelihood that two more parameters must bring before a part counts. The null distribution lies
 #: below chi-square with two degrees of freedom, whose tail here is 0.7 %: a part that is not there costs little, since

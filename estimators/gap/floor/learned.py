@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from estimators.gap.floor.channel_noise import ChannelNoise
+from rig.arrays import Array
 from rig.channels import COLUMNS_OF
-
-Array = NDArray[np.float64]
+from rig.effects._numerics import exponential_spectrum
 
 #: Frequencies whose logarithms differ by less are added up.
 _ALIKE: Final = 0.03
@@ -93,8 +93,7 @@ def parts(noise: ChannelNoise, frequency: Array, interval_s: float) -> Parts:
     for size, tau_s in noise.parts:
         low, middle, high = (
             np.maximum(
-                size / total * noise.folded
-                + size * _exponential(frequency, np.exp(-interval_s / (tau_s * np.exp(step)))),
+                size / total * noise.folded + size * exponential_spectrum(frequency, interval_s, tau_s * np.exp(step)),
                 1e-9 * size,
             )
             for step in (-_STEP, 0.0, _STEP)
@@ -103,10 +102,6 @@ def parts(noise: ChannelNoise, frequency: Array, interval_s: float) -> Parts:
         slopes.append((np.log(high) - np.log(low)) / (2.0 * _STEP))
     shape = (len(coloured), len(frequency))
     return Parts(np.full_like(frequency, noise.white), np.reshape(coloured, shape), np.reshape(slopes, shape))
-
-
-def _exponential(frequency: Array, decay: float) -> Array:
-    return np.asarray((1.0 - decay**2) / (1.0 - 2.0 * decay * np.cos(2.0 * np.pi * frequency) + decay**2))
 
 
 def going_on(floor: Sequence[ChannelNoise], column: int, until_s: float) -> tuple[tuple[float, float], ...]:

@@ -14,7 +14,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Frequencies whose logarithms differ by less are added up.
 _ALIKE: Final = 0.03

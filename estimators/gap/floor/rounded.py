@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from estimators.gap.floor.channel_noise import ChannelNoise
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Steps, in deviations at rest, from which on these depend on where between two levels a pose lies.
 COARSE: Final = 2.0

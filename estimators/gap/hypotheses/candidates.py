@@ -11,14 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.stack import only_in, part_of
 from estimators.gap.data.whitened import Columns, WhitenedData
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.effects.parameters import Parameter, Value
 
-Array = NDArray[np.float64]
 Shape = Mapping[str, Value]
 
 #: A recording, of several, with fewer samples shows no course in time: a few still poses, say.

@@ -8,14 +8,12 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from estimators.gap.data.whitened import WhitenedData
+from rig.arrays import Array
 from rig.effects._numerics import curvature, play
 from rig.effects.transmission import smooth_sign
-
-Array = NDArray[np.float64]
 
 #: A joint whose angle varies less [rad] is locked.
 LOCKED: Final = 0.05

@@ -7,12 +7,10 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left, fitted_at
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
-
-Array = NDArray[np.float64]
 
 #: Twice a gain from which on a shape is fitted between those of the grid, and how much nearer its neighbours are then.
 _WORTH, _NARROWER = 30.0, 0.15

@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.documents import parse_toml, read_toml
 from rig.effects import EFFECTS
 from rig.errors import RigError, unknown_name
-
-Array = NDArray[np.float64]
 
 #: Probability that nothing beyond the floor is there; a recording is diagnosed because something may be.
 NOTHING: Final = 0.35

@@ -11,7 +11,6 @@ from math import log
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.stack import part_of
 from estimators.gap.data.steps import Step, after_steps
@@ -19,10 +18,9 @@ from estimators.gap.data.whitened import Columns, WhitenedData
 from estimators.gap.hypotheses.candidates import Candidate, Shape, still
 from estimators.gap.hypotheses.score import Explained, Score, solve
 from estimators.gap.hypotheses.tones import best_tone, envelopes
+from rig.arrays import Array
 from rig.effects import Effect
 from rig.pipeline import Pipeline
-
-Array = NDArray[np.float64]
 
 #: Shapes that a fit cannot move smoothly: found by the scan and kept.
 KEPT: Final = ("at_s", "order")

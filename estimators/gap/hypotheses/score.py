@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from estimators.gap.data.projection import Basis, orthonormal, project, side_by_side
 from estimators.gap.data.whitened import Columns
 from estimators.gap.hypotheses.tails import chi2_logsf
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: A direction of which the projection leaves less than this share of its length is absorbed: nobody can see it.
 ABSORBED = 3e-3

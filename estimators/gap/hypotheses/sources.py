@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.courses import LOCKED
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import EFFECTS, make_effect
-
-Array = NDArray[np.float64]
 
 #: Angle [rad] and delay [s] at which derivatives are taken.
 _STEP: Final = 1e-5

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.optimize import minimize
 
@@ -20,11 +19,10 @@ from estimators.gap.data.steps import Step
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.learned import Learned, Spectrum, going_on, groups, parts
 from estimators.gap.hypotheses.score import Explained, evidence
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import Effect
 from rig.effects.parameters import Value
-
-Array = NDArray[np.float64]
 
 #: The lowest frequencies, in cycles a recording, carry what the calibration took: they tell nothing of the noise.
 _TAKEN = 1

@@ -11,8 +11,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import sigmas
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.score import Explained, Score, evidence
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: A tone is searched above this many times the fastest joint's rate: below, the arm's own motion fills the spectrum.
 _HARMONICS: Final = 3.0

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.whitened import WhitenedData
@@ -16,10 +15,9 @@ from estimators.gap.evidence.common import is_common
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from estimators.gap.search.posterior import Posterior
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Kind
-
-Array = NDArray[np.float64]
 
 #: Why an effect that does nothing but what other values of the calibration do cannot be told.
 ABSORBED: Final = "the calibration absorbs it on this maneuver"

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from estimators.gap.data.defects import Defect
@@ -23,8 +22,7 @@ from estimators.gap.report.p_values import WAYS
 from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Of a normal variable, so many values that are equally likely.
 _LIKELY: Final = ndtri((np.arange(8) + 0.5) / 8.0)

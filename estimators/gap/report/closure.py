@@ -20,8 +20,7 @@ from estimators.gap.diagnosis import Closed
 from estimators.gap.evidence.discrepancy import Discrepancies, Weighed
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Draws from the posterior. Folds and blocks of held-out data; the share of each block's ends that is guard.
 _DRAWS: Final = 400

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
@@ -32,12 +31,11 @@ from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.from_recording import reads_of, summarise
 from estimators.known_angle.identifiability import Told
 from estimators.known_angle.model import SensorParameters
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, READS
 from rig.directions import tangent_basis
 from rig.pipeline import Pipeline
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Explanations that count: how likely they must be, how many at most; and of each the terms of a discrepancy.
 _LIKELY, _MOST, _TERMS = 0.005, 12, 4

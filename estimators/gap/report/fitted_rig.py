@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.defects import Defect, masked
 from estimators.gap.data.whitened import WhitenedData
@@ -26,8 +25,6 @@ from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
 from rig.effects.parameters import Value
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: A rig that leaves nothing but the floor is refused by the test of what it leaves so often.
 REFUSED: Final = 0.05

@@ -22,8 +22,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.prior import LENGTHS
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, Left
 from estimators.gap.search.explanation import Explanation
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Cells along a variable, as many as the shortest memory tells apart; samples in each at least, of noise squares.
 _CELLS: Final = 64

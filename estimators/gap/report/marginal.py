@@ -16,9 +16,8 @@ from estimators.gap.hypotheses.candidates import split
 from estimators.gap.search.explanation import Member
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
+from rig.arrays import Array
 from rig.effects import EFFECTS
-
-Array = NDArray[np.float64]
 
 #: Squared distance between what two sets change, in noise, below which no data of this maneuver tell them apart.
 _TWINS: Final = 0.02

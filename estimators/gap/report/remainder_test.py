@@ -17,7 +17,6 @@ from functools import reduce
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.projection import Basis, orthonormal, project
 from estimators.gap.data.whitened import WhitenedData
@@ -29,10 +28,9 @@ from estimators.gap.hypotheses.prior import DISCREPANCY_SNR, Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import ABSORBED
 from estimators.gap.search.posterior import Posterior
+from rig.arrays import Array
 from rig.effects import Effect
 from rig.effects.parameters import Parameter, Value
-
-Array = NDArray[np.float64]
 
 #: Drawn recordings of the floor: the p-value has steps of one over this plus one.
 _DRAWS: Final = 199

@@ -15,7 +15,6 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from estimators.gap.data.projection import orthonormal, project
@@ -26,11 +25,10 @@ from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.candidates import Candidate, all_candidates
 from estimators.gap.hypotheses.scan import KEPT, Scanner
 from estimators.gap.hypotheses.score import ABSORBED
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
 from rig.pipeline import Pipeline
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 #: Two-sided 95 % of a normal distribution.
 _Z95 = float(ndtri(0.975))

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.stack import Stack
@@ -29,12 +28,11 @@ from estimators.gap.report.recorded_units import in_recorded_units
 from estimators.gap.report.shift import calibration_shift
 from estimators.gap.search.hypothesis import Hypothesis as Found
 from estimators.gap.search.posterior import Posterior
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import Effect
 from rig.errors import in_short
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Explanations that are listed: how likely, and how many.
 _LISTED, _MOST = 0.005, 50

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
@@ -23,8 +22,6 @@ from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained, solve
 from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted
-
-Array = NDArray[np.float64]
 
 #: Sets of each size that are extended, additions that are fitted to each, and causes at most.
 _BEAM: Final = (3, 2, 2, 1, 1, 1, 1)

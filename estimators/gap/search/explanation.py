@@ -8,15 +8,14 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear, linearised
 from estimators.gap.evidence.refine import Fitted, Refit, at, refit
 from estimators.gap.hypotheses.prior import Drawn
+from rig.arrays import Array
 from rig.effects import Effect
 
-Array = NDArray[np.float64]
 Key = tuple[str, ...]
 
 #: Log posterior that straight on from a fit is gained, from which on that is no approximation; gained where a refit is

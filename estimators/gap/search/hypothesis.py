@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.search import robust
 from estimators.gap.search.explanation import Explanation
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.data.steps import Step
@@ -33,8 +32,7 @@ from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left
 from estimators.gap.search.explanation import Explanation, Member, as_fitted
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Log odds by which one more part of a floor must be better.
 _BETTER: Final = 1.0

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import common_noises
@@ -24,8 +23,7 @@ from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Noises, Promise
 from estimators.gap.search.weighing import FAR, Weighing, near_leading
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Log odds against the leading hypothesis beyond which a state of the noise beside the leading explanation is not
 #: followed: what it promises is what it is worth.

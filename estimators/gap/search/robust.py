@@ -14,12 +14,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.laplace import Linear
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: Blocks of time: enough for a covariance to be known to a fifth. So many neighbours of each may share a misfit.
 BLOCKS: Final = 16

@@ -10,14 +10,13 @@ import numpy as np
 from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.assets import model_path
 from rig.errors import RigError
 from rig.maneuver import TorusSweep
 from rig.trajectory import JointTrajectory
 from validation.blind.mechanics.mechanism import Mechanism
 from validation.blind.settings import RATE_HZ
-
-Array = NDArray[np.float64]
 
 _STEP_S: Final = 1e-3
 _BLOCK_STEPS: Final = 10_000

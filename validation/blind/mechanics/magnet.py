@@ -7,13 +7,11 @@ from typing import Self
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from validation.blind.draws import unit
 from validation.blind.mechanics.mechanism import Mechanism, Vector
 from validation.blind.settings import Setting
-
-Array = NDArray[np.float64]
 
 #: Where it sits in its link's frame [m]: beside the tool's tube, or at the foot of the waist, half a metre away.
 _PLACES = {"link5": (0.06, 0.05, 0.02), "link1": (0.0, -0.15, 0.12)}

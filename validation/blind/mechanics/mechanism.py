@@ -8,11 +8,10 @@ from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from validation.blind.settings import Setting
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Label = tuple[str, str]
 

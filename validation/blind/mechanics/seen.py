@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.signals import Signals
 from validation.blind.mechanics.drive import drive
 from validation.blind.mechanics.mechanism import Mechanism
 from validation.blind.settings import Setting
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

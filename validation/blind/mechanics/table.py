@@ -7,13 +7,11 @@ from typing import Self
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from validation.blind.draws import unit
 from validation.blind.mechanics.mechanism import Mechanism, Vector
 from validation.blind.settings import Setting
-
-Array = NDArray[np.float64]
 
 _STIFFNESS_N_M = 6e5  # with the arm's 31 kg: 22 Hz
 _DAMPING = 2500.0
