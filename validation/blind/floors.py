@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from typing_extensions import override
 
 from rig.arrays import Array
 from rig.channels import COLUMNS_OF, SENSORS
@@ -105,6 +106,7 @@ class Remembering(Effect):
     sigma: tuple[float, ...]
     tau: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         drive = rng.standard_normal((len(signals), 3))
         decay = np.exp(-np.diff(signals.t) / self.tau)
@@ -131,6 +133,7 @@ class LongTails(Effect):
     sigma: tuple[float, ...]
     degrees: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         drawn = rng.standard_t(self.degrees, signals.volts.shape) * np.sqrt(1.0 - 2.0 / self.degrees)
         return replace(signals, volts=signals.volts + drawn * np.asarray(self.sigma))

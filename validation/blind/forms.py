@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 from scipy.signal import lfilter
+from typing_extensions import override
 
 from rig.arrays import Array
 from rig.channels import CHANNELS, SENSORS
@@ -41,6 +42,7 @@ class SoftBacklash(Effect):
 
     width: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         q, speed = signals.q.copy(), signals.joint_velocity[:, self.joint]
         usual = float(np.median(np.abs(speed))) + 1e-9
@@ -59,6 +61,7 @@ class TwoDipoles(Effect):
     positions: tuple[Triple, Triple]
     moments: tuple[Triple, Triple]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         total = np.zeros_like(signals.position)
         for position, moment in zip(self.positions, self.moments, strict=True):
@@ -79,6 +82,7 @@ class StiffeningSpring(Effect):
 
     droop: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         load = np.cos(signals.encoder_angles[:, 4])
         q = signals.q.copy()
@@ -96,6 +100,7 @@ class SecondOrderLag(Effect):
 
     tau: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         step = float(signals.t[1] - signals.t[0])
         k = 2.0 * self.tau / step
@@ -118,6 +123,7 @@ class TwoHarmonics(Effect):
     amplitude: float
     phases: tuple[float, float]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         angle, q = signals.encoder_angles[:, self.joint], signals.q.copy()
         q[:, self.joint] += self.amplitude * (
@@ -137,6 +143,7 @@ class TwoStageWarmup(Effect):
     volt: Triple
     tau: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         decay = 0.7 * np.exp(-signals.t / self.tau) + 0.3 * np.exp(-signals.t / (6.0 * self.tau))
         return _added(signals, self.columns, np.outer(decay, self.volt))
@@ -152,6 +159,7 @@ class CurvedTemperature(Effect):
 
     volt: Triple
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         warmth = signals.temperatures - 25.0
         return _added(signals, self.columns, np.outer(warmth + 0.1 * warmth**2, self.volt))
@@ -167,6 +175,7 @@ class ManyPlays(Effect):
 
     half_width: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         inputs = signals.inputs.copy()
         column = CHANNELS.index(self.where)
@@ -188,6 +197,7 @@ class SlowStep(Effect):
     at: float
     tau: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         logistic = 0.5 * (1.0 + np.tanh(0.5 * (signals.t - self.at) / self.tau))
         return _added(signals, self.columns, self.volt * logistic[:, None])
@@ -203,6 +213,7 @@ class ViscousMotor(Effect):
 
     field: Triple
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         speed = signals.joint_velocity[:, self.joint]
         drive = np.sign(speed) * (np.abs(speed) > 1e-4) + 0.5 * speed / np.abs(speed).max()
@@ -222,6 +233,7 @@ class Flicker(Effect):
 
     sigma: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         for tau in (0.5, 5.0, 50.0):
             part = EFFECTS["noise_coloured"].from_mapping(
@@ -230,6 +242,7 @@ class Flicker(Effect):
             signals = part.apply(signals, rng)
         return signals
 
+    @override
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
         total = np.zeros_like(frequency)
         for tau in (0.5, 5.0, 50.0):

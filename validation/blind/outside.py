@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
+from typing_extensions import override
 
 from rig.channels import CHANNELS
 from rig.effects import Effect, Stage
@@ -31,6 +32,7 @@ class CablePull(Effect):
     pull_rad: float
     phases: tuple[float, float]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         yaw, q = signals.encoder_angles[:, 0], signals.q.copy()
         q[:, 4] += self.pull_rad * (np.sin(3.0 * yaw + self.phases[0]) + 0.5 * np.sin(5.0 * yaw + self.phases[1]))
@@ -48,6 +50,7 @@ class ThermalBending(Effect):
     bend_rad_per_degC: float
     axis: Vector
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         in_base = signals.link_rotation(2) @ np.asarray(self.axis)
         angle = self.bend_rad_per_degC * (signals.temperatures - 22.0)
@@ -66,6 +69,7 @@ class MovingMagnet(Effect):
     field: Vector
     switched_s: tuple[float, ...]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         there = np.searchsorted(self.switched_s, signals.t) % 2
         return with_field(signals, there[:, None] * np.asarray(self.field))
@@ -83,6 +87,7 @@ class DailyField(Effect):
     period_s: float
     phase: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         wave = np.sin(2.0 * np.pi * signals.t / self.period_s + self.phase)
         return with_field(signals, wave[:, None] * np.asarray(self.field))
@@ -100,6 +105,7 @@ class PassingLift(Effect):
     at_s: tuple[float, ...]
     width_s: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         since = (signals.t[:, None] - np.asarray(self.at_s)) / self.width_s
         return with_field(signals, np.exp(-0.5 * since**2).sum(axis=1)[:, None] * np.asarray(self.field))
@@ -117,6 +123,7 @@ class ReversalRinging(Effect):
     frequency_Hz: float
     decay_s: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         direction = np.sign(signals.joint_velocity[:, 0])
         turned = np.flatnonzero(np.diff(direction) != 0)
@@ -142,6 +149,7 @@ class GainSwitching(Effect):
     change: float
     switched_s: tuple[float, ...]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         volts = signals.volts.copy()
         volts[:, self.columns] *= 1.0 + self.change * (np.searchsorted(self.switched_s, signals.t) % 2)[:, None]
@@ -158,6 +166,7 @@ class CrossAxisProduct(Effect):
 
     fraction: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         own = CHANNELS.index(self.where)
         first = own - own % 3
@@ -178,6 +187,7 @@ class BearingWobble(Effect):
     amplitude_rad: float
     phase: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         q = signals.q.copy()
         q[:, 4] += self.amplitude_rad * np.sin(2.0 * signals.encoder_angles[:, 5] + self.phase)
@@ -194,6 +204,7 @@ class ClockDrift(Effect):
 
     drift: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         middle = 0.5 * (signals.t[0] + signals.t[-1])
         at = np.clip(signals.t - self.drift * (signals.t - middle), signals.t[0], signals.t[-1])

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from typing_extensions import override
 
 from rig.arrays import Array
 from rig.channels import CHANNELS
@@ -31,6 +32,7 @@ class SettlingFloor(Effect):
     turn_rad: Vector
     tau_s: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         way = np.log1p((signals.t - signals.t[0]) / self.tau_s)
         turn = Rotation.from_rotvec(way[:, None] * np.asarray(self.turn_rad)).as_matrix()
@@ -49,6 +51,7 @@ class CreepingMount(Effect):
     turns_rad: tuple[Vector, ...]
     phases: tuple[float, ...]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         share = (signals.t - signals.t[0]) / (signals.t[-1] - signals.t[0])
         waves = [np.sin(np.pi * (k + 1.5) * share + phase) / (k + 1.5) for k, phase in enumerate(self.phases)]
@@ -67,6 +70,7 @@ class TelegraphOffset(Effect):
     size: float
     switched_s: tuple[float, ...]
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         volts = signals.volts.copy()
         volts[:, self.columns] += self.size * (np.searchsorted(self.switched_s, signals.t) % 2)[:, None]
@@ -83,6 +87,7 @@ class WarmingMagnet(Effect):
 
     field_per_degC: Vector
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         warmth = (signals.temperatures - 22.0)[:, None]
         return with_field(signals, warmth * np.asarray(self.field_per_degC))
@@ -100,6 +105,7 @@ class Turntable(Effect):
     period_s: float
     phase: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         angle = 2.0 * np.pi * signals.t / self.period_s + self.phase
         return with_field(signals, self.size * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1))
@@ -116,6 +122,7 @@ class SlipRing(Effect):
     size: float
     phase: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         yaw, volts = signals.encoder_angles[:, 0], signals.volts.copy()
         volts[:, self.columns] += self.size * (np.sin(2.0 * yaw + self.phase) + 0.5 * np.sin(7.0 * yaw))[:, None]
@@ -132,6 +139,7 @@ class AgeingGain(Effect):
 
     loss: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         share = (signals.t - signals.t[0]) / (signals.t[-1] - signals.t[0])
         inputs = signals.inputs.copy()
@@ -149,6 +157,7 @@ class LoadedSupply(Effect):
 
     drop: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         load = np.maximum(np.cos(signals.encoder_angles[:, 4]), 0.0) ** 2
         return replace(signals, volts=signals.volts * (1.0 - self.drop * load)[:, None])
@@ -164,6 +173,7 @@ class CableDrag(Effect):
 
     share: float
 
+    @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         yaw, q, last = signals.encoder_angles[:, 0], signals.q.copy(), 0.0
         stuck = np.empty_like(yaw)

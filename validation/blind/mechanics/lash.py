@@ -7,6 +7,7 @@ from typing import Self
 
 import mujoco
 import numpy as np
+from typing_extensions import override
 
 from validation.blind.mechanics.mechanism import Mechanism
 from validation.blind.settings import Setting
@@ -27,17 +28,21 @@ class LashJoint(Mechanism):
     effect = "backlash"
 
     @classmethod
+    @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
         return cls(1.0)
 
     @property
+    @override
     def where(self) -> str:
         return "joint1"
 
     @property
+    @override
     def besides(self) -> tuple[tuple[str, str], ...]:
         return (("outliers", "acquisition"),)  # a reading that falls into the impact on a stop
 
+    @override
     def edit(self, spec: mujoco.MjSpec) -> None:
         motor = spec.joint("joint1")
         half = 0.5 * _WIDTH_RAD * self.strength

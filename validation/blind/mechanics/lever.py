@@ -7,6 +7,7 @@ from typing import Self
 
 import mujoco
 import numpy as np
+from typing_extensions import override
 
 from validation.blind.draws import unit
 from validation.blind.mechanics.mechanism import Mechanism, Vector
@@ -25,14 +26,17 @@ class OffCentreSensor(Mechanism):
     lever_m: Vector
 
     @classmethod
+    @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
         x, y, z = (float(value) for value in _LEVER_M * unit(rng))
         return cls(1.0, (x, y, z))
 
     @property
+    @override
     def where(self) -> str:
         return "accelerometer"
 
+    @override
     def edit(self, spec: mujoco.MjSpec) -> None:
         site = spec.site("imu")
         site.pos = site.pos + self.strength * np.asarray(self.lever_m)

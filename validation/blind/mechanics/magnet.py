@@ -7,6 +7,7 @@ from typing import Self
 
 import mujoco
 import numpy as np
+from typing_extensions import override
 
 from rig.arrays import Array
 from validation.blind.draws import unit
@@ -28,6 +29,7 @@ class MagnetOnLink(Mechanism):
     moment: Vector
 
     @classmethod
+    @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
         link = str(rng.choice(list(_PLACES)))
         distance = 0.09 if link == "link5" else 0.5
@@ -35,14 +37,17 @@ class MagnetOnLink(Mechanism):
         return cls(1.0, link, (x, y, z))
 
     @property
+    @override
     def where(self) -> str:
         return self.link
 
     @property
+    @override
     def families(self) -> tuple[tuple[str, str], ...]:
         # joints 2 to 4 are locked: links 1 to 4 are one body
         return () if self.link == "link5" else tuple(("link_hard_iron", f"link{number}") for number in (2, 3, 4))
 
+    @override
     def stray_field(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         body, site = model.body(self.link).id, model.site("imu").id
         turned = data.xmat[body].reshape(3, 3)

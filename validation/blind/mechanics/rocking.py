@@ -7,6 +7,7 @@ from typing import Self
 
 import mujoco
 import numpy as np
+from typing_extensions import override
 
 from validation.blind.mechanics.mechanism import Mechanism
 from validation.blind.settings import Setting
@@ -24,13 +25,16 @@ class RockingBase(Mechanism):
     towards_rad: float
 
     @classmethod
+    @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
         return cls(1.0, float(rng.uniform(0.0, 2.0 * np.pi)))
 
     @property
+    @override
     def where(self) -> str:
         return "base"
 
+    @override
     def edit(self, spec: mujoco.MjSpec) -> None:
         hinge = spec.body("base").add_joint(
             name="rocking",

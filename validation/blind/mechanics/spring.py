@@ -7,6 +7,7 @@ from typing import Self
 
 import mujoco
 import numpy as np
+from typing_extensions import override
 
 from validation.blind.mechanics.mechanism import Mechanism
 from validation.blind.settings import Setting
@@ -23,17 +24,21 @@ class SpringJoint(Mechanism):
     effect = "joint_compliance"
 
     @classmethod
+    @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
         return cls(1.0)
 
     @property
+    @override
     def where(self) -> str:
         return "joint5"
 
     @property
+    @override
     def families(self) -> tuple[tuple[str, str], ...]:
         return (("joint_eccentricity", "joint5"),)  # the droop is a cosine of the angle: one of its phases
 
+    @override
     def edit(self, spec: mujoco.MjSpec) -> None:
         motor = spec.joint("joint5")
         flex = spec.body("link5").add_joint(

@@ -7,6 +7,7 @@ from typing import Self
 
 import mujoco
 import numpy as np
+from typing_extensions import override
 
 from rig.arrays import Array
 from validation.blind.draws import unit
@@ -29,14 +30,17 @@ class VibratingTable(Mechanism):
     phase_rad: float
 
     @classmethod
+    @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
         x, y, z = (float(value) for value in unit(rng))
         return cls(1.0, (x, y, z), float(rng.uniform(8.0, 30.0)), float(rng.uniform(0.0, 6.28)))
 
     @property
+    @override
     def where(self) -> str:
         return "accelerometer"
 
+    @override
     def edit(self, spec: mujoco.MjSpec) -> None:
         spec.body("base").add_joint(
             name="table",
@@ -49,5 +53,6 @@ class VibratingTable(Mechanism):
         motor = spec.add_actuator(name="imbalance", trntype=mujoco.mjtTrn.mjTRN_JOINT, target="table")
         motor.set_to_motor()
 
+    @override
     def forces(self, t: Array) -> Array:
         return _FORCE_N * self.strength * np.sin(2.0 * np.pi * self.frequency_Hz * t + self.phase_rad)[:, None]
