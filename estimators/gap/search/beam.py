@@ -124,7 +124,7 @@ class Search:
     def _fitted(self, members: Sequence[Member], data: WhitenedData) -> Explanation:
         fine = data is self.data
         key = tuple(sorted(member.label for member in members)), fine
-        if key not in self.found:
+        if key not in self.found or self.found[key].refitted is None:
             rough = self.rough if _smooth(members) else None
             refitted = converged([member.fit for member in members], data, rough)
             own = as_fitted(members, refitted)
@@ -319,7 +319,6 @@ class Search:
         found |= {(): self.fine(()), leading.key: leading}
         while rough_ones := self._to_refit(list(found.values())):
             for each in rough_ones:
-                del self.found[each.key, True]
                 found[each.key] = self._fitted(each.members, self.data)
         return sorted(found.values(), key=lambda each: -each.log_mass)
 
