@@ -70,11 +70,6 @@ class Rig:
                 raise RigError(f"effect {effect.name} at {effect.where}: {lacking}")
 
     @property
-    def slides(self) -> tuple[int, ...]:
-        """The numbers of the arm's joints that slide, from 1."""
-        return () if self.arm is None else tuple(np.flatnonzero(self.arm.slides) + 1)
-
-    @property
     def pipeline(self) -> Pipeline:
         """The stages before the acquisition; errors of the log are none of them."""
         world = tuple(effect for effect in self.effects if not effect.of_log)
@@ -129,7 +124,7 @@ class Rig:
         return Recording(
             t=signals.t,
             q=signals.q_encoder if pose == "joints" else None,
-            slides=self.slides if pose == "joints" else (),
+            slides=self.arm.slide_numbers if self.arm is not None and pose == "joints" else (),
             tool_quaternion=None if logged is None else quaternions(logged.R_base_tool[kept]),
             tool_position=None if logged is None else logged.position[kept],
             accelerometer=None if self.accelerometer is None else volts[:, COLUMNS_OF[ACCELEROMETER]],

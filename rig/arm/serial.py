@@ -18,6 +18,7 @@ from rig.arm.rotation_map import RotationMap
 from rig.arrays import Array
 from rig.assets import model_path
 from rig.errors import RigError
+from rig.joint_values import given_values, joint_values
 
 _SPEEDS = "joint_speed_limit_deg_s"
 _LIMIT_SLACK_RAD = 1e-6  # a limit reached exactly, then written and read again in degrees, is still within it
@@ -185,13 +186,18 @@ class Arm:
         kinds = self.model.jnt_type[self.chain.joints]
         return tuple(bool(kind == mujoco.mjtJoint.mjJNT_SLIDE) for kind in kinds)
 
+    @cached_property
+    def slide_numbers(self) -> tuple[int, ...]:
+        """The numbers of the joints that slide, from 1."""
+        return tuple(number for number, slides in enumerate(self.slides, start=1) if slides)
+
     def in_degrees(self, q: ArrayLike) -> Array:
         """Joint values (..., N) [rad, m] as maneuvers take them: deg, or m of joints that slide."""
-        return np.where(self.slides, q, np.degrees(q))
+        return given_values(q, self.slide_numbers)
 
     def from_degrees(self, values: ArrayLike) -> Array:
         """Joint values (..., N) [rad, m] from those of a maneuver [deg, m]."""
-        return np.where(self.slides, values, np.radians(values))
+        return joint_values(values, self.slide_numbers)
 
     @cached_property
     def joint_axes(self) -> Array:

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from rig.arrays import Array, Mask
 from rig.errors import RigError
 
 Limits = Sequence[tuple[float, float]]
@@ -94,22 +93,6 @@ def within(where: str, joint: int, low_deg: float, high_deg: float, limits_deg: 
     if low_deg < low - _SLACK_DEG or high_deg > high + _SLACK_DEG:
         found = f"{low_deg:.6g} to {high_deg:.6g}" if low_deg != high_deg else f"{low_deg:.6g}"
         raise RigError(f"{where}: joint{joint} goes to {found} deg, expected within {low:g} to {high:g} deg")
-
-
-def joint_values(values: object, slides: Sequence[int]) -> Array:
-    """Joint values (..., N) in deg, or m of the joints that slide (numbers from 1), in rad and m."""
-    given = np.array(values, dtype=float)
-    return np.where(_sliding(given, slides), given, np.radians(given))
-
-
-def given_values(q: Array, slides: Sequence[int]) -> Array:
-    """The reverse of ``joint_values``."""
-    return np.where(_sliding(q, slides), q, np.degrees(q))
-
-
-def _sliding(values: Array, slides: Sequence[int]) -> Mask:
-    """(N,) which columns of joint values (..., N) are of joints that slide."""
-    return np.isin(np.arange(1, values.shape[-1] + 1), slides)
 
 
 def limits(where: str, values: object, joints: int) -> tuple[tuple[float, float], ...] | None:

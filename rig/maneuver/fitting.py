@@ -46,7 +46,7 @@ def fitted(maneuver: Fitted, arm: Arm, stated: Collection[str] = ()) -> Fitted:
     """
     if arm.is_a465 or not isinstance(maneuver, TorusSweep | FourierSweep | LockedPoses | StaticPoses):
         return maneuver
-    slides = slide_numbers(arm)
+    slides = arm.slide_numbers
     if {"joints", "locked_deg", "poses_deg", "centre_deg"} & set(stated):
         return replace(maneuver, slides=slides)
     if isinstance(maneuver, FourierSweep):
@@ -72,13 +72,8 @@ def stops_at(
     """Stops of an arm at poses (k, N) [deg, m]; without limits these are the arm's to check."""
     poses = tuple(tuple(map(float, row)) for row in values)
     return StaticPoses(
-        poses_deg=poses, hold_s=hold_s, move_s=move_s, rate_Hz=rate_Hz, limits_deg=limits_deg, slides=slide_numbers(arm)
+        poses_deg=poses, hold_s=hold_s, move_s=move_s, rate_Hz=rate_Hz, limits_deg=limits_deg, slides=arm.slide_numbers
     )
-
-
-def slide_numbers(arm: Arm) -> tuple[int, ...]:
-    """The numbers of the joints that slide, from 1."""
-    return tuple(number for number, slides in enumerate(arm.slides, start=1) if slides)
 
 
 def reach(arm: Arm) -> tuple[Array, Array]:
@@ -133,7 +128,7 @@ def torus_sweep(arm: Arm, sweep: TorusSweep) -> TorusSweep:
 
     speed = np.degrees(arm.speed) * _SHARE
     rolls = not np.isfinite(arm.lower[roll]) and not np.isfinite(arm.upper[roll])
-    slides = slide_numbers(arm)
+    slides = arm.slide_numbers
     locked = [joint for joint in range(arm.dof) if joint not in torus.joints]
     return replace(
         sweep,

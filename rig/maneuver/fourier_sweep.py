@@ -8,7 +8,8 @@ import numpy as np
 
 from rig.arrays import Array
 from rig.errors import RigError
-from rig.maneuver._checks import A465_LIMITS_DEG, given_values, joint_values, limits, number, numbers, poses, within
+from rig.joint_values import given_values, joint_values
+from rig.maneuver._checks import A465_LIMITS_DEG, limits, number, numbers, poses, within
 from rig.trajectory import JointTrajectory, sample_times
 
 #: Instants at which its way is shown, for each of its harmonics.

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.arrays import Array
-from rig.maneuver._checks import joint_values, number, poses
+from rig.joint_values import joint_values
+from rig.maneuver._checks import number, poses
 from rig.trajectory import JointTrajectory, sample_times
 
 

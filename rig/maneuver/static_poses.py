@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.arrays import Array, Mask
-from rig.maneuver._checks import A465_LIMITS_DEG, given_values, joint_values, limits, number, poses, whole, within
+from rig.joint_values import given_values, joint_values
+from rig.maneuver._checks import A465_LIMITS_DEG, limits, number, poses, whole, within
 from rig.maneuver.profile import PEAK_ACCELERATION, PEAK_SPEED, quintic
 from rig.trajectory import JointTrajectory, sample_times
 

@@ -11,7 +11,7 @@ from rig.arm import Arm
 from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import HandTumble, Maneuver, StaticPoses, TorusSweep
-from rig.maneuver.fitting import slide_numbers, stops_at
+from rig.maneuver.fitting import stops_at
 
 #: A joint that moves less is locked: one that turns [rad], one that slides [m].
 _LOCKED: Final = (1e-2, 1e-3)
@@ -52,7 +52,7 @@ def closest_maneuver(t: Array, q: Array | None, sampling_Hz: float, arm: Arm | N
             "The recording has tool poses, which no maneuver plays back: a tumble of that duration stands for them.",
         )
     limits = TorusSweep.limits_deg if arm.is_a465 else None
-    slides = slide_numbers(arm)
+    slides = arm.slide_numbers
     sweep = _torus_sweep(duration, q[:: max(1, len(q) // _LOOKED_AT)], sampling_Hz, limits, slides)
     if sweep is not None:
         return ClosestManeuver(

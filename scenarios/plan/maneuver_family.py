@@ -13,7 +13,6 @@ from rig.arm import Arm
 from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import StaticPoses, TorusSweep
-from rig.maneuver.fitting import slide_numbers
 from rig.maneuver.reach import Reach
 from rig.maneuver.static_poses import between
 
@@ -79,11 +78,6 @@ class Family:
         """What a maneuver checks itself: the A465's limits; of another arm the scenario does."""
         return TorusSweep.limits_deg if self.arm.is_a465 else None
 
-    @property
-    def slides(self) -> tuple[int, ...]:
-        """The numbers of the joints that slide, from 1."""
-        return slide_numbers(self.arm)
-
     def way(self, joint: int, degrees: float) -> float:
         """How far a joint (a column) goes for so many degrees: these, or as much of a slide's range."""
         low, high = self.limits
@@ -148,7 +142,7 @@ def _sweep(room: Family, joints: tuple[int, ...], duration_s: float, rate_Hz: fl
             corner_s=min(0.5, duration_s / 60.0),
             joints=(yaw + 1, pitch + 1, roll + 1),
             limits_deg=room.checked,
-            slides=room.slides,
+            slides=room.arm.slide_numbers,
         )
         if made is not None and room.reach.allows(made):
             return made
@@ -197,7 +191,9 @@ def stops(room: Family, duration_s: float, rate_Hz: float, seed: int, spread: fl
     while len(poses) < count:
         poses += _approached(room, rng, spread, poses[-1:])
     while True:
-        made = StaticPoses(poses_deg=tuple(poses), rate_Hz=rate_Hz, limits_deg=room.checked, slides=room.slides)
+        made = StaticPoses(
+            poses_deg=tuple(poses), rate_Hz=rate_Hz, limits_deg=room.checked, slides=room.arm.slide_numbers
+        )
         q = made.angles
         longest = float(np.ceil(100.0 * room.reach.dynamics.seconds(q[:-1], q[1:]).max()) / 100.0)
         cycle = duration_s / len(poses)

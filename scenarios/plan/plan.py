@@ -321,12 +321,10 @@ def trajectory_csv(plan: Plan) -> str:
     arm = plan.scenario.rig.arm
     assert arm is not None
     motion = plan.maneuver.trajectory()
-    slides = np.array(arm.slides)
-    scale = np.where(slides, 1.0, 180.0 / np.pi)
     units = ["m" if slide else "deg" for slide in arm.slides]
     header = ["t_s", *(f"{name}_{unit}" for name, unit in zip(arm.joint_names, units, strict=True))]
     header += [f"{name}_{unit}_per_s" for name, unit in zip(arm.joint_names, units, strict=True)]
-    rows = np.column_stack([motion.t, motion.q * scale, motion.qd * scale])
+    rows = np.column_stack([motion.t, arm.in_degrees(motion.q), arm.in_degrees(motion.qd)])
     # All columns to 1e-6, which encoders do not resolve.
     lines = [",".join(f"{value:.6f}" for value in row) for row in rows + 0.0]
     return "\n".join([",".join(header), *lines]) + "\n"

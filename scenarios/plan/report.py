@@ -110,13 +110,12 @@ def plan_figure(plan: Plan) -> Figure:
     with style():
         figure = new_figure(12.6, 4.6)
         left, middle, right = figure.subplots(1, 3, width_ratios=[1.3, 1.1, 0.9])
-        slides = np.array(arm.slides)
-        shown = motion.q * np.where(slides, 1.0, 180.0 / np.pi)
+        shown = arm.in_degrees(motion.q)
         for joint, name in enumerate(arm.joint_names):
             colour, line = _COLOURS[joint % len(_COLOURS)], "-" if joint < len(_COLOURS) else "--"
             left.plot(motion.t, shown[:, joint], line, linewidth=1.1, label=name, color=colour)
         left.set_xlabel("time [s]")
-        left.set_ylabel("joint [deg]" if not slides.any() else "joint [deg, m]")
+        left.set_ylabel("joint [deg]" if not any(arm.slides) else "joint [deg, m]")
         left.set_title("The maneuver")
         left.legend(fontsize=6.5, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.14))
         labels = []

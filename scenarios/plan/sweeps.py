@@ -17,7 +17,6 @@ from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.maneuver import FourierSweep
-from rig.maneuver.fitting import slide_numbers
 from rig.maneuver.fourier_sweep import series
 from rig.threads import one_blas_thread
 from rig.trajectory import JointTrajectory
@@ -169,7 +168,7 @@ class SweepSearch:
     def values_of(self, maneuver: FourierSweep) -> Array:
         """(N, 1 + 2 L) of a maneuver."""
         shown = np.hstack([np.array(maneuver.centre_deg)[:, None], maneuver.cosine_deg, maneuver.sine_deg])
-        return np.where(np.array(self.arm.slides)[:, None], shown, np.radians(shown))
+        return self.arm.from_degrees(shown.T).T
 
     def maneuver(self, values: Array, seconds: float) -> FourierSweep:
         """The maneuver of a sweep."""
@@ -183,7 +182,7 @@ class SweepSearch:
             duration_s=seconds,
             rate_Hz=self.room.rate_Hz,
             limits_deg=FourierSweep.limits_deg if self.arm.is_a465 else None,
-            slides=slide_numbers(self.arm),
+            slides=self.arm.slide_numbers,
         )
 
     def drawn(self, seconds: float, count: int) -> list[tuple[float, Array]]:
