@@ -152,8 +152,8 @@ class Weighing:
             self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough, self.without)
             self._beside([search.fine(())], state, search, discrepancies)
             self._under_common(state, scanner, discrepancies)
-            effectless = [each.log_mass for each in self.hypotheses.values() if not each.explanation.members]
-            target = max(effectless) - state.log_weight - search.fine(()).log_mass
+            without_effects = [each.log_mass for each in self.hypotheses.values() if not each.explanation.members]
+            target = max(without_effects) - state.log_weight - search.fine(()).log_mass
         found = search.run(seeds, deep, target)
         for each in found:
             self.enter(self.alone(each, state))
