@@ -12,7 +12,7 @@ import numpy as np
 from rig.documents import read_json
 from rig.errors import RigError, one_line
 from rig.recording import Recording, RecordingScan, locked_beside, scan_recording
-from rig.recording.stuck import stuck_words
+from rig.recording.stuck_readings import stuck_words
 
 _AT_AN_END: Final = 0.02  # of the samples at the least or greatest value are many
 _POSSIBLE_DEGC: Final = (-100.0, 300.0)  # of a board that works

@@ -32,7 +32,7 @@ from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError, unknown_name
 from rig.pipeline import Pipeline
 from rig.recording import Recording, read_recording
-from rig.recording.stuck import stuck_words
+from rig.recording.stuck_readings import stuck_words
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
