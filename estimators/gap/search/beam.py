@@ -21,7 +21,7 @@ from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained, solve
-from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted
+from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted, key_of, without_one
 
 #: Sets of each size that are extended, additions that are fitted to each, and causes at most.
 _BEAM: Final = (3, 2, 2, 1, 1, 1, 1)
@@ -123,7 +123,7 @@ class Search:
 
     def _fitted(self, members: Sequence[Member], data: WhitenedData) -> Explanation:
         fine = data is self.data
-        key = tuple(sorted(member.label for member in members)), fine
+        key = key_of(members), fine
         if key not in self.found or self.found[key].refitted is None:
             rough = self.rough if _smooth(members) else None
             refitted = converged([member.fit for member in members], data, rough)
@@ -249,7 +249,7 @@ class Search:
 
     def without_one(self, each: Explanation) -> list[Explanation]:
         """The set without each of its effects, sample by sample."""
-        rests = {rest.key: rest for rest in (self.fitted(rest) for rest in _without_one(each.members))}
+        rests = {rest.key: rest for rest in (self.fitted(rest) for rest in without_one(each.members))}
         return [self.fine(rest.members, rest) for rest in rests.values()]
 
     def _improve(self, rounds: int) -> None:
@@ -265,7 +265,7 @@ class Search:
     def _swap(self, best: Explanation) -> None:
         """A set without each of its effects, and with others in its place."""
         self.improved.add(best.key)
-        for rest in map(self.fitted, _without_one(best.members)):
+        for rest in map(self.fitted, without_one(best.members)):
             # what promises far less than was dropped is no better: a score is about what a fit gains
             for members in self.additions(rest, 3, _SWAPPED * (self.gained(best) - self.gained(rest))):
                 self.fitted(members)
@@ -307,8 +307,8 @@ class Search:
             of_size.setdefault(len(each.members), []).append(each)
         chosen = near[:_FINE] + [each for own in of_size.values() for each in own[:_FINE_EACH]]
         leading = self._fitted(chosen[0].members, self.data)
-        subsets = _without_one(chosen[0].members)
-        keys = {tuple(sorted(member.label for member in subset)) for subset in subsets if len(subset) > 0}
+        subsets = without_one(chosen[0].members)
+        keys = {key_of(subset) for subset in subsets if len(subset) > 0}
         sizes = {len(each.members): each for each in reversed(ranked)}  # the best of each size, for other noise
         wanted = (
             chosen[1:]
@@ -348,7 +348,7 @@ class Search:
 
     def fine(self, members: Sequence[Member], rough: Explanation | None = None) -> Explanation:
         """A set sample by sample, where it was fitted on means: the evidence takes what is left to first order."""
-        key = tuple(sorted(member.label for member in members)), True
+        key = key_of(members), True
         if key not in self.found:
             if rough is None or rough.fine:
                 return self._fitted(members, self.data)
@@ -360,11 +360,6 @@ class Search:
 def _smooth(members: Sequence[Member]) -> bool:
     """Whether all effects outlive means over neighbouring samples."""
     return all(member.fit.candidate.smooth for member in members)
-
-
-def _without_one(members: Sequence[Member]) -> list[tuple[Member, ...]]:
-    """The set without each of its members."""
-    return [tuple(each for each in members if each is not out) for out in members]
 
 
 def _alike(tests: Sequence[ScoreTest], prior: Prior) -> list[list[ScoreTest]]:

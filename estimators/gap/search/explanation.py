@@ -50,6 +50,16 @@ class Member:
         return self.fit.candidate.effect.name, self.labels
 
 
+def key_of(members: Sequence[Member]) -> Key:
+    """The labels of a set, sorted."""
+    return tuple(sorted(member.label for member in members))
+
+
+def without_one(members: tuple[Member, ...]) -> list[tuple[Member, ...]]:
+    """A set without each of its members."""
+    return [members[:index] + members[index + 1 :] for index in range(len(members))]
+
+
 def as_fitted(members: Sequence[Member], refitted: Refit) -> tuple[Member, ...]:
     """Members as they were fitted together."""
     return tuple(replace(member, fit=fit) for member, fit in zip(members, refitted.fits, strict=True))
@@ -74,7 +84,7 @@ class Explanation:
     @property
     def key(self) -> Key:
         """The labels, sorted."""
-        return tuple(sorted(member.label for member in self.members))
+        return key_of(self.members)
 
     @property
     def fits(self) -> list[Fitted]:
@@ -88,10 +98,7 @@ class Explanation:
     @property
     def seeds(self) -> list[tuple[Member, ...]]:
         """Where another search may start: the set, and what is left of it when one or all but one of its members go."""
-        members = self.members
-        found = [members]
-        found += [members[:index] + members[index + 1 :] for index in range(len(members))]
-        found += [(member,) for member in members]
+        found = [self.members, *without_one(self.members), *((member,) for member in self.members)]
         return [seed for seed in found if seed]
 
     def where_likeliest(self) -> Explanation:

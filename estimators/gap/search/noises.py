@@ -31,7 +31,7 @@ from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left
-from estimators.gap.search.explanation import Explanation, Member, as_fitted
+from estimators.gap.search.explanation import Explanation, Member, as_fitted, without_one
 from rig.arrays import Array
 
 #: Log odds by which one more part of a floor must be better.
@@ -142,9 +142,8 @@ class Noises:
         what the noise does, it was learned as if the noise were not there."""
         found: list[Promise] = []
         while one.explanation.members:
-            members, name = one.explanation.members, one.state.name
-            sets = [members[:index] + members[index + 1 :] for index in range(len(members))]
-            less = self._likeliest([self._beside(one, each) for each in sets], name)
+            name = one.state.name
+            less = self._likeliest([self._beside(one, each) for each in without_one(one.explanation.members)], name)
             if less is None or less.log_mass <= one.log_mass:
                 break
             refitted = converged(less.explanation.fits, one.given[1].fine.data)

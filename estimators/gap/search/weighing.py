@@ -17,7 +17,7 @@ from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE, Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from estimators.gap.search.beam import Search
-from estimators.gap.search.explanation import Explanation, Member
+from estimators.gap.search.explanation import Explanation, Member, key_of, without_one
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Noises, Promise
 
@@ -208,10 +208,7 @@ class Weighing:
         """Explanations beside discrepancies, and additions once one of these is there."""
         done: set[tuple[str, ...]] = set()
         near = near_leading(found)
-        leading_members = found[0].members
-        drops = {
-            tuple(sorted(member.label for member in leading_members if member is not out)) for out in leading_members
-        }
+        drops = {key_of(rest) for rest in without_one(found[0].members)}
         queue = near + [each for each in found if not each.members or each.key in drops]
         extended = len(found) == 1
         while queue:
