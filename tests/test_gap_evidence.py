@@ -120,6 +120,21 @@ def test_a_tone_that_means_would_hide_is_taken_out_of_the_channels_that_it_moves
     assert moved == pytest.approx(found.gap, rel=1e-9, abs=1e-15)
 
 
+@pytest.mark.parametrize("alike", [0.0, 0.9, 1.0 - 1e-13])
+def test_the_evidence_of_effects_is_that_of_a_normal_vector(alike: float) -> None:
+    """Two that hardly differ, and others: the determinant and the square of what they make, by the whole covariance."""
+    rng = np.random.default_rng(3)
+    tangent = rng.standard_normal((40, 3)) * [3.0, 3.0, 0.1]
+    tangent[:, 1] = alike * tangent[:, 0] + np.sqrt(1.0 - alike**2) * tangent[:, 1]
+    left, point, precision = rng.standard_normal(40), np.array([0.5, -0.2, 1.0]), np.array([1.0, 0.1, 0.04])
+    linear = Linear(left, tangent, point, np.ones(3, dtype=bool), np.ones(3), np.arange(3))
+    found = float(linear.log_evidence(float(left @ left), linear.gram, tangent.T @ left, precision))
+    covariance = np.eye(40) + (tangent / precision) @ tangent.T
+    off = left + tangent @ point  # the strengths are normal about zero
+    expected = -0.5 * off @ np.linalg.solve(covariance, off) - 0.5 * np.linalg.slogdet(covariance)[1]
+    assert found == pytest.approx(float(expected), rel=1e-9)
+
+
 @pytest.mark.parametrize("fault", [(0.0, 6.0, 0.0), (5.0, -4.0, 6.0)])
 def test_one_axis_alone_or_all_of_them_are_averaged(fault: tuple[float, ...]) -> None:
     """Strengths that do not overlap: each has an evidence of its own, (1 + v)^-1/2 exp(z^2/2 v/(1 + v)) for z standard

@@ -180,18 +180,16 @@ def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
     columns = side_by_side(linear.left, linear.tangent)
     square, gram, moment = float(linear.left @ linear.left), linear.gram, linear.tangent.T @ linear.left
     alone = float(linear.log_evidence(square, gram, moment, precision))
-    rows, others = np.triu_indices(columns.shape[1])
     kept, taken = [], []
     for term, along in zip(terms, every_along(terms, columns), strict=True):
         # without the effects' freedom no term can gain more than half the square it explains
         if 0.5 * float(np.sum(along[:, 0] ** 2 / term.values)) + term.log_prior < _HOPELESS:
             continue
         kept.append(term)
-        taken.append(term.shrunk[0] @ (along[:, rows] * along[:, others]))
+        taken.append(np.matmul(along.T * term.shrunk[0][:, None], along))
     if not kept:
         return []
-    every = np.empty((len(kept), len(taken[0]), columns.shape[1], columns.shape[1]))
-    every[..., rows, others] = every[..., others, rows] = np.stack(taken)
+    every = np.stack(taken)
     logs = linear.log_evidence(
         square - every[..., 0, 0], gram - every[..., 1:, 1:], moment - every[..., 1:, 0], precision
     )

@@ -29,6 +29,9 @@ _UNFELT: Final = 1e-9
 _FULL: Final = 64
 #: By what the prior precision of strengths grows where another one of their effect acts alone.
 _ALONE: Final = 1e6
+#: Squared pivots of Cholesky's factor below which eigenvalues are looked at; a corner above any square of a moment.
+_WEAK: Final = 1e-8
+_HUGE: Final = 1e250
 
 #: The scale of an effect's strengths, the number of the one that acts alone (None: all act), and its log prior.
 _Way = tuple[float, int | None, float]
@@ -121,12 +124,10 @@ class Linear:
         scale = 1.0 / np.sqrt(np.maximum(diagonal, 0.5 * precision))
         own = precision[..., :, None] * np.eye(len(self.point))
         posterior = (gram + own) * scale[..., :, None] * scale[..., None, :]
-        values, vectors = np.linalg.eigh(posterior)
-        least = np.min(precision * scale**2, axis=-1)  # the prior alone is as much: less is rounding
-        values = np.maximum(values, np.maximum(0.5 * least, 1e-13)[..., None])
-        z = np.einsum("...ij,...i->...j", vectors, (moment + precision * self.pull) * scale)
-        log_det = np.log(values).sum(axis=-1) - 2.0 * np.log(scale).sum(axis=-1)
-        fit = np.sum(z**2 / values, axis=-1) - precision @ self.pull**2
+        least = 0.5 * np.min(precision * scale**2, axis=-1)  # the prior alone is as much: less is rounding
+        fit, log_det = _solved(posterior, (moment + precision * self.pull) * scale, np.maximum(least, 1e-13))
+        log_det -= 2.0 * np.log(scale).sum(axis=-1)
+        fit -= precision @ self.pull**2
         return np.asarray(-0.5 * square + 0.5 * fit + 0.5 * np.log(precision).sum(axis=-1) - 0.5 * log_det)
 
     @cached_property
@@ -177,6 +178,31 @@ class Linear:
         top = float(at([chosen])[0])
         total = top + sum(float(np.logaddexp.reduce(along(index))) - top for index in range(len(chosen)))
         return total - self.searched, np.array([scale for scale, *_ in chosen])
+
+
+def _solved(matrix: Array, moment: Array, least: Array) -> tuple[Array, Array]:
+    """moment' matrix^-1 moment (...,) and log det (...,) of positive matrices (..., p, p) with ones on the diagonal.
+
+    Args:
+        moment: (..., p). least: (...,) eigenvalues below this are rounding.
+    """
+    size = matrix.shape[-1]
+    bordered = np.empty((*np.broadcast_shapes(matrix.shape[:-2], moment.shape[:-1]), size + 1, size + 1))
+    bordered[..., :size, :size], bordered[..., size, :size], bordered[..., size, size] = matrix, moment, _HUGE
+    try:
+        root = np.linalg.cholesky(bordered)  # its last row is what solves for the moment
+    except np.linalg.LinAlgError:
+        root = np.zeros(bordered.shape)
+    pivots = np.einsum("...ii->...i", root)[..., :size] ** 2
+    log_det = np.log(np.maximum(pivots, 1e-300)).sum(axis=-1)
+    fit = np.sum(root[..., size, :size] ** 2, axis=-1)
+    weak = np.asarray(pivots.min(axis=-1) < _WEAK)
+    if weak.any():
+        values, vectors = np.linalg.eigh(bordered[..., :size, :size][weak])
+        values = np.maximum(values, np.broadcast_to(least, weak.shape)[weak][..., None])
+        z = np.einsum("...ji,...j->...i", vectors, bordered[..., size, :size][weak])
+        fit[weak], log_det[weak] = np.sum(z**2 / values, axis=-1), np.log(values).sum(axis=-1)
+    return fit, log_det
 
 
 def linearised(refitted: Refit, searched: float = 0.0) -> Linear:

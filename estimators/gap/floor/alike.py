@@ -36,7 +36,7 @@ def moved_together(spectra: Sequence[Spectrum]) -> tuple[list[Array], float]:
     for each, here in list(zip(spectra, own, strict=True)) * (_PASSES if coupled else 0):
         alone = np.diag(precision[here, here])
         others = precision[here] @ (point - expected) - alone * (point - expected)[here]
-        point[here] = replace(each, believed=(each.expected - others / alone, alone)).alone[0]
+        point[here] = replace(each, believed=(each.expected - others / alone, alone), near=point[here]).alone[0]
     points = [point[here] for here in own]
     pairs = list(zip(spectra, points, strict=True))
     known = block_diag(*(each.learned.information(at) for each, at in pairs)) + precision

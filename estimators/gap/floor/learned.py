@@ -207,6 +207,7 @@ class Spectrum:
         floor: its spectrum, whitened.
         power: (b,) sums of squares. counts: (b,) how many.
         believed: a point's prior mean and precisions, (free,) each, where something beside this channel tells of them.
+        near: (free,) a point near the likeliest one, where one is known.
     """
 
     learned: Learned
@@ -214,6 +215,7 @@ class Spectrum:
     power: Array
     counts: Array
     believed: tuple[Array, Array] | None = None
+    near: Array | None = None
 
     @cached_property
     def alone(self) -> tuple[Array, float]:
@@ -224,12 +226,18 @@ class Spectrum:
             value, gradient = self._loss(np.array([*point, -np.inf]), nothing)
             return value, gradient[:-1]
 
-        starts = [self.expected.copy()]
+        starts = [self.expected.copy() if self.near is None else self.near]
+        if self.learned.free == 1 and self.near is None:  # of a white floor, where it is likeliest but for its prior
+            known = self.learned.told * self.learned.noise.samples
+            found = (float(np.sum(self.power / self.floor.at(np.zeros(1)))) + known) / (
+                float(self.counts.sum()) + known
+            )
+            starts = [np.array([np.clip(np.log(max(found, 1e-300)), *_WHITE)])]
         if not self.learned.unseen and len(self.learned.noise.parts) > 1:  # the slowest may be larger than it seemed
             starts.append(np.where(np.arange(self.learned.free) == self.learned.free - 2, _LARGER, 0.0))
         ways = [minimize(loss, start, jac=True, method="L-BFGS-B", bounds=self._bounds) for start in starts]
-        found = min(ways, key=lambda way: float(way.fun))
-        return np.asarray(found.x), float(found.fun)
+        best = min(ways, key=lambda way: float(way.fun))
+        return np.asarray(best.x), float(best.fun)
 
     def added(self, unit: Array) -> tuple[float, float, float]:
         """The variance x that makes the squares likeliest under floor + x unit: x, twice the gain, its deviation.
