@@ -144,7 +144,7 @@ def test_units_go_with_the_numbers() -> None:
     assert np.allclose(in_volts[0], reference.rms[:3], rtol=1e-12)
     with pytest.raises(RigError, match="cannot be converted"):
         found.of("magnetometer", "V")
-    assert found.to_json()["channels"]["mag1"]["bits"] is None  # type: ignore[index]
+    assert found.to_json()["channels"]["mag1"]["bits"] is None
 
 
 def test_a_recording_that_holds_no_pose_is_refused() -> None:

@@ -19,7 +19,7 @@ def summary(calibration: Calibration) -> str:
     return "\n\n".join([title, *blocks])
 
 
-def parameter_unit(calibration: SensorCalibration, name: str, field_unit: str) -> str:
+def _unit(calibration: SensorCalibration, name: str, field_unit: str) -> str:
     """The unit of a parameter by its name."""
     if name.endswith("_deg"):
         return "deg"
@@ -38,7 +38,7 @@ def _sensor(name: str, sensor: SensorCalibration) -> str:
     for parameter in sensor.parameters:
         told = sensor.identifiable.get(parameter, True)
         value, std = with_std(sensor.value(parameter), sensor.std(parameter), "-")
-        rows.append((parameter.removesuffix("_deg"), value, std, parameter_unit(sensor, parameter, field_unit)))
+        rows.append((parameter.removesuffix("_deg"), value, std, _unit(sensor, parameter, field_unit)))
         if told is not True:
             reasons.append((parameter.removesuffix("_deg"), str(told)))
     if sensor.field_direction is not None:

@@ -207,9 +207,9 @@ class Diagnosis:
                 found.append(one)
         return tuple(found)
 
-    def to_json(self) -> Any:
+    def to_json(self) -> dict[str, Any]:
         """The contract's object."""
-        return plain(
+        document: dict[str, Any] = plain(
             {
                 "format": FORMAT,
                 "recordings": list(self.recordings),
@@ -249,6 +249,7 @@ class Diagnosis:
                 **({} if self.rig is None else {"rig": self.rig}),
             }
         )
+        return document
 
     def _cause(self, cause: Cause) -> dict[str, Any]:
         found = asdict(cause)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -73,7 +73,7 @@ class NoiseFloor:
         factor = 1.0 if unit is None else conversion_factor(recorded, unit)
         return factor * self.rms[rows], factor * self.rms_std[rows]
 
-    def to_json(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, Any]:
         """A JSON object: per channel RMS, dynamic range and bits with their standard errors."""
         columns = ("rms", "rms_std", "dynamic_range_dB", "dynamic_range_std_dB", "bits", "bits_std")
         return {

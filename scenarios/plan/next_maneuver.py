@@ -105,13 +105,12 @@ class NextManeuver:
             )
         return words
 
-    def to_json(self, scenario: str | None) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """For a diagnosis' ``next``."""
         return {
             "why": self.why,
             "maneuver": described(self.maneuver, self.warmer_degC),
             "minutes": round(self.maneuver.duration_s / 60.0, 2),
-            **({"scenario": scenario} if scenario else {}),
             "separates": [
                 {
                     "truth": _names(pair.truth),
@@ -216,8 +215,10 @@ def next_step(
             advice = "Without joint angles no maneuver can be proposed: record tool poses that differ more, or faster."
         return NextStep({"why": advice or _NONE, "maneuver": None}, None)
     scenario = None if rig is None else found.to_toml(rig)
-    words = found.to_json(None if scenario is None else f"{diagnosis.name}.next.toml")
-    return NextStep({**words, "why": " ".join(filter(None, [words["why"], advice]))}, scenario)
+    words = {**found.to_json(), "why": " ".join(filter(None, [found.why, advice]))}
+    if scenario is not None:
+        words["scenario"] = f"{diagnosis.name}.next.toml"
+    return NextStep(words, scenario)
 
 
 class Search:
