@@ -15,11 +15,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from recording_examples import SUFFIXES, assert_same, columns_of, example, refusal, tumble, write_parquet
+from recording_examples import SUFFIXES, assert_same, example, refusal, tumble, write_parquet
 
 from rig.errors import RigError
 from rig.recording import Metadata, Recording, RecordingWriter, locked_beside, read_recording, scan_recording
-from rig.recording.columns import PARTS
 from rig.units import UNITS
 
 PRACTICE = Path(__file__).parents[1].parent / "shared" / "practice"
@@ -122,21 +121,6 @@ def test_lines_may_be_taken_out_of_a_csv(tmp_path: Path) -> None:
     assert_same(read_recording(path), example().select(slice(0, 10)))
 
 
-def test_a_part_is_read_without_the_rest(tmp_path: Path) -> None:
-    path = tmp_path / "run.parquet"
-    columns = columns_of(example())
-    columns["supply_V"] = np.full(40, np.nan)
-    write_parquet(path, columns)
-    batch = next(iter(scan_recording(path, parts=("magnetometer", "pose"))))
-    assert (batch.sensors, batch.pose) == (("magnetometer",), "joints")
-    assert batch.temperature is None
-    assert batch.currents == {}
-    assert "supply_V" in refusal(path)
-    assert "accelerometer" in refusal(path, lambda run: scan_recording(run, parts=("pose",)))
-    with pytest.raises(RigError, match="nearest: 'temperature'"):
-        scan_recording(path, parts=("temperatures",))
-
-
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.parquet"
     n = 400_000
@@ -159,12 +143,6 @@ def test_a_scan_can_be_repeated_and_left(tmp_path: Path) -> None:
     iterator.close()  # type: ignore[attr-defined]
     assert [len(batch) for batch in scan] == [16, 16, 8]
     assert_same(next(iter(scan)), first)
-
-
-def test_parts_are_what_can_be_left_unread(tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    tumble().write(path)
-    assert_same(next(iter(scan_recording(path, parts=PARTS))), tumble())
 
 
 def write_batches(path: Path, *batches: Recording | BaseException) -> None:

@@ -277,13 +277,14 @@ def _as_seen(log_chance: Array, repeats: Mask, own: list[int]) -> Array:
     return np.full_like(log_chance, np.log(seen / fresh.sum()))
 
 
-def lattice_step(values: Array, grid: float = 0.0) -> float:
-    """The step of the lattice that values lie on, to within a finer grid's rounding; zero where they lie on none."""
-    return _lattice(values, grid)[0]
+def lattice_step(values: Array) -> float:
+    """The step of the lattice that values lie on; zero where they lie on none."""
+    return _lattice(values, 0.0)[0]
 
 
 def _lattice(values: Array, grid: float) -> tuple[float, float]:
-    """``lattice_step``, and its standard deviation by how the levels scatter about it, no less than rounding."""
+    """``lattice_step`` to within a finer grid's rounding, and its standard deviation by how the levels scatter about
+    it, no less than rounding."""
     levels = np.unique(values)
     if len(levels) > 0.7 * len(values) or len(levels) < 3:
         return 0.0, 0.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 from rig.channels import CHANNELS_OF, SENSORS
-from rig.errors import RigError, nearest, shortened, unknown_name
+from rig.errors import RigError, nearest, shortened
 from rig.recording.metadata import misspelt
 from rig.units import UNITS
 
@@ -18,9 +18,6 @@ QUATERNION: Final = ("tool_qw", "tool_qx", "tool_qy", "tool_qz")
 POSITION: Final = ("tool_x_m", "tool_y_m", "tool_z_m")
 TEMPERATURE: Final = "temperature_degC"
 SUPPLY: Final = "supply_V"
-
-#: What can be left unread of a recording; the time is always read.
-PARTS: Final = ("pose", *SENSORS, "temperature", "currents", "supply")
 
 #: Arms whose number of joints is known without a model, so that a recording that lacks one is found out.
 JOINTS_OF_ARM: Final[Mapping[str, int]] = {"a465": 6}
@@ -154,28 +151,6 @@ class Columns:
             what = f"partial pose: q{count + 1}_rad is missing" if count < joints else "too many joint angles"
             raise RigError(f"{where}: {what}, found q1..q{count}, expected q1..q{joints} of the arm's {joints} joints")
         return columns
-
-    def only(self, parts: Collection[str]) -> Columns:
-        """The columns of some PARTS.
-
-        Raises:
-            RigError: an unknown part.
-        """
-        for part in parts:
-            if part not in PARTS:
-                raise unknown_name("part of a recording", part, PARTS)
-        pose = "pose" in parts
-        return replace(
-            self,
-            joints=self.joints if pose else (),
-            tool=self.tool and pose,
-            position=self.position and pose,
-            readings={sensor: names for sensor, names in self.readings.items() if sensor in parts},
-            units={sensor: unit for sensor, unit in self.units.items() if sensor in parts},
-            currents=self.currents if "currents" in parts else {},
-            temperature=self.temperature and "temperature" in parts,
-            supply=self.supply and "supply" in parts,
-        )
 
 
 def _is_valid(name: str, where: str) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -22,7 +22,6 @@ from rig.memory import check_fits
 from rig.recording.checks import check_continues, check_finite
 from rig.recording.columns import (
     JOINTS_OF_ARM,
-    PARTS,
     POSITION,
     QUATERNION,
     SUPPLY,
@@ -190,7 +189,6 @@ def _joint_angles(table: Mapping[str, Array], columns: Columns, where: str, firs
 def scan_recording(
     path: str | os.PathLike[str],
     batch_rows: int = 65536,
-    parts: Collection[str] | None = None,
     joints: int | None = None,
 ) -> RecordingScan:
     """Open a recording to be read in batches.
@@ -198,12 +196,10 @@ def scan_recording(
     Args:
         path: .parquet or .csv. Without metadata it is taken as Renk et al. have it: 9.8 m/s^2, relative field, A465.
         batch_rows: at most so many samples a batch.
-        parts: which of "pose", "accelerometer", "magnetometer", "temperature", "currents", "supply" to read, among
-            them a sensor; None: all that are there. What is not read is not checked, but for its columns' names.
         joints: how many joints the arm has; None: six if the metadata's arm is the A465, else not checked.
 
     Raises:
-        RigError: a file that cannot be read, metadata or columns that make no recording, or none of ``parts``.
+        RigError: a file that cannot be read, metadata or columns that make no recording.
     """
     if batch_rows < 1:
         raise RigError(f"batch_rows: found {batch_rows}, expected 1 or more")
@@ -213,9 +209,7 @@ def scan_recording(
     if metadata.still_poses and TIME not in table.names:
         table = NumberedTable(table)
     expected = JOINTS_OF_ARM.get(metadata.arm) if joints is None else joints
-    columns = Columns.parse(table.names, where, expected).only(PARTS if parts is None else parts)
-    if not columns.readings:
-        raise RigError(f"{where}: nothing to read: expected one of the sensors {', '.join(SENSORS)} among the parts")
+    columns = Columns.parse(table.names, where, expected)
     return RecordingScan(table, metadata, columns, batch_rows)
 
 

@@ -11,6 +11,7 @@ from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect
 from rig.errors import RigError
+from rig.sensor import Triple
 from validation.blind.settings import Setting
 from validation.blind.strength import Make
 
@@ -109,6 +110,12 @@ def unit(rng: np.random.Generator) -> Array:
     """(3,) a direction."""
     vector = rng.standard_normal(3)
     return np.asarray(vector / np.linalg.norm(vector))
+
+
+def scaled(vector: Array, strength: float) -> Triple:
+    """A vector (3,) times a number, as plain numbers."""
+    x, y, z = (float(value) for value in strength * vector)
+    return (x, y, z)
 
 
 def _slowly(rng: np.random.Generator, setting: Setting) -> dict[str, Any]:

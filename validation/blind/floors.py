@@ -10,6 +10,7 @@ from typing_extensions import override
 from rig.arrays import Array
 from rig.channels import COLUMNS_OF, SENSORS
 from rig.effects import Effect, Kind, Stage
+from rig.effects.drift import with_volts
 from rig.signals import Signals
 
 _SETTLED = 1e-12  # the Kalman gain has converged
@@ -116,9 +117,7 @@ class Remembering(Effect):
         for row, keep in enumerate(decay, start=1):
             state = keep * state + np.sqrt(1.0 - keep * keep) * drive[row]
             noise[row] = state
-        volts = signals.volts.copy()
-        volts[:, self.columns] += noise * np.asarray(self.sigma)
-        return replace(signals, volts=volts)
+        return with_volts(signals, self.columns, noise * np.asarray(self.sigma))
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,15 @@ from rig.arrays import Array
 from rig.channels import CHANNELS, SENSORS
 from rig.effects import EFFECTS, Effect, Kind, Stage
 from rig.effects.base import SWEPT_JOINTS
+from rig.effects.drift import with_volts
+from rig.effects.field import with_field
+from rig.effects.sensor import with_inputs
+from rig.effects.transmission import turn_joint
+from rig.sensor import Triple
 from rig.signals import Signals
-from validation.blind.draws import near, unit
+from validation.blind.draws import near, scaled, unit
 from validation.blind.settings import Setting
 from validation.blind.strength import Make
-
-Triple = tuple[float, float, float]
 
 
 def play(x: Array, half_width: float) -> Array:
@@ -44,10 +47,9 @@ class SoftBacklash(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        q, speed = signals.q.copy(), signals.joint_velocity[:, self.joint]
+        speed = signals.joint_velocity[:, self.joint]
         usual = float(np.median(np.abs(speed))) + 1e-9
-        q[:, self.joint] -= 0.5 * self.width * np.tanh(2.0 * speed / usual)
-        return replace(signals, q=q)
+        return turn_joint(signals, self.joint, -0.5 * self.width * np.tanh(2.0 * speed / usual))
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class TwoDipoles(Effect):
             distance = np.linalg.norm(way, axis=1, keepdims=True)
             towards = way / distance
             total += (3.0 * towards * (towards @ np.asarray(moment))[:, None] - np.asarray(moment)) / distance**3
-        return replace(signals, magnetic=signals.magnetic + signals.references[3] * total)
+        return with_field(signals, total)
 
 
 @dataclass(frozen=True)
@@ -85,9 +87,7 @@ class StiffeningSpring(Effect):
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         load = np.cos(signals.encoder_angles[:, 4])
-        q = signals.q.copy()
-        q[:, 4] -= self.droop * load / np.sqrt(1.0 + 4.0 * load**2)
-        return replace(signals, q=q)
+        return turn_joint(signals, self.joint, -self.droop * load / np.sqrt(1.0 + 4.0 * load**2))
 
 
 @dataclass(frozen=True)
@@ -125,11 +125,9 @@ class TwoHarmonics(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        angle, q = signals.encoder_angles[:, self.joint], signals.q.copy()
-        q[:, self.joint] += self.amplitude * (
-            np.sin(angle + self.phases[0]) + 0.3 * np.sin(2.0 * angle + self.phases[1])
-        )
-        return replace(signals, q=q)
+        angle = signals.encoder_angles[:, self.joint]
+        wave = np.sin(angle + self.phases[0]) + 0.3 * np.sin(2.0 * angle + self.phases[1])
+        return turn_joint(signals, self.joint, self.amplitude * wave)
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,7 @@ class TwoStageWarmup(Effect):
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         decay = 0.7 * np.exp(-signals.t / self.tau) + 0.3 * np.exp(-signals.t / (6.0 * self.tau))
-        return _added(signals, self.columns, np.outer(decay, self.volt))
+        return with_volts(signals, self.columns, np.outer(decay, self.volt))
 
 
 @dataclass(frozen=True)
@@ -162,7 +160,7 @@ class CurvedTemperature(Effect):
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         warmth = signals.temperatures - 25.0
-        return _added(signals, self.columns, np.outer(warmth + 0.1 * warmth**2, self.volt))
+        return with_volts(signals, self.columns, np.outer(warmth + 0.1 * warmth**2, self.volt))
 
 
 @dataclass(frozen=True)
@@ -177,12 +175,11 @@ class ManyPlays(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        inputs = signals.inputs.copy()
         column = CHANNELS.index(self.where)
         width = self.half_width * signals.references[column]
         x = signals.inputs[:, column]
-        inputs[:, column] = np.mean([play(x, share * width) for share in (0.25, 0.75, 1.25, 1.75)], axis=0)
-        return replace(signals, inputs=inputs)
+        held = np.mean([play(x, share * width) for share in (0.25, 0.75, 1.25, 1.75)], axis=0)
+        return with_inputs(signals, self.columns, held[:, None])
 
 
 @dataclass(frozen=True)
@@ -200,7 +197,7 @@ class SlowStep(Effect):
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         logistic = 0.5 * (1.0 + np.tanh(0.5 * (signals.t - self.at) / self.tau))
-        return _added(signals, self.columns, self.volt * logistic[:, None])
+        return with_volts(signals, self.columns, self.volt * logistic[:, None])
 
 
 @dataclass(frozen=True)
@@ -218,8 +215,7 @@ class ViscousMotor(Effect):
         speed = signals.joint_velocity[:, self.joint]
         drive = np.sign(speed) * (np.abs(speed) > 1e-4) + 0.5 * speed / np.abs(speed).max()
         link = 0 if self.where == "joint1" else 3
-        change = drive[:, None] * (signals.link_rotation(link) @ np.asarray(self.field))
-        return replace(signals, magnetic=signals.magnetic + signals.references[3] * change)
+        return with_field(signals, drive[:, None] * (signals.link_rotation(link) @ np.asarray(self.field)))
 
 
 @dataclass(frozen=True)
@@ -251,23 +247,11 @@ class Flicker(Effect):
         return self.sigma**2 * total
 
 
-def _added(signals: Signals, columns: slice, change: Array) -> Signals:
-    volts = signals.volts.copy()
-    volts[:, columns] += change
-    return replace(signals, volts=volts)
-
-
-def _triple(vector: Array) -> Triple:
-    x, y, z = (float(value) for value in vector)
-    return (x, y, z)
-
-
 def _dipoles(rng: np.random.Generator, setting: Setting) -> Make:
     first = np.asarray(near(rng, setting)["position_m"])
-    second = first + 0.1 * unit(rng)
-    moments = (2e-4 * unit(rng), 2e-4 * unit(rng))
-    places = (_triple(first), _triple(second))
-    return lambda strength: TwoDipoles("base", places, (_triple(strength * moments[0]), _triple(strength * moments[1])))
+    places = (scaled(first, 1.0), scaled(first + 0.1 * unit(rng), 1.0))
+    one, other = 2e-4 * unit(rng), 2e-4 * unit(rng)
+    return lambda strength: TwoDipoles("base", places, (scaled(one, strength), scaled(other, strength)))
 
 
 def _joint(rng: np.random.Generator) -> str:
@@ -297,12 +281,12 @@ def _harmonics(rng: np.random.Generator, setting: Setting) -> Make:
 def _warmup(rng: np.random.Generator, setting: Setting) -> Make:
     where, drawn = str(rng.choice(SENSORS)), rng.standard_normal(3)
     tau = float(np.exp(rng.uniform(np.log(40.0), np.log(200.0))))
-    return lambda strength: TwoStageWarmup(where, _triple(5e-3 * strength * drawn), tau)
+    return lambda strength: TwoStageWarmup(where, scaled(drawn, 5e-3 * strength), tau)
 
 
 def _temperature(rng: np.random.Generator, setting: Setting) -> Make:
     where, drawn = str(rng.choice(SENSORS)), rng.standard_normal(3)
-    return lambda strength: CurvedTemperature(where, _triple(1e-3 * strength * drawn))
+    return lambda strength: CurvedTemperature(where, scaled(drawn, 1e-3 * strength))
 
 
 def _hysteresis(rng: np.random.Generator, setting: Setting) -> Make:
@@ -318,7 +302,7 @@ def _step(rng: np.random.Generator, setting: Setting) -> Make:
 
 def _motor(rng: np.random.Generator, setting: Setting) -> Make:
     where, direction = _joint(rng), unit(rng)
-    return lambda strength: ViscousMotor(where, _triple(5e-3 * strength * direction))
+    return lambda strength: ViscousMotor(where, scaled(direction, 5e-3 * strength))
 
 
 def _flicker(rng: np.random.Generator, setting: Setting) -> Make:

@@ -13,9 +13,12 @@ from typing_extensions import override
 
 from rig.channels import CHANNELS
 from rig.effects import Effect, Stage
+from rig.effects.field import with_field
+from rig.effects.transmission import turn_joint
+from rig.sensor import Triple
 from rig.signals import Signals
-from validation.blind.draws import unit
-from validation.blind.outside_slow import SLOW, Vector, scaled, with_field
+from validation.blind.draws import scaled, unit
+from validation.blind.outside_slow import SLOW
 from validation.blind.settings import Setting
 from validation.blind.strength import Make
 
@@ -34,9 +37,9 @@ class CablePull(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        yaw, q = signals.encoder_angles[:, 0], signals.q.copy()
-        q[:, 4] += self.pull_rad * (np.sin(3.0 * yaw + self.phases[0]) + 0.5 * np.sin(5.0 * yaw + self.phases[1]))
-        return replace(signals, q=q)
+        yaw = signals.encoder_angles[:, 0]
+        pull = np.sin(3.0 * yaw + self.phases[0]) + 0.5 * np.sin(5.0 * yaw + self.phases[1])
+        return turn_joint(signals, self.joint, self.pull_rad * pull)
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class ThermalBending(Effect):
     places = ("link3",)
 
     bend_rad_per_degC: float
-    axis: Vector
+    axis: Triple
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
@@ -66,7 +69,7 @@ class MovingMagnet(Effect):
     stage = Stage.FIELD
     places = ("base",)
 
-    field: Vector
+    field: Triple
     switched_s: tuple[float, ...]
 
     @override
@@ -83,7 +86,7 @@ class DailyField(Effect):
     stage = Stage.FIELD
     places = ("base",)
 
-    field: Vector
+    field: Triple
     period_s: float
     phase: float
 
@@ -101,7 +104,7 @@ class PassingLift(Effect):
     stage = Stage.FIELD
     places = ("base",)
 
-    field: Vector
+    field: Triple
     at_s: tuple[float, ...]
     width_s: float
 
@@ -133,9 +136,7 @@ class ReversalRinging(Effect):
         rung = last >= 0
         phase = 2.0 * np.pi * self.frequency_Hz * since[rung]
         ringing[rung] = np.exp(-since[rung] / self.decay_s) * np.sin(phase) * direction[rung]
-        q = signals.q.copy()
-        q[:, 0] += self.amplitude_rad * ringing
-        return replace(signals, q=q)
+        return turn_joint(signals, self.joint, self.amplitude_rad * ringing)
 
 
 @dataclass(frozen=True)
@@ -189,9 +190,8 @@ class BearingWobble(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        q = signals.q.copy()
-        q[:, 4] += self.amplitude_rad * np.sin(2.0 * signals.encoder_angles[:, 5] + self.phase)
-        return replace(signals, q=q)
+        roll = signals.encoder_angles[:, 5]
+        return turn_joint(signals, self.joint, self.amplitude_rad * np.sin(2.0 * roll + self.phase))
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import Effect, Stage
+from rig.effects.drift import with_volts
+from rig.effects.field import with_field
+from rig.effects.sensor import with_inputs
+from rig.effects.transmission import turn_joint
+from rig.sensor import Triple
 from rig.signals import Signals
-from validation.blind.draws import unit
+from validation.blind.draws import scaled, unit
 from validation.blind.settings import Setting
 from validation.blind.strength import Make
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class SettlingFloor(Effect):
     stage = Stage.POSE
     places = ("base",)
 
-    turn_rad: Vector
+    turn_rad: Triple
     tau_s: float
 
     @override
@@ -48,7 +50,7 @@ class CreepingMount(Effect):
     places = ("mount",)
     on_mount = True
 
-    turns_rad: tuple[Vector, ...]
+    turns_rad: tuple[Triple, ...]
     phases: tuple[float, ...]
 
     @override
@@ -72,9 +74,8 @@ class TelegraphOffset(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        volts = signals.volts.copy()
-        volts[:, self.columns] += self.size * (np.searchsorted(self.switched_s, signals.t) % 2)[:, None]
-        return replace(signals, volts=volts)
+        jumped = np.asarray(np.searchsorted(self.switched_s, signals.t) % 2, dtype=float)
+        return with_volts(signals, self.columns, self.size * jumped[:, None])
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class WarmingMagnet(Effect):
     stage = Stage.FIELD
     places = ("base",)
 
-    field_per_degC: Vector
+    field_per_degC: Triple
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
@@ -124,9 +125,9 @@ class SlipRing(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        yaw, volts = signals.encoder_angles[:, 0], signals.volts.copy()
-        volts[:, self.columns] += self.size * (np.sin(2.0 * yaw + self.phase) + 0.5 * np.sin(7.0 * yaw))[:, None]
-        return replace(signals, volts=volts)
+        yaw = signals.encoder_angles[:, 0]
+        worn = np.sin(2.0 * yaw + self.phase) + 0.5 * np.sin(7.0 * yaw)
+        return with_volts(signals, self.columns, self.size * worn[:, None])
 
 
 @dataclass(frozen=True)
@@ -142,9 +143,8 @@ class AgeingGain(Effect):
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         share = (signals.t - signals.t[0]) / (signals.t[-1] - signals.t[0])
-        inputs = signals.inputs.copy()
-        inputs[:, self.columns] *= 1.0 - self.loss * np.sqrt(share)[:, None]
-        return replace(signals, inputs=inputs)
+        kept = 1.0 - self.loss * np.sqrt(share)[:, None]
+        return with_inputs(signals, self.columns, kept * signals.inputs[:, self.columns])
 
 
 @dataclass(frozen=True)
@@ -175,24 +175,12 @@ class CableDrag(Effect):
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
-        yaw, q, last = signals.encoder_angles[:, 0], signals.q.copy(), 0.0
+        yaw, last = signals.encoder_angles[:, 0], 0.0
         stuck = np.empty_like(yaw)
         for row, angle in enumerate(yaw):
             last = min(max(last, angle - 0.5), angle + 0.5)
             stuck[row] = angle - last
-        q[:, 4] += self.share * stuck
-        return replace(signals, q=q)
-
-
-def with_field(signals: Signals, change: Array) -> Signals:
-    """The signals with a field (n, 3), base frame, relative to the stated magnitude, added."""
-    return replace(signals, magnetic=signals.magnetic + signals.references[3] * change)
-
-
-def scaled(vector: Array, strength: float) -> Vector:
-    """A vector times a number, as plain numbers."""
-    x, y, z = (float(value) for value in strength * vector)
-    return (x, y, z)
+        return turn_joint(signals, self.joint, self.share * stuck)
 
 
 def _settling(rng: np.random.Generator, setting: Setting) -> Make:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import mujoco
 import numpy as np
 from typing_extensions import override
 
 from validation.blind.mechanics.mechanism import Mechanism
-from validation.blind.settings import Setting
 
 _WIDTH_RAD = 4e-3
 _FRICTION_NM = 12.0  # more than the tilted base puts on the yaw joint
@@ -26,16 +24,7 @@ class LashJoint(Mechanism):
     """
 
     effect = "backlash"
-
-    @classmethod
-    @override
-    def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
-        return cls(1.0)
-
-    @property
-    @override
-    def where(self) -> str:
-        return "joint1"
+    place = "joint1"
 
     @property
     @override

@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from validation.blind.draws import unit
-from validation.blind.mechanics.mechanism import Mechanism, Vector
+from rig.sensor import Triple
+from validation.blind.draws import scaled, unit
+from validation.blind.mechanics.mechanism import Mechanism
 from validation.blind.settings import Setting
 
 _LEVER_M = 0.03
@@ -21,20 +22,15 @@ class OffCentreSensor(Mechanism):
     """The accelerometer sits a lever arm away from where the model has it, on an arm that moves fast."""
 
     effect = "motion_acceleration"
+    place = "accelerometer"
     fast = True
 
-    lever_m: Vector
+    lever_m: Triple
 
     @classmethod
     @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
-        x, y, z = (float(value) for value in _LEVER_M * unit(rng))
-        return cls(1.0, (x, y, z))
-
-    @property
-    @override
-    def where(self) -> str:
-        return "accelerometer"
+        return cls(1.0, scaled(unit(rng), _LEVER_M))
 
     @override
     def edit(self, spec: mujoco.MjSpec) -> None:

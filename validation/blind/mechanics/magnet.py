@@ -10,8 +10,9 @@ import numpy as np
 from typing_extensions import override
 
 from rig.arrays import Array
-from validation.blind.draws import unit
-from validation.blind.mechanics.mechanism import Mechanism, Vector
+from rig.sensor import Triple
+from validation.blind.draws import scaled, unit
+from validation.blind.mechanics.mechanism import Mechanism
 from validation.blind.settings import Setting
 
 #: Where it sits in its link's frame [m]: beside the tool's tube, or at the foot of the waist, half a metre away.
@@ -26,15 +27,14 @@ class MagnetOnLink(Mechanism):
     effect = "link_hard_iron"
 
     link: str
-    moment: Vector
+    moment: Triple
 
     @classmethod
     @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
         link = str(rng.choice(list(_PLACES)))
         distance = 0.09 if link == "link5" else 0.5
-        x, y, z = (float(value) for value in _FIELD * distance**3 * unit(rng))
-        return cls(1.0, link, (x, y, z))
+        return cls(1.0, link, scaled(unit(rng), _FIELD * distance**3))
 
     @property
     @override

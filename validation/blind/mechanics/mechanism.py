@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -12,34 +11,34 @@ import numpy as np
 from rig.arrays import Array
 from validation.blind.settings import Setting
 
-Vector = tuple[float, float, float]
 Label = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Mechanism(ABC):
+class Mechanism:
     """A mechanism in the arm, at a strength.
 
     Attributes:
         strength: one is typical; what it multiplies is the mechanism's own affair.
     """
 
-    #: What the catalogue calls it, and where.
+    #: What the catalogue calls it, and where, unless that is drawn.
     effect: ClassVar[str]
+    place: ClassVar[str] = ""
     #: Whether the sweep is to be a fast one.
     fast: ClassVar[bool] = False
 
     strength: float
 
     @classmethod
-    @abstractmethod
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
         """At strength one, with everything else drawn."""
+        return cls(1.0)
 
     @property
-    @abstractmethod
     def where(self) -> str:
         """Its place in the catalogue."""
+        return self.place
 
     @property
     def families(self) -> tuple[Label, ...]:
@@ -51,7 +50,7 @@ class Mechanism(ABC):
         """Names for what it does on the side: not right, but not wrong either."""
         return ()
 
-    def edit(self, spec: mujoco.MjSpec) -> None:  # noqa: B027  (most change nothing)
+    def edit(self, spec: mujoco.MjSpec) -> None:
         """Build it into the arm's model. The arm's own joints keep their names: their angles are what encoders read."""
 
     def forces(self, t: Array) -> Array:

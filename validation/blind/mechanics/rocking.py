@@ -21,6 +21,7 @@ class RockingBase(Mechanism):
     """The base stands on a spring hinge about one horizontal axis; the other directions are stiff."""
 
     effect = "base_rocking"
+    place = "base"
 
     towards_rad: float
 
@@ -28,11 +29,6 @@ class RockingBase(Mechanism):
     @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
         return cls(1.0, float(rng.uniform(0.0, 2.0 * np.pi)))
-
-    @property
-    @override
-    def where(self) -> str:
-        return "base"
 
     @override
     def edit(self, spec: mujoco.MjSpec) -> None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import mujoco
 import numpy as np
 from typing_extensions import override
 
 from validation.blind.mechanics.mechanism import Mechanism
-from validation.blind.settings import Setting
 
 _STIFFNESS_NM = 200.0  # per radian, at strength one: 0.5 N m of the tool make 2.5 mrad
 _DAMPING_NMS = 0.3
@@ -22,16 +20,7 @@ class SpringJoint(Mechanism):
     """A torsion spring with damping and an inertia of its own, between the motor of joint 5 and the tool."""
 
     effect = "joint_compliance"
-
-    @classmethod
-    @override
-    def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
-        return cls(1.0)
-
-    @property
-    @override
-    def where(self) -> str:
-        return "joint5"
+    place = "joint5"
 
     @property
     @override

@@ -10,8 +10,9 @@ import numpy as np
 from typing_extensions import override
 
 from rig.arrays import Array
-from validation.blind.draws import unit
-from validation.blind.mechanics.mechanism import Mechanism, Vector
+from rig.sensor import Triple
+from validation.blind.draws import scaled, unit
+from validation.blind.mechanics.mechanism import Mechanism
 from validation.blind.settings import Setting
 
 _STIFFNESS_N_M = 6e5  # with the arm's 31 kg: 22 Hz
@@ -24,21 +25,16 @@ class VibratingTable(Mechanism):
     """The base can slide along one line, on a spring; a motor's imbalance pushes along it."""
 
     effect = "vibration"
+    place = "accelerometer"
 
-    line: Vector
+    line: Triple
     frequency_Hz: float
     phase_rad: float
 
     @classmethod
     @override
     def draw(cls, rng: np.random.Generator, setting: Setting) -> Self:
-        x, y, z = (float(value) for value in unit(rng))
-        return cls(1.0, (x, y, z), float(rng.uniform(8.0, 30.0)), float(rng.uniform(0.0, 6.28)))
-
-    @property
-    @override
-    def where(self) -> str:
-        return "accelerometer"
+        return cls(1.0, scaled(unit(rng), 1.0), float(rng.uniform(8.0, 30.0)), float(rng.uniform(0.0, 6.28)))
 
     @override
     def edit(self, spec: mujoco.MjSpec) -> None:
