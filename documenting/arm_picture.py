@@ -24,7 +24,7 @@ from rig.errors import RigError
 from rig.files import atomic_path, scratch_folder
 from scenarios.colours import elapsed
 from scenarios.decimation import evenly
-from scenarios.motion import SensorMotion
+from scenarios.sensor_motion import SensorMotion
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from scenarios.terminal.calibration import calibration_report, comparison_table
 from scenarios.terminal.tables import plus_minus
 
 if TYPE_CHECKING:
-    from scenarios.gap_report.residuals import GapResiduals
+    from scenarios.gap_report.gap_residuals import GapResiduals
 
 #: What the demo shows unless told otherwise.
 SCENARIO: Final = "ann-arbor"

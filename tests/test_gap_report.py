@@ -21,9 +21,9 @@ from rig.pose_nodes import quaternions
 from rig.recording import Recording
 from scenarios.gap_report import GapResiduals, diagnosis_tables, gap_residuals
 from scenarios.gap_report.advice import next_steps
+from scenarios.gap_report.gap_residuals import diagnosed_effects
 from scenarios.gap_report.maps import axis_pairs
 from scenarios.gap_report.page import page
-from scenarios.gap_report.residuals import diagnosed_effects
 from scenarios.gap_report.words import (
     VERDICTS,
     apart_words,

@@ -30,8 +30,8 @@ from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
 from scenarios.diagnosing.improved_rig import improved_rig
 from scenarios.gap_report import gap_residuals
+from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.maneuver_words import described
-from scenarios.gap_report.residuals import GapResiduals
 from scenarios.loader import from_toml
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.plan.maneuver_family import Family, family

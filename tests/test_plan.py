@@ -13,7 +13,7 @@ from cli_support import Rig
 import estimators
 import scenarios
 from estimators.batch import ManyParameters, fit_many
-from estimators.design.poses import Criterion, exchange
+from estimators.design.exchange import Criterion, exchange
 from estimators.known_angle.identifiability import bound
 from estimators.known_angle.model import SensorParameters
 from estimators.stillness.at_rest import SETTLE_S, at_rest_samples

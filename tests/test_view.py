@@ -20,8 +20,8 @@ from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, MAGNETOMETER, SEN
 from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.decimation import evenly
-from scenarios.motion import motion
 from scenarios.overlay import overlays
+from scenarios.sensor_motion import motion
 from scenarios.view import Detail, write_view
 from scenarios.view.viewer import viewer_environment, viewer_program
 

@@ -2,7 +2,7 @@
 
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation
 from estimators.coverage.cells import SphereCells
-from estimators.coverage.directions import direction_name
+from estimators.coverage.direction_names import direction_name
 from estimators.coverage.enough import Enough, Targets, enough_attitude_free, enough_known_angles
 from estimators.coverage.seen import Coverage, coverage
 

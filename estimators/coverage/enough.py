@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, Parameters
 from estimators.coverage.cells import SphereCells
-from estimators.coverage.directions import direction_name
+from estimators.coverage.direction_names import direction_name
 from estimators.coverage.seen import Coverage, coverage
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import columns_of_channels

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from estimators.coverage.cells import SphereCells
-from estimators.coverage.directions import direction_name, direction_names
+from estimators.coverage.direction_names import direction_name, direction_names
 from rig.arrays import Array, Rows
 from rig.errors import RigError
 

@@ -3,8 +3,8 @@
 from estimators.goodness.by_direction import ByDirection, by_direction
 from estimators.goodness.hold_out import HoldOut, hold_out
 from estimators.goodness.judgement import is_it_good, judged
-from estimators.goodness.optimum import Transfer, at_optimum
 from estimators.goodness.outliers import Outliers, efficiency, outliers
+from estimators.goodness.own_optimum import Transfer, at_optimum
 from estimators.goodness.raw_readings import Clipped, Repeats, clipped, repeats
 from estimators.goodness.residuals import Residuals, residuals_of
 from estimators.goodness.robust_calibration import Rejection, reject_outliers, robust_calibrate

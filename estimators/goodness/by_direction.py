@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 
 from estimators.coverage.cells import SphereCells
-from estimators.coverage.directions import direction_name
+from estimators.coverage.direction_names import direction_name
 from estimators.coverage.seen import cells_for
 from estimators.goodness.residuals import Residuals
 from rig.arrays import Array, Rows

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chdtrc, ndtr
 
-from estimators.goodness.optimum import inverted, unit_scale
+from estimators.goodness.own_optimum import inverted, unit_scale
 from estimators.goodness.residuals import Part, Residuals
 from rig.arrays import Array
 

@@ -16,8 +16,8 @@ from estimators.ellipsoid import read_thinned
 from estimators.goodness.by_direction import by_direction
 from estimators.goodness.cross_terms import SIX, cross_terms
 from estimators.goodness.hold_out import hold_out
-from estimators.goodness.optimum import at_optimum
 from estimators.goodness.outliers import outliers
+from estimators.goodness.own_optimum import at_optimum
 from estimators.goodness.raw_readings import clipped, copies, repeats
 from estimators.goodness.residuals import Residuals, residuals_of, selected
 from estimators.goodness.whiteness import whiteness

@@ -13,8 +13,8 @@ from estimators.coverage.seen import Coverage
 from estimators.goodness.by_direction import ByDirection
 from estimators.goodness.cross_terms import CrossTerms
 from estimators.goodness.hold_out import HoldOut
-from estimators.goodness.optimum import Transfer
 from estimators.goodness.outliers import Outliers
+from estimators.goodness.own_optimum import Transfer
 from estimators.goodness.raw_readings import Clipped, Repeats, summary_of
 from estimators.goodness.whiteness import Whiteness
 from rig.channels import CHANNELS_OF

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, Parameters
-from estimators.coverage.directions import direction_name
+from estimators.coverage.direction_names import direction_name
 from rig.arrays import Array
 from rig.errors import unknown_name
 

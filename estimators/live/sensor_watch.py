@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.live.alarm import Alarm
-from estimators.live.by_direction import PART, PARTS, ByDirection
+from estimators.live.direction_means import PART, PARTS, ByDirection
 from estimators.live.naming import Likeness, Span, likenesses
 from estimators.live.noise_memory import CERTAIN, Memory, exceeded
 from estimators.live.reference import Reference, Residuals

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rig.arm.chain import Chain, extract_chain
-from rig.arm.files import compiled_mjcf, is_urdf, mjcf_spec, model_file
+from rig.arm.model_files import compiled_mjcf, is_urdf, mjcf_spec, model_file
 from rig.arm.rotation_map import RotationMap
 from rig.arrays import Array
 from rig.assets import model_path

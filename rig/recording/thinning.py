@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.memory import limit_bytes
-from rig.recording.blocks import joined
+from rig.recording.block_means import joined
 from rig.recording.files import RecordingScan, scan_recording
 from rig.recording.samples import Recording
 

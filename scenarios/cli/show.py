@@ -226,7 +226,7 @@ def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) ->
     if thinned:
         click.echo(one_line(thinned), err=True)
     from estimators import Calibration
-    from scenarios.motion import arm_of
+    from scenarios.sensor_motion import arm_of
 
     arm = arm or arm_of(recording)
     found = _fitted(run, recording, arm) if calibration is None else Calibration.read(calibration)

@@ -126,7 +126,7 @@ def consistency(
         if as_json:
             _print_consistency(summary, output, files)
             return
-        from scenarios.studies.report import consistency_report
+        from scenarios.terminal.studies import consistency_report
         from scenarios.terminal.tables import show
 
         show(consistency_report(summary, shown))
@@ -259,7 +259,7 @@ def subsets(
     if as_json:
         print_json({**asdict(found), "study": output, "plots": files})
         return
-    from scenarios.studies.report import subsets_report
+    from scenarios.terminal.studies import subsets_report
     from scenarios.terminal.tables import show
 
     show(subsets_report(found))

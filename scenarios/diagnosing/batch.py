@@ -20,7 +20,7 @@ from scenarios.diagnosing.concluded import concluded
 from scenarios.diagnosing.kept import origin
 from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
 from scenarios.diagnosing.together import carry_out_together
-from scenarios.gap_report.residuals import gap_residuals
+from scenarios.gap_report.gap_residuals import gap_residuals
 from scenarios.workers import Workers
 
 Progress = Callable[[float], None]

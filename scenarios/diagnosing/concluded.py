@@ -13,8 +13,8 @@ from rig.recording import Recording
 from scenarios.diagnosing.improved_rig import improved_rig
 from scenarios.diagnosing.task import About, Outcome, Task
 from scenarios.gap_report.advice import next_steps
+from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.page import page
-from scenarios.gap_report.residuals import GapResiduals
 from scenarios.plan.next_maneuver import next_step
 
 

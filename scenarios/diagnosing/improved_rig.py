@@ -21,7 +21,7 @@ from rig.errors import RigError
 from rig.maneuver import HandTumble
 from rig.recording import Recording
 from rig.simulate import Rig, unfelt
-from scenarios.gap_report.residuals import GapResiduals
+from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.words import alike_words, cause_title, explanation_words, sentence
 from scenarios.loader import load
 from scenarios.plan.closest_maneuver import closest_maneuver

@@ -10,7 +10,7 @@ from typing import Any
 
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.reading import diagnosis_of
-from rig.arm.files import model_file
+from rig.arm.model_files import model_file
 from rig.documents import read_json
 from rig.errors import RigError
 from rig.files import atomic_path, file_hash, made_folder, write_text

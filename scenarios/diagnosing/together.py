@@ -20,7 +20,7 @@ from rig.threads import one_blas_thread
 from scenarios.diagnosing.concluded import concluded
 from scenarios.diagnosing.kept import origin
 from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
-from scenarios.gap_report.residuals import GapResiduals, diagnosed_effects, whitened, with_noise
+from scenarios.gap_report.gap_residuals import GapResiduals, diagnosed_effects, whitened, with_noise
 from scenarios.plan.next_maneuver import NextManeuver, next_maneuver
 
 Progress = Callable[[float], None]

@@ -14,7 +14,7 @@ from rig.arrays import Array, Rows
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
 from scenarios.colours import BAND, BLACK, BLUE, GREY, VERMILLION
-from scenarios.gap_report.residuals import GapResiduals
+from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.plots.inline_svg import inline_svg, page_panels
 from scenarios.plots.style import style
 from scenarios.shown_units import shown_units

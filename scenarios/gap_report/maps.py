@@ -11,7 +11,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from rig.arrays import Array, Rows
 from rig.channels import CHANNELS
 from scenarios.colours import BLUE, GREY, SIGNED, VERMILLION
-from scenarios.gap_report.residuals import GapResiduals
+from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.plots.inline_svg import inline_svg, page_panels
 from scenarios.plots.style import style
 

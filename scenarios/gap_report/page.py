@@ -7,8 +7,8 @@ from html import escape
 
 from estimators.gap.diagnosis import Diagnosis, chance
 from scenarios.gap_report import html, sections
+from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.own_names import in_own_names
-from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline
 from scenarios.version import package_version
 

@@ -12,8 +12,8 @@ from estimators.gap.remainder_words import is_noise, share_left, source_words, v
 from rig.recording import Recording
 from scenarios.gap_report import charts, curves, html, maps
 from scenarios.gap_report.advice import next_steps
+from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.maneuver_words import interval_words
-from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import (
     MEANINGS,
     RIG_COLUMNS,

@@ -19,7 +19,7 @@ from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rg
 from scenarios.decimation import extremes
 from scenarios.live.layout import GUIDE, INTERVALS, NOW, live_blueprint
 from scenarios.live.session import Event, Snapshot
-from scenarios.motion import arm_of
+from scenarios.sensor_motion import arm_of
 from scenarios.terminal.calibration import symbol
 from scenarios.terminal.tables import plus_minus
 from scenarios.view.arm import ArmView

@@ -21,8 +21,8 @@ from rig.channels import ACCELEROMETER, COLUMNS_OF
 from rig.effects import Effect
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.signals import Signals
+from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.maneuver_words import described, interval_words, noise_advice, speed_advice
-from scenarios.gap_report.residuals import GapResiduals
 from scenarios.gap_report.words import apart_words
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.plan.maneuver_family import Family, family, neighbours

@@ -8,8 +8,8 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from estimators.design.exchange import OPEN, Criterion
 from estimators.design.isolability import Isolability, Key
-from estimators.design.poses import OPEN, Criterion
 from estimators.known_angle.model import SensorParameters
 from estimators.known_angle.statistics import Statistics
 from estimators.stillness.at_rest import SETTLE_S

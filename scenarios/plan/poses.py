@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.design.poses import Criterion, exchange
+from estimators.design.exchange import Criterion, exchange
 from estimators.stillness.at_rest import SETTLE_S
 from rig.arm import Arm
 from rig.arm.clearance import Clearance, finite_limits

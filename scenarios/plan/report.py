@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from estimators.design.exchange import OPEN
 from estimators.design.isolability import Isolability
-from estimators.design.poses import OPEN
 from estimators.stillness.at_rest import SETTLE_S
 from scenarios.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY_BLUE, VERMILLION
 from scenarios.plan.plan import REFERENCE, Plan

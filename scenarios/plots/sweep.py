@@ -15,9 +15,9 @@ from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.colours import BLACK, BLUE, elapsed
 from scenarios.decimation import evenly, extremes
-from scenarios.motion import motion
 from scenarios.plots.coverage import time_bar
 from scenarios.plots.style import new_figure, style
+from scenarios.sensor_motion import motion
 
 _SAMPLES = 20_000
 _BRISTLES = 1_600

@@ -16,10 +16,10 @@ from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.errors import RigError
 from scenarios.colours import AXES_ON_DARK, SKY_BLUE, VERMILLION, rgb
 from scenarios.decimation import evenly
+from scenarios.gap_report.gap_residuals import GapResiduals, mean_effects
 from scenarios.gap_report.own_names import in_own_names
-from scenarios.gap_report.residuals import GapResiduals, mean_effects
 from scenarios.gap_report.words import cause_words
-from scenarios.motion import SensorMotion, arm_of, motion
+from scenarios.sensor_motion import SensorMotion, arm_of, motion
 from scenarios.shown_units import shown_units
 from scenarios.view.arm import ARM, BASE, ArmView
 from scenarios.view.blueprint import layout, played, series_view, spatial_view

@@ -12,7 +12,7 @@ from estimators.gap.diagnosis import Cause
 from rig.arm import Arm
 from rig.arrays import Array
 from scenarios.colours import VERMILLION, rgb
-from scenarios.motion import SensorMotion
+from scenarios.sensor_motion import SensorMotion
 from scenarios.view.arm import ArmView
 from scenarios.view.stream import at
 

@@ -14,8 +14,8 @@ from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from scenarios.colours import AXES_ON_DARK, GRAVITY, MAGNETIC, elapsed, rgb
 from scenarios.decimation import evenly
-from scenarios.motion import SensorMotion
 from scenarios.overlay import Overlay
+from scenarios.sensor_motion import SensorMotion
 from scenarios.view.stream import at
 
 SWEEP: Final = "sweep"

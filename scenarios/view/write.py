@@ -17,8 +17,8 @@ from rig.channels import CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.decimation import evenly
-from scenarios.motion import SensorMotion, arm_of, motion
 from scenarios.overlay import Overlay, overlays
+from scenarios.sensor_motion import SensorMotion, arm_of, motion
 from scenarios.view.arm import BASE, log_arm
 from scenarios.view.blueprint import EYE_FROM, Contents, blueprint
 from scenarios.view.series import log_readings, log_residuals
