@@ -1,9 +1,10 @@
-"""The documentation's commands and addresses exist; `make docs` runs its tutorials and checks its links."""
+"""The documentation's commands and addresses exist, the examples run; `make docs` runs tutorials and checks links."""
 
 from __future__ import annotations
 
 import importlib
 import re
+import runpy
 import shlex
 from pathlib import Path
 
@@ -77,3 +78,16 @@ def test_what_the_contributing_page_changes_is_there() -> None:
                 assert [line for line in kept if line not in there] == [], name
                 changed.append(name)
     assert len(changed) >= 4
+
+
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]_*.py"))
+
+
+def test_the_examples_are_numbered() -> None:
+    assert [int(path.name[0]) for path in EXAMPLES] == list(range(1, len(EXAMPLES) + 1))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(path))
+    assert capsys.readouterr().out.strip()

@@ -1,4 +1,4 @@
-"""The plots: they show what they say, are legible, and leave matplotlib as it was."""
+"""The plots: they show what they say and what was seen, are legible, and leave matplotlib as it was."""
 
 from __future__ import annotations
 
@@ -11,23 +11,34 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from numpy.typing import NDArray
 
 import estimators
 import scenarios
 from documenting.arm_picture import arm_picture
 from documenting.arm_picture import main as arm_picture_command
+from estimators.coverage import (
+    SphereCells,
+    coverage,
+)
+from estimators.coverage.seen import CELLS
 from rig.arm import Arm
 from rig.channels import CHANNELS, SENSORS
+from rig.effects import EFFECTS, Kind
 from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.colours import AXES_ON_DARK, AXES_ON_PAPER, BLUE, VERMILLION, elapsed, rgb, signed
 from scenarios.comparison import Compared, compare
 from scenarios.overlay import Overlay, overlays
 from scenarios.plots import coverage_figure, errors_figure, residuals_figure, save, sweep_figure
+from scenarios.plots.coverage import outlines
+from scenarios.plots.effects import effect_change, effect_figure
+from validation.plots.camps_directions import projection_figure, spherical
 
 Make = Callable[[], Figure]
 
@@ -229,3 +240,87 @@ def test_without_opengl_it_says_so(
     assert "no OpenGL to draw the arm with (none-such: RuntimeError" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
     assert arm_picture_command([]) == 2
+
+
+@pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if not effect.of_log])
+def test_every_effect_changes_the_sweep(name: str) -> None:
+    found = effect_change(EFFECTS[name])
+    assert found.columns
+    assert (found.left is not None) == (EFFECTS[name].kind is Kind.MEAN)
+    if found.left is not None:  # what a calibration leaves is no more than what there was, by its own measure
+        before, after = (float(np.sum((values / found.floor) ** 2)) for values in (found.change, found.left))
+        assert 0.0 < after <= before * (1.0 + 1e-9)
+
+
+def test_the_change_is_the_effects_own() -> None:
+    found = effect_change(EFFECTS["bias_step"], "mag3")
+    assert found.columns == [5]
+    np.testing.assert_allclose(found.change[:, 5], 5.0 * (found.t >= 600.0), atol=1e-9)
+    assert effect_change(EFFECTS["joint_offset"], "joint6").left is not None
+    with pytest.raises(RigError, match="joint9"):
+        effect_change(EFFECTS["backlash"], "joint9")
+
+
+@pytest.mark.parametrize("name", ["backlash", "outliers", "vibration"])
+def test_effects_are_drawn(name: str, tmp_path: Path) -> None:
+    found = effect_change(EFFECTS[name])
+    figure = effect_figure(found)
+    assert len(figure.axes) == 2 * len(found.columns)
+    assert found.effect.where in figure.get_suptitle()
+    save(figure, tmp_path / "effect.png")
+    assert (tmp_path / "effect.png").stat().st_size > 10_000
+
+
+Array = NDArray[np.float64]
+
+
+@pytest.mark.parametrize("count", CELLS)
+def test_polygons_have_the_area_of_their_cells(count: int) -> None:
+    """In azimuth and z, in which the sphere's areas are true; nothing lies beyond +-pi."""
+    cells = SphereCells.of(count)
+    shapes, owners = outlines(cells, range(count))
+    areas = np.zeros(count)
+    for (x, z), owner in zip((shape.T for shape in shapes), owners, strict=True):
+        areas[owner] += 0.5 * abs(np.sum(x * np.roll(z, -1) - z * np.roll(x, -1)))
+        assert np.abs(x).max() <= np.pi + 1e-12
+    assert areas == pytest.approx(np.full(count, 4.0 * np.pi / count), rel=1e-9)
+
+
+def test_the_projection_shows_directions_and_shades_what_is_missing(
+    recording: Recording, laid: dict[str, Overlay]
+) -> None:
+    overlay = laid["accelerometer"]
+    part = overlay.directions[:, 2] > -0.5
+    lacking = replace(overlay, directions=overlay.directions[part])
+    for found, empty in ((overlay, False), (lacking, True)):
+        figure = projection_figure(recording.t[: len(found.directions)], {"accelerometer": found})
+        figure.canvas.draw()
+        panel = next(axis for axis in figure.axes if axis.get_ylabel() == r"$\theta$")
+        shading, points = panel.collections
+        assert isinstance(shading, PolyCollection)
+        assert bool(shading.get_paths()) is empty
+        phi, theta = np.radians(np.asarray(points.get_offsets())).T
+        assert theta == pytest.approx(spherical(found.directions)[1], abs=1e-6)
+        assert phi == pytest.approx(spherical(found.directions)[2], abs=1e-6)
+        assert ("missing" in panel.get_title(loc="left")) is empty
+        # A missing cell is where theta counts up to 0 at the -z pole.
+        for path in shading.get_paths():
+            assert path.vertices[:, 1].mean() < 0.0
+            assert path.vertices[:, 1].mean() > -62.0
+
+
+def test_the_map_shades_what_is_missing(recording: Recording, laid: dict[str, Overlay]) -> None:
+    overlay = laid["accelerometer"]
+    part = overlay.directions[:, 0] > -0.5
+    lacking = replace(overlay, directions=overlay.directions[part])
+    figure = coverage_figure(recording.t[: part.sum()], {"accelerometer": lacking})
+    figure.canvas.draw()
+    shading = figure.axes[0].collections[1]
+    missing = coverage(lacking.directions).missing
+    assert len(shading.get_paths()) >= len(missing) > 10
+    assert f"{100 * coverage(lacking.directions).share:.0f} % of 162" in figure.axes[0].get_title(loc="left")
+
+
+def test_nothing_cannot_be_projected(recording: Recording) -> None:
+    with pytest.raises(RigError, match="expected a calibration"):
+        projection_figure(recording.t, {})

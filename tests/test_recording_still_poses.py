@@ -1,4 +1,4 @@
-"""A recording of poses held still may leave out its times, if it says so."""
+"""A recording of poses held still may leave out its times, if it says so, and its diagnosis what needs them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 from diagnosed_recordings import recorded
 
 import estimators
+import scenarios
 from rig.errors import RigError
 from rig.recording import Metadata, Recording, read_recording, scan_recording
 
@@ -57,3 +58,15 @@ def test_times_that_are_there_are_taken(tmp_path: Path) -> None:
     assert read_recording(tmp_path / "run.parquet").t.tolist() == STILL.t.tolist()
     assert STILL.metadata.to_json()["still_poses"] is True
     assert "still_poses" not in Metadata().to_json()
+
+
+def test_a_diagnosis_of_poses_without_times_names_nothing_that_needs_them() -> None:
+    run = scenarios.load("ann-arbor").simulate(seed=3).select(slice(None, None, 16))
+    poses = replace(run, t=np.arange(float(len(run))), metadata=replace(run.metadata, still_poses=True, rate_Hz=None))
+    assert poses.untimed
+    assert not run.untimed
+    found = estimators.diagnose(poses)
+    left_out = {each["effect"] for each in found.cannot_tell if "no times" in each["why"]}
+    assert {"latency", "sensor_lag", "bias_warmup", "vibration", "motion_acceleration"} <= left_out
+    assert not {"bias_step", "joint_offset", "scale_cubic"} & left_out
+    assert not {cause.effect for cause in found.causes} & left_out
