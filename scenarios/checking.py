@@ -106,7 +106,8 @@ def _findings(scan: RecordingScan, run: Recording) -> list[str]:
     ):
         ends = f"{run.temperature.min():.4g} to {run.temperature.max():.4g}"
         found.append(f"temperature_degC goes from {ends}, expected {_POSSIBLE_DEGC[0]:g} to {_POSSIBLE_DEGC[1]:g}")
-    if run.q is not None and np.abs(run.q).max() > 100.0 * np.pi and "deg" not in "".join(scan.table.names):
+    degrees = any(stated for _, stated in scan.columns.joints)
+    if run.q is not None and np.abs(run.q).max() > 100.0 * np.pi and not degrees:
         found.append("joint angles beyond 50 turns: degrees under the name of radians?")
     return found
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import Rig
+from cli_support import SMALL, Rig
 from matplotlib.image import imread
 
 import scenarios
@@ -142,3 +142,23 @@ def test_calibrate_takes_the_users_own_arm(rig: Rig, swept: Path) -> None:
         "accelerometer"
     ]
     assert two["values"] == pytest.approx(one["values"], abs=1e-9)  # the same arm to 1e-12, through a fit
+
+
+def test_the_search_of_renk_is_beside_the_calibration(rig: Rig, swept: Path) -> None:
+    """It weighs all channels alike, the calibration by their noise: they differ by less than one standard deviation."""
+    text = rig.done("calibrate", "run.parquet", "--fminunc", "-o", "cal.json")
+    assert "as Renk et al. (quasi-Newton)" in text
+    ends = json.loads(Path("cal.json").read_text())["fminunc"]
+    assert set(ends) == {"accelerometer", "magnetometer"}
+    assert all(abs(end["sigmas"]) < 1.0 for end in ends.values()), ends
+
+
+def test_of_several_recordings_only_the_samples_at_rest_count(rig: Rig, here: Path) -> None:
+    """Twelve poses of a second with four seconds between them, at ten samples a second: a fifth of all, or fewer."""
+    poses = 'kind = "static-poses"\ncount = 12\nhold_s = 1.0\nmove_s = 4.0\nrate_Hz = 100.0'
+    Path("poses.toml").write_text(SMALL.replace('kind = "torus-sweep"\nduration_s = 60.0', poses))
+    for seed in ("1", "2"):
+        rig.done("sweep", "poses.toml", "-o", f"{seed}.parquet", "--seed", seed)
+    rig.done("calibrate", "1.parquet", "2.parquet", "--still", "-o", "cal.json")
+    recorded = sum(len(read_recording(f"{seed}.parquet")) for seed in (1, 2))
+    assert 0 < Calibration.read("cal.json")["accelerometer"].samples < 0.25 * recorded

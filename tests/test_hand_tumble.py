@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from cli_support import SMALL, Rig
 from numpy.typing import NDArray
 
 from rig.errors import RigError
@@ -133,3 +135,13 @@ def test_a_tumble_without_sway_has_no_acceleration() -> None:
 def test_bad_tumbles_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(RigError, match=message):
         HandTumble(**options)
+
+
+def test_the_bound_of_a_tumble_is_of_gain_and_offset(rig: Rig, here: Path) -> None:
+    swept = SMALL[: SMALL.index("[locked]")]
+    tumbled = swept.replace('kind = "torus-sweep"\nduration_s = 60.0', 'kind = "hand-tumble"\n[arm]\nmodel = "none"')
+    Path("tumble.toml").write_text(tumbled)
+    text = rig.done("bound", "tumble.toml")
+    assert text.count("without attitude, symmetric gain") == 2
+    assert "offset1" in text
+    assert "gain [% of the largest]" in text

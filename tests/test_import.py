@@ -337,3 +337,31 @@ def written_json(folder: Path, content: object) -> Path:
     path = folder / "some.json"
     path.write_text(json.dumps(content))
     return path
+
+
+def test_a_table_of_blanks_has_its_names_in_a_comment(tmp_path: Path, run: Recording, arm: Arm) -> None:
+    """As ``numpy.savetxt`` writes it."""
+    columns = {
+        name.replace(" [", "_").replace(" (", "_").rstrip("])").replace(" ", "_"): x for name, x in table(run).items()
+    }
+    np.savetxt(tmp_path / "log.txt", np.column_stack(list(columns.values())), header=" ".join(columns))
+    same(imported([tmp_path / "log.txt"], arm).recording, run)
+    (tmp_path / "bad.txt").write_text("# a b\n1 2\n3 4 5\n")
+    with pytest.raises(RigError, match=r"bad\.txt: not a table of numbers"):
+        imported([tmp_path / "bad.txt"], arm)
+
+
+def test_a_log_without_times_is_of_poses_held_still(tmp_path: Path, run: Recording, arm: Arm) -> None:
+    columns = {name: values for name, values in table(run).items() if "Timestamp" not in name}
+    found = imported([write_text(tmp_path / "log.csv", columns)], arm)
+    assert found.recording.metadata.still_poses
+    np.testing.assert_array_equal(found.recording.t, np.arange(len(run)))
+    assert any(line.startswith("no time: each of the") for line in found.said)
+
+
+def test_three_angles_of_a_pose_are_known_by_their_names(tmp_path: Path, run: Recording, arm: Arm) -> None:
+    columns = {name: x for name, x in tool_table(run, arm).items() if name[0] in "tamyp" or name == "roll"}
+    found = imported([write_text(tmp_path / "log.csv", columns)], arm, euler="ZYX")
+    turns = Rotation.from_quat(found.recording.tool_quaternion, scalar_first=True)
+    expected = Rotation.from_matrix(arm.poses(run.q).R_base_tool)
+    assert (turns.inv() * expected).magnitude().max() < 1e-6

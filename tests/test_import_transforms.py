@@ -22,6 +22,7 @@ from scenarios.importing import Imported, Mapping, import_logs
 from scenarios.importing.mapping import Conventions, Stated
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
+IMU = "sensor_msgs/msg/Imu"
 BASE_TURN = Rotation.from_euler("ZYX", [3.0, 0.2, -0.1])
 TABLE = RigidTransform.from_components([0.5, -0.2, 0.7], Rotation.from_euler("ZYX", [0.4, 0.1, 0.3]))
 BOLTED = RigidTransform.from_components([0.0, 0.01, 0.02], Rotation.from_euler("ZYX", [1.0, 0.5, -0.4]))
@@ -221,3 +222,35 @@ def test_a_frame_that_hangs_on_two_parents_is_refused(tmp_path: Path, run: Recor
     found.add(Name(header=Name(frame_id="y"), child_frame_id="x", transform=pose), 1, "bag")
     with pytest.raises(RigError, match="no chain of transforms from 'x' to 'c'"):
         found.chain("x", "c", [np.arange(3.0)], 0, "bag")
+
+
+@pytest.mark.parametrize("kind", ["PoseStamped", "TransformStamped"])
+def test_the_tools_pose_may_be_a_topic_of_its_own(tmp_path: Path, arm: Arm, run: Recording, kind: str) -> None:
+    kinds = TYPES.types
+    Header, Time, Imu = (kinds[name] for name in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", IMU))
+    Vector, Quaternion, Point, Pose, Transform, Stamped = (
+        kinds[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion", "Point", "Pose", "Transform", kind)
+    )
+    few = run.select(slice(0, 40))
+    poses, none = arm.poses(few.q), np.zeros(9)
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        topics = {
+            name: writer.add_connection(name, of.__msgtype__, typestore=TYPES)
+            for name, of in (("/imu", Imu), ("/tool", Stamped))
+        }
+        for t, reading, turn, place in zip(few.t, few.accelerometer, poses.R_base_tool, poses.position, strict=True):
+            at = round((1.7e9 + t) * 1e9)
+            header = Header(Time(at // 10**9, at % 10**9), "imu_link")
+            turned = Quaternion(*Rotation.from_matrix(turn).as_quat().tolist())
+            acceleration, still = Vector(*reading.tolist()), Vector(0, 0, 0)
+            imu = Imu(header, Quaternion(0, 0, 0, 1), none, still, none, acceleration, none)
+            tool = (
+                Stamped(header, Pose(Point(*place.tolist()), turned))
+                if kind == "PoseStamped"
+                else Stamped(header, "tool", Transform(Vector(*place.tolist()), turned))
+            )
+            for topic, message in (("/imu", imu), ("/tool", tool)):
+                writer.write(topics[topic], at, TYPES.serialize_cdr(message, topics[topic].msgtype))
+    found = imported(tmp_path / "bag", None).recording
+    np.testing.assert_allclose(found.rotations(None), poses.R_base_tool.reshape(-1, 9), atol=1e-6)
+    np.testing.assert_allclose(found.tool_position, poses.position, atol=1e-6)

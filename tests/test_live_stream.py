@@ -15,6 +15,8 @@ from rig.recording import Metadata, Recording, read_recording
 from rig.stream import Clock, Feed, Journal, LineReader, open_source
 from rig.stream.journal import mended
 from rig.stream.sources import PipeSource
+from scenarios.importing.mapping import Conventions, Mapping
+from scenarios.live.mapped import renamed
 
 HEADER = b"t_s,accel1_g,accel2_g,accel3_g\n"
 
@@ -275,3 +277,29 @@ def test_a_source_that_cannot_be_opened_is_refused_in_a_line(source: str, messag
     with pytest.raises(RigError, match=message) as refused:
         open_source(source)
     assert len(str(refused.value)) < 300
+
+
+def test_a_mapping_names_the_columns_of_a_stream(tmp_path: Path) -> None:
+    """What needs a whole log, such as Euler angles, is rig import's."""
+    columns = {"t": "t", "a": "-accel1_g", "j": "q2_deg", "s": "q3_m", "x": "x_mm", "w": "qw", "i": "current1_A"}
+    own = Mapping({**columns, "T": "temperature_degC"}, Conventions(time_unit="ms"))
+    (tmp_path / "map.toml").write_text(own.to_toml())
+    names, _ = renamed(tmp_path / "map.toml")
+    assert names == {
+        "t": ("t_s", 1e-3),
+        "a": ("accel1_g", -1.0),
+        "j": ("q2_rad", pytest.approx(np.pi / 180.0)),
+        "s": ("q3_m", 1.0),
+        "x": ("tool_x_m", 1e-3),
+        "w": ("tool_qw", 1.0),
+        "i": ("current1_A", 1.0),
+        "T": ("temperature_degC", 1.0),
+    }
+    for wrong, said in (
+        (Mapping({"t": "t"}), "time_unit: found 'guess'"),
+        (Mapping({"e": "euler1_deg"}), "rig import takes the rest"),
+        (Mapping({}, Conventions(rotation="tool<-base")), "another convention of the pose"),
+    ):
+        (tmp_path / "map.toml").write_text(wrong.to_toml())
+        with pytest.raises(RigError, match=said):
+            renamed(tmp_path / "map.toml")

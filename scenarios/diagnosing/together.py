@@ -11,7 +11,6 @@ import numpy as np
 from estimators.calibration import Calibration
 from estimators.gap.data.stack import acting
 from estimators.gap.diagnose import Examined, examined
-from estimators.gap.report.separation import rivals
 from rig.arm import Arm
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
@@ -21,7 +20,6 @@ from scenarios.diagnosing.concluded import concluded
 from scenarios.diagnosing.kept import origin
 from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
 from scenarios.gap_report.gap_residuals import GapResiduals, diagnosed_effects, whitened, with_noise
-from scenarios.plan.next_maneuver import NextManeuver, next_maneuver
 
 Progress = Callable[[float], None]
 
@@ -50,21 +48,6 @@ def carry_out_together(task: Task, progress: Progress | None = None) -> Outcome:
         found = examined(recordings, rests, None, task.without, arm, progress, task.prior, calibration=known)
         about = About.of(recordings[-1], longest)
         return concluded(task, found.diagnosis, residuals_of_each(found), rests[-1], about, origin(task))
-
-
-def proposed(found: Examined, minutes: float | None = None) -> NextManeuver | None:
-    """The maneuver that would tell apart what the recordings do not; recorded, it is one more of them.
-
-    Args:
-        found: of recordings of one rig, or of one.
-        minutes: how long it may take; None: as long as the last recording.
-
-    Returns:
-        None where the recordings decide, or no maneuver would.
-    """
-    if not rivals(found.diagnosis):
-        return None
-    return next_maneuver(found.diagnosis, residuals_of_each(found)[-1], None, minutes)
 
 
 def residuals_of_each(found: Examined) -> list[GapResiduals]:

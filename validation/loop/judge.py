@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 from estimators.gap.diagnose import examined
 from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.report.separation import rivals
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
-from scenarios.diagnosing.together import proposed as next_of
+from scenarios.diagnosing.together import residuals_of_each
+from scenarios.plan.next_maneuver import next_maneuver
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,9 @@ def judged(runs: Sequence[Recording], locked: Recording) -> Judged:
     found = examined(list(runs), [locked] * len(runs))
 
     def proposed() -> tuple[TorusSweep | StaticPoses, bool, float] | None:
-        following = next_of(found)
+        if not rivals(found.diagnosis):
+            return None
+        following = next_maneuver(found.diagnosis, residuals_of_each(found)[-1], None)
         return None if following is None else (following.maneuver, following.felt, following.warmer_degC)
 
     return Judged(found.diagnosis, proposed)
