@@ -11,19 +11,17 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 import scenarios
 from benchmarks._measure import Column, Goal, Report, Settings, Table, Timing, interleaved
 from benchmarks.baselines import papers_way
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from scenarios.studies.consistency import trial
 from scenarios.studies.orders import Order, order_of
 from scenarios.studies.settings import Settings as Study
 from scenarios.studies.settings import expected, increments
-
-Array = NDArray[np.float64]
 
 TITLE = "2,000 draws x 25 sample counts x 2 noise levels x 2 methods, beside the paper's way"
 

@@ -14,14 +14,12 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 import scenarios
 from benchmarks._measure import Call, Cell, Column, Goal, Report, Settings, Table, Timing, interleaved, timing_table
 from benchmarks._peers import Peer, ours, peers
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, COLUMNS_OF
-
-Array = NDArray[np.float64]
 
 TITLE = "attitude-free calibration, beside what people use today"
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 import estimators
 import scenarios
@@ -20,11 +19,10 @@ from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import SensorParameters
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import COLUMNS_OF
 from rig.recording import Recording
 from scenarios.scenario import Scenario
-
-Array = NDArray[np.float64]
 
 TITLE = "known-angle calibration of both sensors, beside the bare arithmetic and the paper's way"
 

@@ -13,16 +13,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from benchmarks._measure import Column, Goal, Report, Settings, Table
 from estimators.live.residual_blocks import Blocks
 from estimators.live.sensor_watch import SensorWatch
+from rig.arrays import Array
 
 TITLE = "rig live: throughput, memory, delays, and the monitor beside CUSUM"
 
-Array = NDArray[np.float64]
 
 _RATE_Hz: Final = 100.0
 _BLOCK: Final = 10

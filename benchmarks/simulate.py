@@ -11,15 +11,13 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from mujoco.rollout import Rollout
-from numpy.typing import NDArray
 
 import scenarios
 from benchmarks._measure import Cell, Goal, Report, Settings, Table, Timing, interleaved, timing_table
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.maneuver import TorusSweep
 from scenarios.scenario import Scenario
-
-Array = NDArray[np.float64]
 
 TITLE = "simulating both sensors over the whole sweep, beside MuJoCo alone"
 

@@ -6,18 +6,15 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 import scenarios
 from benchmarks._measure import Call, Cell, Goal, Report, Settings, interleaved, timing_table
 from benchmarks.baselines import variance_detector
 from estimators.stillness import CAMPS_THRESHOLD_V2, find_still
+from rig.arrays import Mask
 from rig.channels import ACCELEROMETER
 from rig.maneuver import StaticPoses
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TITLE = "static detection, beside the textbook's"
 

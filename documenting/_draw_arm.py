@@ -8,7 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 from matplotlib.image import imsave
-from numpy.typing import NDArray
+
+from rig.arrays import Array
 
 _BRISTLE_M = 0.0009
 
@@ -33,7 +34,7 @@ def draw(model_file: str, scene_file: str, picture: str, camera: str) -> None:
     imsave(picture, image, format="png")
 
 
-def _add_bristle(scene: Any, root: NDArray[np.float64], tip: NDArray[np.float64], colour: NDArray[np.float64]) -> None:
+def _add_bristle(scene: Any, root: Array, tip: Array, colour: Array) -> None:
     geom = scene.geoms[scene.ngeom]
     rgba = np.array([*colour, 1.0], dtype=np.float32)
     kind = mujoco.mjtGeom.mjGEOM_CAPSULE

@@ -6,13 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.directions import direction_from_angles
 from scenarios.colours import AXES_ON_PAPER
 from scenarios.plots.style import new_figure, style
-
-Array = NDArray[np.float64]
 
 _AZIMUTH_DEG: Final = 55.0
 _ELEVATION_DEG: Final = -38.0

@@ -17,16 +17,14 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.files import atomic_path, scratch_folder
 from scenarios.colours import elapsed
 from scenarios.decimation import evenly
 from scenarios.sensor_motion import SensorMotion
-
-Array = NDArray[np.float64]
 
 #: Ways of drawing without a window, in the order they are tried where MUJOCO_GL does not choose one.
 _WITHOUT_WINDOW: Final = ("egl", "osmesa")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
+
 PI = np.pi
 
 #: Universal Robots, "DH parameters for calculations of kinematics and dynamics": a [m], d [m], alpha [rad].

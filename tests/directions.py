@@ -5,9 +5,8 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: The 26 directions to the faces, edges and corners of a cube.
 CUBE = np.array([row for row in product((-1.0, 0.0, 1.0), repeat=3) if any(row)])

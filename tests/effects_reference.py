@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 D = (0.3302, 0.0, 0.0, 0.3302, 0.0, 0.0762)
 A = (0.0, 0.3048, 0.0, 0.0, 0.0, 0.0)

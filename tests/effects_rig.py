@@ -7,16 +7,14 @@ from typing import Any
 
 import effects_reference as reference
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.environment import Environment
 from rig.pipeline import Pipeline
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 TIMES = np.arange(240) * 0.25 + 3.0  # a recording need not start at zero
 

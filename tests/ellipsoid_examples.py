@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from directions import unit_vectors
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 GAIN = np.array([[1.40, 0.03, -0.02], [0.03, 1.30, 0.05], [-0.02, 0.05, 1.50]])
 OFFSET = np.array([0.1, 0.2, 0.3])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from kinematic_examples import ACCELEROMETER_NOISE, TABLE_5
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -15,9 +14,8 @@ from estimators.goodness import (
     Goodness,
     is_it_good,
 )
+from rig.arrays import Array
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.8 * np.array([0.05, 0.02, -1.0]) / np.linalg.norm([0.05, 0.02, -1.0])
 

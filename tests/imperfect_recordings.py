@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.recording import Recording, read_recording
 
-Array = NDArray[np.float64]
 Generator = np.random.Generator
 Spoil = Callable[[Recording, Generator], Recording]
 

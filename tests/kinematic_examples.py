@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
 from directions import unit_vectors
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.directions import direction_from_angles
 from rig.maneuver import TorusSweep
 from rig.recording import Recording
 from rig.sensor import TriaxialSensor
-
-Array = NDArray[np.float64]
 
 ACCELEROMETER_NOISE = np.array([0.0134, 0.0136, 0.0146])
 MAGNETOMETER_NOISE = np.array([0.0085, 0.0068, 0.0117])
@@ -45,6 +45,18 @@ TRUTHS = {
 def sweep_angles() -> Array:
     """(6656, 6) [rad] every 25th sample of the paper's sweep."""
     return TorusSweep().trajectory().q[::25]
+
+
+#: Orientations (n, 3, 3) or (n, 9) that are less kind than a sweep's, by a generator.
+POSE_SETS: dict[str, Callable[[np.random.Generator], Array]] = {
+    "three orientations": lambda rng: np.repeat(Rotation.random(3, rng=rng).as_matrix(), 20, axis=0),
+    "six orientations": lambda rng: np.repeat(Rotation.random(6, rng=rng).as_matrix(), 10, axis=0),
+    "seven orientations": lambda rng: np.repeat(Rotation.random(7, rng=rng).as_matrix(), 10, axis=0),
+    "twenty orientations": lambda rng: Rotation.random(20, rng=rng).as_matrix(),
+    "within 20 degrees": lambda rng: Rotation.from_rotvec(0.2 * rng.standard_normal((100, 3))).as_matrix(),
+    "turns about one axis": lambda rng: Rotation.from_rotvec(rng.uniform(0.0, 6.0, (60, 1)) * [0, 0, 1]).as_matrix(),
+    "the sweep's first 400": lambda rng: Arm.a465().rotation_map.rotations(sweep_angles()[:400]),
+}
 
 
 @cache

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.known_angle.statistics import Statistics
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 
 def draw(base: Statistics, rng: np.random.Generator, coefficients: ArrayLike, noise: ArrayLike) -> Statistics:

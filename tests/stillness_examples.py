@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.acquisition import Acquisition
 from rig.arm import Arm
@@ -15,8 +14,6 @@ from rig.maneuver import StaticPoses
 from rig.recording import Metadata, Recording
 from rig.sensor import TriaxialSensor
 from rig.simulate import Rig
-
-Array = NDArray[np.float64]
 
 NOISE = (0.0134, 0.0136, 0.0146, 0.0085, 0.0068, 0.0117)
 ACCELEROMETER = TriaxialSensor((0.142, 0.143, 0.141), (2.4, 2.5, 2.1), (85.0, -1.0, 1.0), (90.0, 1.0, 272.0))

@@ -13,13 +13,11 @@ import mujoco
 import numpy as np
 import pytest
 from arm_files import random_angles
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.assets import model_path
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kinematic_examples import TRUTHS, random_truth, readings, sweep_angles, sweep_statistics
-from scipy.spatial.transform import Rotation
+from kinematic_examples import POSE_SETS, TRUTHS, random_truth, readings, sweep_statistics
 from scipy.special import chdtr
 from statistics_draws import draw_many
 
@@ -13,7 +12,6 @@ from estimators.batch import ManyFits, ManyParameters, fit_many
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.model import METHODS, Method
 from estimators.known_angle.statistics import Statistics
-from rig.arm import Arm
 from rig.errors import RigError
 
 BOTH = pytest.mark.parametrize("method", METHODS)
@@ -59,17 +57,6 @@ def test_they_are_the_single_fits(method: Method, given: bool, weighting: str, n
         assert np.abs(fits.noise[i] / single.noise - 1.0).max() < 1e-6
         size = np.sqrt(single.covariance.diagonal())
         assert np.abs((fits.covariance[i] - single.covariance) / np.outer(size, size)).max() < 1e-4
-
-
-POSE_SETS = {
-    "three orientations": lambda rng: np.repeat(Rotation.random(3, rng=rng).as_matrix(), 20, axis=0),
-    "six orientations": lambda rng: np.repeat(Rotation.random(6, rng=rng).as_matrix(), 10, axis=0),
-    "seven orientations": lambda rng: np.repeat(Rotation.random(7, rng=rng).as_matrix(), 10, axis=0),
-    "twenty orientations": lambda rng: Rotation.random(20, rng=rng).as_matrix(),
-    "within 20 degrees": lambda rng: Rotation.from_rotvec(0.2 * rng.standard_normal((100, 3))).as_matrix(),
-    "turns about one axis": lambda rng: Rotation.from_rotvec(rng.uniform(0.0, 6.0, (60, 1)) * [0, 0, 1]).as_matrix(),
-    "the sweep's first 400": lambda rng: Arm.a465().rotation_map.rotations(sweep_angles()[:400]),
-}
 
 
 @BOTH

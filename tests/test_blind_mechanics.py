@@ -7,11 +7,11 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import scenarios
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.effects import EFFECTS
 from rig.maneuver import TorusSweep
 from validation.blind.mechanics import MECHANISMS, Mechanism
@@ -25,7 +25,6 @@ from validation.blind.mechanics.spring import SpringJoint
 from validation.blind.mechanics.table import VibratingTable
 from validation.blind.settings import draw_setting
 
-Array = NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -9.8])
 SLOW = TorusSweep(
     duration_s=40.0,

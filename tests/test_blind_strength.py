@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import scenarios
+from rig.arrays import Array
 from rig.effects import EFFECTS, make_effect
 from rig.effects.base import Effect
 from rig.signals import Signals
@@ -20,8 +20,6 @@ from validation.blind.likeness import in_band, likenesses
 from validation.blind.outside import JOINTED, OUTSIDE
 from validation.blind.settings import FAST, RATE_HZ, Setting, draw_setting
 from validation.blind.strength import signal_to_noise, strength_for
-
-Array = NDArray[np.float64]
 
 SAMPLES = 800
 SIGMA = (0.013, 0.014, 0.015, 0.008, 0.007, 0.012)

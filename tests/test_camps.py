@@ -5,70 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-import ellipsoid_examples as example
 import numpy as np
 import pytest
 
 import scenarios
 from estimators.ellipsoid import Start, fit_ellipsoid
 from estimators.stillness import CAMPS_THRESHOLD_V2, find_still
+from rig.arrays import Array
 from rig.maneuver import HandTumble
 from rig.sensor import TriaxialSensor
 from scenarios.scenario import Scenario
-
-Array = example.Array
+from validation.paper.published import ellipsoid_table
 
 GRAVITY = 9.80444
-#: Rows alpha_x, alpha_y, alpha_z, s_xy, s_xz, s_yz, beta_x, beta_y, beta_z [V/G or V/g, V]; columns tests 1, 2, 3.
-TABLE_3 = np.array(
-    [
-        [7.2019, 7.1802, 7.1791],
-        [7.4019, 7.3859, 7.3849],
-        [7.6285, 7.62608, 7.6243],
-        [0.01711, 0.0219, 0.0201],
-        [0.1421, 0.1456, 0.14505],
-        [-0.0494, -0.04826, -0.04672],
-        [0.19002, 0.1897, 0.1892],
-        [0.2237, 0.2209, 0.2212],
-        [0.2347, 0.2317, 0.2317],
-    ]
-)
-TABLE_4 = np.array(
-    [
-        [1.76107, 1.7644, 1.7604],
-        [1.8092, 1.8105, 1.8108],
-        [1.7294, 1.7313, 1.7283],
-        [0.0005633, 0.00026504, -0.0004774],
-        [-0.001812, -0.001145, -0.00150033],
-        [0.0023202, 0.002832, 0.001572],
-        [-0.1066, -0.1118, -0.10431],
-        [0.02186, 0.01328, 0.02533],
-        [-0.1510, -0.1567, -0.1529],
-    ]
-)
-#: Six parameters: alpha_x, alpha_y, alpha_z, beta_x, beta_y, beta_z.
-TABLE_1 = np.array(
-    [
-        [7.2043, 7.1866, 7.1809],
-        [7.4074, 7.3758, 7.3772],
-        [7.6276, 7.6276, 7.6222],
-        [0.1849, 0.1919, 0.1850],
-        [0.2269, 0.2217, 0.2206],
-        [0.2417, 0.2423, 0.2403],
-    ]
-)
+#: By number. Rows: gains and offsets [V/G or V/g, V]; columns tests 1, 2, 3.
+TABLES = {number: ellipsoid_table(number).values for number in "1234"}
 #: The first row of Table 2 as printed holds test 1's column (1.7604, 1.8100, 1.7295); here it is Table 4's, which
 #: agrees with it in the other rows.
-TABLE_2 = np.array(
-    [
-        [1.76107, 1.7644, 1.7604],
-        [1.8100, 1.8104, 1.8111],
-        [1.7295, 1.7310, 1.7283],
-        [-0.1066, -0.1117, -0.1044],
-        [0.022001, 0.0131, 0.02511],
-        [-0.1507, -0.1565, -0.1529],
-    ]
-)
+TABLES["2"][0] = TABLES["4"][0]
 POINTS = 600
 
 
@@ -98,7 +52,7 @@ def repetition(sensor: str, number: int, diagonal: bool) -> Array:
 
 
 def with_diagonal_gain(scenario: Scenario, sensor: str) -> Scenario:
-    means = (TABLE_1 if sensor == "magnetometer" else TABLE_2).mean(axis=1)
+    means = (TABLES["1"] if sensor == "magnetometer" else TABLES["2"]).mean(axis=1)
     unit = 1.0 if sensor == "magnetometer" else GRAVITY
     made = TriaxialSensor.from_axes(means[:3] / unit, means[3:], np.eye(3))
     rig = replace(scenario.rig, **{sensor: made})  # type: ignore[arg-type]
@@ -106,7 +60,7 @@ def with_diagonal_gain(scenario: Scenario, sensor: str) -> Scenario:
 
 
 @pytest.mark.parametrize(
-    ("sensor", "table", "unit"), [("magnetometer", TABLE_3, 1.0), ("accelerometer", TABLE_4, GRAVITY)]
+    ("sensor", "table", "unit"), [("magnetometer", TABLES["3"], 1.0), ("accelerometer", TABLES["4"], GRAVITY)]
 )
 def test_the_truth_is_the_mean_of_the_three_tests(sensor: str, table: Array, unit: float) -> None:
     """To the six digits that the file gives."""
@@ -127,10 +81,10 @@ def test_the_field_is_the_paper_s() -> None:
 @pytest.mark.parametrize(
     ("sensor", "table", "magnitude"),
     [
-        ("magnetometer", TABLE_1, 0.47),
-        ("magnetometer", TABLE_3, 0.47),
-        ("accelerometer", TABLE_2, GRAVITY),
-        ("accelerometer", TABLE_4, GRAVITY),
+        ("magnetometer", TABLES["1"], 0.47),
+        ("magnetometer", TABLES["3"], 0.47),
+        ("accelerometer", TABLES["2"], GRAVITY),
+        ("accelerometer", TABLES["4"], GRAVITY),
     ],
     ids=["table1", "table3", "table2", "table4"],
 )

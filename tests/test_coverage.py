@@ -8,7 +8,6 @@ from itertools import product
 import numpy as np
 import pytest
 from directions import CUBE, spread
-from numpy.typing import NDArray
 from scipy.stats import chisquare
 
 import estimators
@@ -22,11 +21,10 @@ from estimators.coverage import (
 from estimators.coverage.seen import CELLS
 from estimators.goodness.residuals import residuals_of
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.recording import Recording
 from validation.plots.camps_directions import spherical
-
-Array = NDArray[np.float64]
 
 # Cells
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from directions import CUBE, spread
 from kinematic_examples import TRUTHS, sweep_rotations, sweep_statistics
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import estimators
@@ -18,10 +17,9 @@ from estimators.coverage import (
 )
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.statistics import Statistics
+from rig.arrays import Array
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
 
 # Information without attitude
 

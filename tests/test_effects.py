@@ -23,15 +23,12 @@ from effects_rig import (
     values,
     volts,
 )
-from numpy.typing import NDArray
 
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS, Effect, Kind, Stage, apply_stage, make_effect
 from rig.errors import RigError
 from rig.pipeline import Pipeline
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 J = tuple(f"joint{n}" for n in range(1, 7))
 SWEPT = ("joint1", "joint5", "joint6")

@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 from effects_reference import FIELD, FULL, Sample, about_z, readings, rodrigues
 from effects_rig import EVERYWHERE, MEAN, TIMES, made, pipeline, signals, values, volts
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS
 
-Array = NDArray[np.float64]
 Formula = Callable[[str, dict[str, Any]], Array]
 
 #: A dozen roundings of volts, of which the 64 turns of joint 6 cost the most.

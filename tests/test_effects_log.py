@@ -7,20 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effects_rig import ENVIRONMENT, SENSORS, logged, made, measured, pipeline, signals
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from rig.acquisition import Acquisition
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError
 from rig.maneuver import TorusSweep
 from rig.pipeline import Pipeline
 from rig.signals import Signals
 from rig.simulate import Rig
-
-Array = NDArray[np.float64]
 
 #: Tail of every interval below; there are some thirty.
 TAIL = 1e-7

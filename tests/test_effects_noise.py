@@ -11,14 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effects_rig import TIMES, made, pipeline, recording_for, signals, volts
-from numpy.typing import NDArray
 from scipy.stats import binom, chi2, norm
 
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Kind, Stage, apply_stage
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 TAIL = 1e-7
 COUNT = 20_000

@@ -10,17 +10,15 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import make_effect
 from rig.environment import Environment
 from rig.pipeline import Pipeline
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals
-
-Array = NDArray[np.float64]
 
 PRACTICE = Path(__file__).parents[1].parent / "shared" / "practice"
 pytestmark = pytest.mark.skipif(not (PRACTICE / "truth.json").is_file(), reason="the practice recordings are not here")

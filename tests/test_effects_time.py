@@ -12,15 +12,13 @@ from effects_rig import TIMES, made, measured, pipeline, signals, volts
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.effects._gravity import gravity_torque, largest_gravity_torque
 from rig.effects._numerics import curvature, low_passed, play, recursion, shifted, turned
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 COLUMNS = {"acquisition": slice(0, 6), "accelerometer": slice(0, 3), "magnetometer": slice(3, 6)}
 STEP = float(TIMES[1] - TIMES[0])

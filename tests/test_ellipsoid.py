@@ -11,9 +11,8 @@ from directions import CUBE, unit_vectors
 from scipy.special import chdtrc
 
 from estimators.ellipsoid import EllipsoidFit, Start, fit_ellipsoid
+from rig.arrays import Array
 from rig.errors import RefusedFit, RigError
-
-Array = example.Array
 
 
 def readings_of(

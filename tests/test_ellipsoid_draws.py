@@ -13,8 +13,7 @@ from directions import CUBE, unit_vectors
 from scipy.special import stdtrit
 
 from estimators.ellipsoid import fit_ellipsoid
-
-Array = example.Array
+from rig.arrays import Array
 
 DRAWS = 1_200
 CASES = [

@@ -31,9 +31,8 @@ from estimators.ellipsoid.outliers import FALSE_ALARM, any_outlying, heavy_taile
 from estimators.ellipsoid.refusal import missing
 from estimators.ellipsoid.shape import Ellipsoid, Quadric
 from estimators.ellipsoid.used_rows import spread_rows
+from rig.arrays import Array
 from rig.errors import RefusedFit, RigError
-
-Array = example.Array
 
 UNIT = Ellipsoid(np.zeros(3), np.eye(3), np.eye(3))
 TRUE = Ellipsoid(example.OFFSET, np.linalg.inv(example.GAIN), example.GAIN)

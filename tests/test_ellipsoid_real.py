@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import ellipsoid_examples as example
 import numpy as np
 import pytest
 
 from estimators.ellipsoid import fit_ellipsoid
-
-Array = example.Array
+from rig.arrays import Array
 
 DATA = Path(__file__).parents[1].parent / "shared" / "realdata"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"the measured data are not at {DATA}")

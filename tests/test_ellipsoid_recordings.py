@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import ellipsoid_examples as example
 import numpy as np
 import pytest
 from scipy.linalg import polar
@@ -16,14 +15,13 @@ from estimators.calibration.fields import apply
 from estimators.ellipsoid import Options, Start, align, calibrate, calibrate_attitude_free, fit_ellipsoid
 from estimators.stillness import average_poses, find_still
 from rig.acquisition import Acquisition
+from rig.arrays import Array
 from rig.environment import Environment
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import HandTumble
 from rig.recording import Recording, scan_recording
 from rig.sensor import TriaxialSensor
 from rig.simulate import Rig
-
-Array = example.Array
 
 ENVIRONMENT = Environment(gravity_m_s2=9.80292, magnetic_field=0.55176, magnetic_direction=(0.33591, 0.03839, -0.94111))
 ACCELEROMETER = TriaxialSensor.from_axes(

@@ -9,17 +9,15 @@ import mujoco
 import numpy as np
 import pytest
 from arm_files import written
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.assets import model_path
 from rig.engine_dynamic import Followed, follow
 from rig.errors import RigError
 from rig.maneuver import HandTumble, LockedPoses, StaticPoses, TorusSweep
 from rig.maneuver.fitting import fitted
 from rig.trajectory import JointTrajectory
-
-Array = NDArray[np.float64]
 
 #: Fifteen seconds at the paper's speeds: two yaw passes, one pitch pass.
 SWEEP = TorusSweep(duration_s=15.0, yaw_passes=2, yaw_range_deg=23.0, pitch_passes=1, pitch_range_deg=13.0)

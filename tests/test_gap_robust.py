@@ -6,13 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.search import robust
-
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 CHANNELS, COUNT, DRAWS = 6, 1600, 400
 #: Fewer of 400 intervals of 95 % hold the truth at odds of 1e-5.

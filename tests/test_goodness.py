@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from directions import unit_vectors
 from goodness_examples import calibrated, good, known, unknown
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import binom
 
@@ -24,9 +23,8 @@ from estimators.goodness import (
     is_it_good,
     residuals_of,
 )
+from rig.arrays import Array
 from rig.recording import Metadata, Recording
-
-Array = NDArray[np.float64]
 
 
 def spoilt(change: Callable[[Array, np.random.Generator], Array], n: int = 6000, seed: int = 0) -> Goodness:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from goodness_examples import calibrated, good, known
 from kinematic_examples import ACCELEROMETER_NOISE, TABLE_5
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
@@ -38,8 +37,6 @@ from rig.arm import Arm
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import StaticPoses
 from rig.recording import Metadata, Recording, thinned
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

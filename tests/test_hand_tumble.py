@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from cli_support import SMALL, Rig
-from numpy.typing import NDArray
 
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import HandTumble
 from rig.trajectory import PoseTrajectory
-
-Array = NDArray[np.float64]
 
 
 def angular_speed(R: Array, dt: float) -> Array:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from whitened_examples import data  # noqa: F401
 
 from estimators.gap.data.whitened import WhitenedData
@@ -20,9 +19,8 @@ from estimators.gap.report.homogeneity import (
     log_bayes_factor_of_readings,
     of_cells,
 )
+from rig.arrays import Array
 from rig.effects import EFFECTS
-
-Array = NDArray[np.float64]
 
 CELLS, DRAWS = 16, 800
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from directions import unit_vectors
-from numpy.typing import NDArray
 
 import estimators
 import scenarios
@@ -18,10 +17,9 @@ from estimators.ellipsoid.running import brought_up
 from estimators.ellipsoid.thinned import Thinned
 from estimators.known_angle.statistics import Statistics
 from estimators.live import PROCEDURES, Calibrator, Cloud, Guide, Options, SlidingSum, StillStream
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
 
 GAIN = np.array([[0.14, 0.002, 0.001], [0.002, 0.143, -0.003], [0.001, -0.003, 0.138]])
 OFFSET = np.array([2.3, 2.4, 2.1])

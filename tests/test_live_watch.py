@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from directions import unit_vectors
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import f
 
@@ -22,10 +21,9 @@ from estimators.live.residual_blocks import Blocks
 from estimators.live.sensor_watch import SensorWatch
 from estimators.live.stuck import Stuck
 from estimators.live.watch import Watch
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
 
 CHANGE_S, OVER_S = 800.0, 1000.0
 

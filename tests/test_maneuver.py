@@ -11,15 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import MANEUVERS, FourierSweep, LockedPoses, Maneuver, StaticPoses, TorusSweep
 from rig.maneuver.profile import BackAndForth, quintic
 from rig.trajectory import JointTrajectory
-
-Array = NDArray[np.float64]
 
 ROUNDING_DEG = 1e-9
 

@@ -15,11 +15,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 import pytest
 import yourdfpy
 
-Array = npt.NDArray[np.float64]
+from rig.arrays import Array
 
 MODELS = Path(__file__).parents[1] / "models"
 ROUNDING = 1e-12

@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
-from numpy.typing import NDArray
 
 import estimators
 import scenarios
@@ -269,9 +268,6 @@ def test_effects_are_drawn(name: str, tmp_path: Path) -> None:
     assert found.effect.where in figure.get_suptitle()
     save(figure, tmp_path / "effect.png")
     assert (tmp_path / "effect.png").stat().st_size > 10_000
-
-
-Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("count", CELLS)

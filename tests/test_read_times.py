@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from rig.arrays import Array
 from rig.pose_nodes import PoseNodes
 from rig.read_times import read_times
-
-Array = NDArray[np.float64]
 
 INTERVAL_S = 0.07
 SCATTER_S = 0.008

@@ -11,15 +11,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 from arm_files import random_angles
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
 from rig.arm.rotation_map import RotationMap, moving_joints
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import TorusSweep
-
-Array = NDArray[np.float64]
 
 EXACT = 1e-13
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 from stillness_examples import NOISE, at_rest, stops
@@ -17,9 +16,8 @@ from estimators.stillness import (
     find_still,
     still_poses,
 )
+from rig.arrays import Array
 from rig.recording import Metadata, Recording, read_recording
-
-Array = NDArray[np.float64]
 
 REAL = Path(__file__).parents[1].parent / "shared" / "realdata"
 

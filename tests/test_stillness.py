@@ -20,14 +20,12 @@ from estimators.stillness import (
 from estimators.stillness.variance import variance_by_half_windows, weighted_variance
 from rig.acquisition import Acquisition
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import HandTumble, TorusSweep
 from rig.recording import Recording
 from rig.sensor import TriaxialSensor
 from rig.simulate import Rig
-
-Array = NDArray[np.float64]
-
 
 # The sliding variance
 

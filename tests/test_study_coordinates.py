@@ -7,16 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kinematic_examples import ACCELEROMETER_NOISE, TRUTHS, random_truth, sweep_statistics
-from numpy.typing import NDArray
 from statistics_draws import draw_many
 
 from estimators.batch import ManyParameters, fit_many
 from estimators.known_angle.model import METHODS, Method, SensorParameters, columns_of_channels, parameter_names
+from rig.arrays import Array
 from rig.directions import direction_from_angles
 from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, elevation_azimuth_basis
 from scenarios.studies.second_order import _curvatures, second_order_bias
-
-Array = NDArray[np.float64]
 
 
 def moved(truth: SensorParameters, step: Array, method: Method) -> SensorParameters:

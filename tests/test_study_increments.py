@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from kinematic_examples import ACCELEROMETER_NOISE, TABLE_5, readings, sweep_rotations
-from numpy.typing import NDArray
 from scipy.stats import ks_2samp, kstest, norm
 
 from estimators.known_angle.model import SensorParameters
+from rig.arrays import Array
 from scenarios.studies.increments import Increments
 from scenarios.studies.orders import ORDERS, order_of
-
-Array = NDArray[np.float64]
 
 #: Some increments have fewer rows than the 13 columns, some more.
 COUNTS = (5, 12, 30, 90)

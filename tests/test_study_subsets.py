@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import scenarios
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
+from rig.arrays import Array
 from rig.channels import COLUMNS_OF
 from rig.effects import Effect, make_effect
 from rig.errors import RigError
@@ -22,8 +22,6 @@ from rig.recording import Recording, scan_recording
 from scenarios.studies.store import StudyFolder
 from scenarios.studies.subset_results import SubsetStudy, read_subsets, write_subsets
 from scenarios.studies.subsets import study
-
-Array = NDArray[np.float64]
 
 NOISE = np.asarray(scenarios.load("ann-arbor").rig.acquisition.noise_V)
 

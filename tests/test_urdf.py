@@ -14,12 +14,9 @@ import numpy as np
 import pytest
 import yourdfpy
 from arm_files import random_angles
-from numpy.typing import NDArray
 
 from rig.arm import Arm
 from rig.errors import RigError
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
 

@@ -8,9 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 #: 4 J - I^2 of the quadric's leading coefficients as a quadratic form, k = 4; it is positive for ellipsoids only.
 _CONSTRAINT: Final = np.zeros((6, 6))

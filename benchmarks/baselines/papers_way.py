@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-Array = NDArray[np.float64]
+from rig.arrays import Array
 
 _START: Final = np.array([0.0, 0.0, 1.0, 2.5] * 3 + [0.5 * np.pi, 0.0])
 

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from rig.arrays import Array, Mask
 
 
 def window_by_window(readings: Array, window: int, rest: int, multiple: float) -> Mask:

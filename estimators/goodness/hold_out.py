@@ -23,6 +23,7 @@ from scipy.special import chdtrc, ndtr
 from estimators.goodness.own_optimum import inverted, unit_scale
 from estimators.goodness.residuals import Part, Residuals
 from rig.arrays import Array
+from rig.documents import plain
 
 BLOCKS: Final = 10
 #: The share of a block that is left out on either side of it.
@@ -50,13 +51,7 @@ class HoldOut:
 
     def to_json(self) -> dict[str, Any]:
         """A JSON object."""
-        return {
-            "blocks": self.blocks,
-            "alone": list(self.alone),
-            "ratio": self.ratio,
-            "p_value": self.p_value,
-            "worst_s": list(self.worst_s),
-        }
+        return {name: plain(getattr(self, name)) for name in ("blocks", "alone", "ratio", "p_value", "worst_s")}
 
 
 def hold_out(residuals: Residuals) -> HoldOut | None:

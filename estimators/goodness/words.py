@@ -18,6 +18,7 @@ from estimators.goodness.own_optimum import Transfer
 from estimators.goodness.raw_readings import Clipped, Repeats, summary_of
 from estimators.goodness.whiteness import Whiteness
 from rig.channels import CHANNELS_OF
+from rig.documents import plain
 
 #: A test that a good calibration fails once in ten thousand: with the five that have p-values, and the three readings
 #: tests at 1e-4 or below, a good one is called not good less than once in a thousand times.
@@ -84,18 +85,8 @@ class Goodness:
 
     def to_json(self) -> dict[str, Any]:
         """The ``verdict`` of the calibration's quality."""
-        return {
-            "good": self.good,
-            "text": self.verdict,
-            "reasons": list(self.reasons),
-            "remarks": list(self.remarks),
-            "samples": self.samples,
-            "transfer": None if self.transfer is None else self.transfer.to_json(),
-            "by_direction": None if self.by_direction is None else self.by_direction.to_json(),
-            "cross_terms": None if self.cross_terms is None else self.cross_terms.to_json(),
-            "hold_out": None if self.hold_out is None else self.hold_out.to_json(),
-            "whiteness": self.whiteness.to_json(),
-        }
+        names = ("reasons", "remarks", "samples", "transfer", "by_direction", "cross_terms", "hold_out", "whiteness")
+        return {"good": self.good, "text": self.verdict, **{name: plain(getattr(self, name)) for name in names}}
 
 
 def copied(sensor: str, copies: Sequence[tuple[int, int, float]]) -> list[str]:
