@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import isinf
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from scenarios.cli._options import PATH, print_json, progress_bar
 from validation.cli._options import hidden_rigs_options
+
+if TYPE_CHECKING:
+    from validation.loop.summary import Summary
 
 
 @click.command(short_help="Does what the diagnosis proposes end in the right name?")
@@ -37,8 +43,19 @@ def loop(
     if as_json:
         print_json({"files": made.files, "summaries": [each.to_json() for each in made.summaries]})
         return
-    from scenarios.terminal.tables import show
-    from validation.loop.report import loop_table
-
-    show(loop_table(made.summaries))
+    _show(made.summaries)
     click.echo(f"\n{', '.join(map(str, made.files))}: written")
+
+
+def _show(found: Sequence[Summary]) -> None:
+    """One line for each way to choose the next maneuver."""
+    from scenarios.terminal.tables import show, table
+    from validation.loop.summary import ENDS
+
+    numbers = (*ENDS, "open, then rightly", "minutes a name")
+    result = table("next maneuver", *numbers, numbers=numbers)
+    for each in found:
+        cost = "–" if isinf(each.minutes_a_name) else f"{each.minutes_a_name:.0f}"
+        then = f"{each.rightly_open.hits:g} of {each.rightly_open.count}"
+        result.add_row(each.strategy, *(str(each.ends[name]) for name in ENDS), then, cost)
+    show(result)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from scenarios.cli._options import PATH, json_option, print_json, progress_bar
 from scenarios.cli.study import workers_options
+
+if TYPE_CHECKING:
+    from validation.paper.compare import Comparison
 
 
 @click.command(short_help="Every table of both papers beside the rig.")
@@ -36,11 +40,26 @@ def paper(output: Path, draws: int, workers: int | None, cluster: str | None, as
 
         print_json({"files": made.files, **document(made.comparison)})
         return
-    from scenarios.terminal.tables import show
-    from validation.paper.report import paper_report
-
-    show(paper_report(made.comparison))
+    _show(made.comparison)
     click.echo(f"\n{made.files[0]}: written, with {len(made.files) - 2} pictures and {made.files[-1]}")
+
+
+def _show(comparison: Comparison) -> None:
+    """How many rows of each table agree, and the findings."""
+    from rich.text import Text
+
+    from scenarios.terminal.tables import show, table
+    from validation.paper.compare import findings
+
+    columns = ("paper", "table", "rows", "agree", "differ", "cannot be told", "the rig's truth")
+    rows = table(*columns, numbers=columns[2:])
+    for paper, name in (("renk", "Renk et al."), ("camps", "Camps et al.")):
+        for number in comparison.tables(paper):
+            own = comparison.table(paper, number)
+            words = ("agrees", "differs", "cannot be told", "is the rig's truth")
+            found = [sum(row.word == word for row in own) for word in words]
+            rows.add_row(name, number, str(len(own)), *(str(count) if count else "" for count in found))
+    show(rows, Text(""), *(Text(f"- {finding}") for finding in findings(comparison)))
 
 
 @click.command(short_help="A rig whose gap looks like the paper's.")
