@@ -7,7 +7,6 @@ what was commanded, and the accelerations are real.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,9 +20,8 @@ from rig.arm.servos import Driven, driven
 from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import Maneuver
+from rig.progress import Progress
 from rig.trajectory import JointTrajectory, sample_times
-
-Progress = Callable[[float], None]
 
 _STEP_RATE_HZ: Final = 1000.0
 _BLOCK_S: Final = 10.0  # simulated at a time: memory stays constant, progress is smooth

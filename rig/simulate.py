@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -18,6 +18,7 @@ from rig.errors import RigError, unknown_name
 from rig.maneuver import Maneuver
 from rig.pipeline import Pipeline
 from rig.pose_nodes import quaternions
+from rig.progress import Progress
 from rig.recording import Metadata, Recording
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals, sampled
@@ -27,7 +28,6 @@ Engine = Literal["kinematic", "dynamic"]
 Motion = Literal["quasi-static", "inertial"]
 ENGINES: Final[tuple[Engine, ...]] = ("kinematic", "dynamic")
 MOTIONS: Final[tuple[Motion, ...]] = ("quasi-static", "inertial")
-Progress = Callable[[float], None]
 
 
 def unfelt(effect: Effect, sensors: Iterable[str]) -> str:

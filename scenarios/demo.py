@@ -17,8 +17,8 @@ import estimators
 from estimators import Calibration, Diagnosis, NoiseFloor
 from rig.effects import make_effect
 from rig.files import atomic_path, made_folder
+from rig.progress import Progress
 from rig.recording import Recording
-from rig.simulate import Progress
 from scenarios.comparison import Compared, compare
 from scenarios.gap_report.terminal import diagnosis_tables
 from scenarios.loader import load

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -13,6 +13,7 @@ from rig.arm.clearance import Clearance, finite_limits
 from rig.errors import RigError
 from rig.maneuver import Maneuver, StaticPoses
 from rig.maneuver.fitting import stops_at
+from rig.progress import Progress
 from rig.signals import Signals
 from rig.trajectory import PoseTrajectory
 from scenarios.bound import noise_of
@@ -85,7 +86,7 @@ class EffectsBound:
 
 
 def isolability_of(
-    scenario: Scenario, only: Sequence[Key] | None = None, progress: Callable[[float], None] | None = None
+    scenario: Scenario, only: Sequence[Key] | None = None, progress: Progress | None = None
 ) -> EffectsBound:
     """What the maneuver of a scenario can show of the catalogue's effects.
 
@@ -99,7 +100,7 @@ def isolability_of(
         raise RigError(f"scenario {scenario.name}: has no arm, expected joint angles: effects act on joints and links")
     _, locked = _moved(scenario)
 
-    def share(first: float, last: float) -> Callable[[float], None] | None:
+    def share(first: float, last: float) -> Progress | None:
         return None if progress is None else lambda done: progress(first + (last - first) * done)
 
     here = shown_by(scenario, scenario.maneuver, only, progress=share(0.0, 0.5 if locked else 1.0))
@@ -145,7 +146,7 @@ def shown_by(
     maneuver: Maneuver,
     only: Sequence[Key] | None = None,
     samples: int = _SAMPLES,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Isolability:
     """What a maneuver can show with the arm, the sensors and the surroundings of a scenario.
 

@@ -17,9 +17,10 @@ from rig.environment import Environment
 from rig.errors import RigError, unknown_name
 from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
 from rig.maneuver.fitting import fitted, unlimited
+from rig.progress import Progress
 from rig.recording import Recording
 from rig.sensor import TriaxialSensor
-from rig.simulate import Engine, Motion, Progress, Rig
+from rig.simulate import Engine, Motion, Rig
 from scenarios.toml_tables import ArmTable, FieldUnit
 from scenarios.writer import set_fields, toml_document
 

@@ -10,7 +10,7 @@ fault diagnosis techniques", 2008).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -23,6 +23,7 @@ from rig.documents import plain
 from rig.effects import EFFECTS, Effect, Kind
 from rig.effects.parameters import Value
 from rig.pipeline import Pipeline
+from rig.progress import Progress
 from rig.signals import Signals
 from rig.threads import one_blas_thread
 
@@ -95,7 +96,7 @@ def isolability(
     noise: Array,
     samples: float = 1.0,
     only: Sequence[Key] | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Isolability:
     """What a maneuver can show of the catalogue's effects on the mean.
 

@@ -18,6 +18,7 @@ from rig.documents import plain
 from rig.errors import RigError, nearest, shown, unknown_name
 from rig.files import check_not_input, check_writable
 from rig.memory import VARIABLE, WHERE, parsed
+from rig.progress import Progress
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from scenarios.scenario import Scenario
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-Progress = Callable[[float], None]
 
 PATH: Final = click.Path(path_type=Path)
 RECORDING_SUFFIXES: Final = (".parquet", ".csv")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -14,6 +14,7 @@ from estimators.gap.diagnose import examined
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.memory import as_stated, stated
+from rig.progress import Progress
 from rig.recording import locked_beside, whole_or_means
 from rig.threads import one_blas_thread
 from scenarios.diagnosing.concluded import concluded
@@ -22,8 +23,6 @@ from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outco
 from scenarios.diagnosing.together import carry_out_together
 from scenarios.gap_report.gap_residuals import gap_residuals
 from scenarios.workers import Workers
-
-Progress = Callable[[float], None]
 
 __all__ = ["Outcome", "Task", "carry_out", "outcomes"]
 

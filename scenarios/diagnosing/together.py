@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -14,14 +13,13 @@ from estimators.gap.diagnose import Examined, examined
 from rig.arm import Arm
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
+from rig.progress import Progress
 from rig.recording import Recording, locked_beside, whole_or_means
 from rig.threads import one_blas_thread
 from scenarios.diagnosing.concluded import concluded
 from scenarios.diagnosing.kept import origin
 from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
 from scenarios.gap_report.gap_residuals import GapResiduals, diagnosed_effects, whitened, with_noise
-
-Progress = Callable[[float], None]
 
 
 def carry_out_together(task: Task, progress: Progress | None = None) -> Outcome:

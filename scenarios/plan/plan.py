@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
@@ -22,6 +22,7 @@ from rig.maneuver import FourierSweep, StaticPoses, TorusSweep
 from rig.maneuver.fitting import stops_at
 from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
+from rig.progress import Progress
 from rig.trajectory import check_samples
 from scenarios.bound import noise_of
 from scenarios.isolability import shown_by
@@ -185,7 +186,7 @@ def make_plan(
     tell: Sequence[Key] | None = None,
     seed: int = 0,
     name: str = "plan",
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Plan:
     """The poses with holds, or the sweep, from which a calibration is most certain in this time, moves included.
 

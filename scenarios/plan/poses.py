@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,8 +16,7 @@ from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
-
-Progress = Callable[[float], None]
+from rig.progress import Progress
 
 #: The shortest hold that is planned [s].
 _LEAST_HOLD_S: Final = 0.5

@@ -6,7 +6,6 @@ error: the standard deviation, and by how much the acceleration along the sweep 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,11 +17,10 @@ from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.maneuver import FourierSweep
 from rig.maneuver.fourier_sweep import series
+from rig.progress import Progress
 from rig.threads import one_blas_thread
 from rig.trajectory import JointTrajectory
 from scenarios.plan.poses import FAR, WORTHLESS, PoseSearch
-
-Progress = Callable[[float], None]
 
 HARMONICS: Final = 8
 #: Random sweeps that are looked at; the best of them that are bettered, and in how many steps.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -11,6 +11,7 @@ from estimators.design.isolability import SEEN, Isolability, Key
 from rig.arrays import Array
 from rig.errors import RigError, nearest
 from rig.maneuver.fitting import stops_at
+from rig.progress import Progress
 from scenarios.isolability import shown_by
 from scenarios.plan.poses import FAR, PosePlan, PoseSearch
 from scenarios.plan.sweeps import SweepPlan, SweepSearch
@@ -32,7 +33,7 @@ def telling(
     search: PoseSearch,
     seconds: float,
     tell: Sequence[Key],
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> PosePlan:
     """The poses whose least separated pair of causes is separated most.
 
@@ -91,7 +92,7 @@ def telling_sweep(
     search: SweepSearch,
     seconds: float,
     tell: Sequence[Key],
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> SweepPlan:
     """The sweep whose least separated pair of causes is separated most; arguments and errors as of ``telling``."""
     _check(tell)

@@ -6,7 +6,7 @@ m > n samples of one growing data set are correlated by sqrt(n / m): one draw th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -17,6 +17,7 @@ from estimators.batch import fit_many
 from estimators.known_angle.model import METHODS
 from estimators.known_angle.reported import NORMAL_95
 from rig.arrays import Array, Mask
+from rig.progress import Progress
 from rig.threads import one_blas_thread
 from scenarios.studies.coordinates import Coordinates, coordinate_names
 from scenarios.studies.settings import Settings, expected, increments
@@ -105,7 +106,7 @@ def run(
     settings: Settings,
     folder: StudyFolder,
     workers: Workers | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> pa.Table:
     """Make all trials that the folder does not hold yet, and merge them.
 

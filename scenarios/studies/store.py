@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,6 +27,7 @@ import pyarrow.parquet as pq
 from rig.documents import read_json
 from rig.errors import RigError, nearest, shown
 from rig.files import atomic_path, file_hash, made_folder, own_folder, sync_folder, write_text
+from rig.progress import Progress
 from scenarios.studies.table_files import opened_table, read_table, write_table
 from scenarios.version import package_version
 from scenarios.workers import Settings, Trial, Workers
@@ -121,7 +122,7 @@ class StudyFolder:
         settings: Settings,
         count: int,
         workers: Workers,
-        progress: Callable[[float], None] | None = None,
+        progress: Progress | None = None,
     ) -> pa.Table:
         """Make the trials that are missing or damaged, and the table of all.
 
@@ -158,7 +159,7 @@ class StudyFolder:
         settings: Settings,
         count: int,
         workers: Workers,
-        progress: Callable[[float], None] | None,
+        progress: Progress | None,
     ) -> str:
         """Make the trials that are missing and merge all; gives the hash of the table."""
         own_folder(self.path / _TRIALS)

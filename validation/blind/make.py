@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from rig.errors import RigError
 from rig.files import atomic_path, file_hash, made_folder, write_text
+from rig.progress import Progress
 from rig.threads import one_blas_thread
 from scenarios.loader import load
 from scenarios.workers import Workers
@@ -57,7 +57,7 @@ class Order:
         return plans(self.cases, np.random.default_rng([self.seed, 0]), self.mechanics)
 
 
-def make_set(order: Order, workers: Workers | None = None, progress: Callable[[float], None] | None = None) -> int:
+def make_set(order: Order, workers: Workers | None = None, progress: Progress | None = None) -> int:
     """Make all cases and seal them.
 
     Returns:

@@ -8,7 +8,7 @@ half.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.stats import chi2, ncx2
 
 from rig.effects import Effect
 from rig.errors import RigError
+from rig.progress import Progress
 from rig.threads import one_blas_thread
 from scenarios.loader import load
 from scenarios.workers import Workers
@@ -105,7 +106,7 @@ def crossing(strengths: Sequence[float], rates: Sequence[float]) -> float:
     return float(grid[np.argmax(likelihood)])
 
 
-def power(study: PowerStudy, workers: Workers | None = None, progress: Callable[[float], None] | None = None) -> Power:
+def power(study: PowerStudy, workers: Workers | None = None, progress: Progress | None = None) -> Power:
     """Simulate and diagnose ``draws`` recordings at every strength.
 
     Raises:

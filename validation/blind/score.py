@@ -8,7 +8,6 @@ with a single cause of the catalogue, that cause's name taken out, and keeps the
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +19,7 @@ from rig.arm import Arm
 from rig.channels import CHANNELS
 from rig.errors import RigError
 from rig.files import child, file_hash, write_text
+from rig.progress import Progress
 from rig.recording import read_recording
 from rig.threads import one_blas_thread
 from scenarios.studies.table_files import fitting_together
@@ -39,8 +39,6 @@ from validation.blind.truth import Truth
 WITHHELD_FOLDER: Final = "withheld"
 _BASELINE_FOLDER: Final = "baselines"
 _HEADER: Final = 4096  # of an array in its file, at most [bytes]
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)

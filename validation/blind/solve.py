@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -13,6 +13,7 @@ from typing import Final
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.files import write_text
+from rig.progress import Progress
 from rig.threads import one_blas_thread
 from scenarios.workers import Workers
 from validation.blind.answers import Answers
@@ -38,7 +39,7 @@ class Task:
     cases: tuple[tuple[dict[str, str], tuple[str, ...]], ...]
 
 
-def solve_set(folder: Path, workers: Workers, progress: Callable[[float], None] | None = None) -> int:
+def solve_set(folder: Path, workers: Workers, progress: Progress | None = None) -> int:
     """Diagnose every recording of a set into ``answers`` beside them; those there as they were written are kept.
 
     A case that is refused, or at which the diagnosis fails, is recorded with the reason, and the others go on.
@@ -58,7 +59,7 @@ def solve_cases(
     output: Path,
     cases: Iterable[tuple[dict[str, str], tuple[str, ...]]],
     workers: Workers,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> int:
     """Diagnose some recordings of a set with effects left out; as ``solve_set``."""
     answers = Answers(output)

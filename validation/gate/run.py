@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -13,6 +13,7 @@ import pyarrow as pa
 from estimators.gap.diagnose import diagnose, examined
 from estimators.gap.report.fitted_rig import FittedRig, known_to
 from rig.files import child, made_folder, write_text
+from rig.progress import Progress
 from rig.threads import one_blas_thread
 from scenarios.gap_report.words import cause_title
 from scenarios.studies.store import StudyFolder
@@ -95,7 +96,7 @@ def trial(settings: Settings, number: int) -> pa.Table:
 
 
 def make_gate(
-    folder: Path, settings: Settings, workers: Workers, progress: Callable[[float], None] | None = None
+    folder: Path, settings: Settings, workers: Workers, progress: Progress | None = None
 ) -> tuple[Path, tuple[Row, ...]]:
     """Write gate.md and the table behind it; an ended study goes on. The page and all rows.
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from rig.files import child, made_folder, write_text
+from rig.progress import Progress
 from scenarios.studies.store import StudyFolder
 from scenarios.studies.table_files import fitting_together, rows_of
 from scenarios.workers import Workers
@@ -29,9 +29,7 @@ class Loop:
     files: tuple[Path, ...]
 
 
-def make_loop(
-    folder: Path, settings: Settings, workers: Workers, progress: Callable[[float], None] | None = None
-) -> Loop:
+def make_loop(folder: Path, settings: Settings, workers: Workers, progress: Progress | None = None) -> Loop:
     """Write loop.md, its picture and the table of all steps; an ended study goes on.
 
     Raises:

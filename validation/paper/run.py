@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 
 from rig.channels import ACCELEROMETER
 from rig.files import child, made_folder, write_text
+from rig.progress import Progress
 from scenarios.loader import load
 from scenarios.studies.consistency import run, trial
 from scenarios.studies.error_summary import RATES, Summary
@@ -58,7 +58,7 @@ def make_paper(
     folder: Path,
     chosen: Settings | None = None,
     workers: Workers | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Paper:
     """Write paper.md, its pictures, its data, and the results of its consistency study.
 
@@ -86,9 +86,7 @@ def make_paper(
     return Paper(comparison, summary, tuple(files))
 
 
-def _studied(
-    path: Path, wanted: Settings, workers: Workers | None, progress: Callable[[float], None] | None
-) -> StudyFolder:
+def _studied(path: Path, wanted: Settings, workers: Workers | None, progress: Progress | None) -> StudyFolder:
     """The consistency study, made where its results are not there."""
     there = is_study(path) and StudyFolder.read(path).holds(SUMMARY, RATES, BLOCKS)
     study = StudyFolder.begin(path, "consistency", wanted, any_version=there)
