@@ -15,6 +15,7 @@ import scenarios
 from estimators.design.isolability import Isolability
 from rig.effects import make_effect
 from scenarios.isolability import EffectsBound, isolability_of
+from scenarios.plan import poses, telling
 from scenarios.terminal.bound import classes, names
 
 
@@ -92,3 +93,14 @@ def test_effects_are_named_with_their_places() -> None:
     keys = [("joint_offset", "joint2"), ("base_dipole", "base"), ("joint_offset", "joint5")]
     assert names(keys, {}) == "joint offset joint2, joint5; base dipole"
     assert names(keys, {"joint5": "wrist_2"}) == "joint offset joint2, wrist_2; base dipole"
+
+
+def test_a_plan_to_tell_causes_apart_says_how_far_apart_they_are(
+    rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module, name, least in ((poses, "_CANDIDATES", 60), (telling, "_COUNTS", (10,)), (telling, "_CLIMBS", (5, 0))):
+        monkeypatch.setattr(module, name, least)
+    two = ("--tell", "backlash@joint5", "--tell", "joint_offset@joint5")
+    text = rig.done("plan", "--seconds", "60", *two, "-o", tmp_path / "tell.toml")
+    assert "What is left of each beside another [σ]." in text
+    assert "joint offset joint5  backlash joint5" in text

@@ -288,3 +288,14 @@ def test_a_field_that_nobody_stated_stays_marked_as_assumed(here: Path, rig: Rig
     metadata = read_recording("live.parquet").metadata
     assert metadata.gravity_m_s2 == 9.81
     assert metadata.assumed == ("magnetic_field",)
+
+
+def test_samples_without_a_time_are_evenly_timed_by_a_stated_rate(here: Path, rig: Rig) -> None:
+    head, names, *rows = Path("run.csv").read_text().splitlines()
+    assert names.startswith("t_s,")
+    bare = head.replace('"rate_Hz": 10.0, ', "")
+    Path("bare.csv").write_text("\n".join([bare, *(row.partition(",")[2] for row in (names, *rows))]) + "\n")
+    live = ("live", "bare.csv", "-o", "live.csv", "--idle", "0.2")
+    assert "column 't_s' is missing, expected it or, for evenly timed samples, --rate" in rig.refused(*live)
+    rig(*live, "--rate", "10")
+    np.testing.assert_allclose(read_recording("live.csv").t, np.arange(len(rows)) / 10.0, atol=1e-9)
