@@ -46,12 +46,6 @@ def toml_document(tables: Iterable[tuple[str, Mapping[str, Any]]]) -> str:
 
 def set_fields(item: Any) -> dict[str, Any]:
     """The fields of a dataclass that differ from their defaults, in the order of the class."""
-    kept = {}
-    for field in dataclasses.fields(item):
-        value = getattr(item, field.name)
-        default = field.default
-        if default is dataclasses.MISSING and field.default_factory is not dataclasses.MISSING:
-            default = field.default_factory()
-        if field.init and (default is dataclasses.MISSING or value != default):
-            kept[field.name] = value
-    return kept
+    values = {field.name: getattr(item, field.name) for field in dataclasses.fields(item) if field.init}
+    defaults = {field.name: field.default for field in dataclasses.fields(item)}
+    return {name: value for name, value in values.items() if value != defaults[name]}
