@@ -169,21 +169,24 @@ class PoseSearch:
         """Whether all moves between these poses touch nothing."""
         return not self.clearance.touching(between(q)).any()
 
+    def nudged(self, q: Array, place: int, step: Array | float) -> Array:
+        """Poses (k, N), one of them moved at random, by about ``step`` of each joint's range."""
+        moved = q.copy()
+        away = step * (self.high - self.low) * self.rng.standard_normal(self.arm.dof)
+        moved[place] = np.clip(moved[place] + away, self.low, self.high)
+        return moved
+
     def _climbed(self, q: Array, seconds: float) -> PosePlan | None:
         """Poses moved a little as long as that helps; None where no way between them is free."""
         plan = self.timed(self.ordered(q), seconds)
-        span = self.high - self.low
         for turn in range(_CLIMBS):
             step = _STEPS[turn * len(_STEPS) // _CLIMBS]
             if turn % 250 == 249:
                 again = self.timed(self.ordered(plan.q), seconds)
                 plan = again if again.worst < plan.worst else plan
-            moved = plan.q.copy()
-            place = self.rng.integers(len(moved))
+            place = int(self.rng.integers(len(plan.q)))
             joints = self.rng.random(self.arm.dof) < 0.5
-            moved[place] = np.clip(
-                moved[place] + joints * step * span * self.rng.standard_normal(self.arm.dof), self.low, self.high
-            )
+            moved = self.nudged(plan.q, place, np.where(joints, step, 0.0))
             other = self.timed(moved, seconds)
             if other.worst < plan.worst and not self.clearance.touching(moved[place])[0]:
                 plan = other
@@ -196,11 +199,7 @@ class PoseSearch:
             if not any(legs):
                 return plan
             place = int(np.argmax(legs)) + int(self.rng.integers(2))
-            moved = plan.q.copy()
-            span = self.high - self.low
-            moved[place] = np.clip(
-                moved[place] + 0.15 * span * self.rng.standard_normal(self.arm.dof), self.low, self.high
-            )
+            moved = self.nudged(plan.q, place, 0.15)
             if self.clearance.touching(moved[place])[0]:
                 continue
             beside = [k for k in (place - 1, place) if 0 <= k < len(moved) - 1]

@@ -66,14 +66,9 @@ def telling(
         )
     best, plan = max(starts, key=lambda each: each[0])
     climbs = _CLIMBS[0] if tell else _CLIMBS[1]
-    span = search.high - search.low
     for turn in range(climbs):
-        moved = plan.q.copy()
-        place = search.rng.integers(len(moved))
-        step = 0.4 * (1.0 - turn / climbs) + 0.03
-        moved[place] = np.clip(
-            moved[place] + step * span * search.rng.standard_normal(search.arm.dof), search.low, search.high
-        )
+        place = int(search.rng.integers(len(plan.q)))
+        moved = search.nudged(plan.q, place, 0.4 * (1.0 - turn / climbs) + 0.03)
         other = search.timed(moved, seconds)
         if other.worst < FAR and not search.clearance.touching(moved[place])[0]:
             found = value(other)
