@@ -7,7 +7,6 @@ long recording; a recording's sums are weighed by one over the variance of its n
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
@@ -22,6 +21,7 @@ from estimators.known_angle.from_recording import (
     FieldPoints,
     Floors,
     Noise,
+    PathLike,
     chosen_sensors,
     floors_of,
     points_of,
@@ -40,8 +40,6 @@ from rig.units import conversion_factor
 
 if TYPE_CHECKING:
     from rig.arm import Arm
-
-PathLike = str | os.PathLike[str]
 
 #: Readings' worth of doubt that the noise of a short recording is other than that of the rest.
 _LIKE_THE_REST: Final = 6.0
