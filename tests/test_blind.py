@@ -26,6 +26,7 @@ from scenarios.workers import Workers
 from validation.blind import answers, likeness
 from validation.blind.answers import Answers
 from validation.blind.baselines import BASELINES
+from validation.blind.cases import Case, make_case
 from validation.blind.intervals import Rate
 from validation.blind.laboratories import LABORATORIES
 from validation.blind.make import Order, _make_one, make_set
@@ -36,7 +37,7 @@ from validation.blind.score import is_right, score_set, summary, withheld_effect
 from validation.blind.seal import commitment, read_manifest, read_order, read_truth, sealed_folder
 from validation.blind.settings import FloorKind, draw_setting
 from validation.blind.solve import ANSWERS, solve_set
-from validation.blind.strata import FEWEST, MECHANICS, STRATA, plans, usable
+from validation.blind.strata import FEWEST, MECHANICS, STRATA, Plan, plans, usable
 from validation.blind.strength import signal_to_noise
 from validation.blind.truth import Truth
 
@@ -143,6 +144,28 @@ def test_the_same_order_makes_the_same_recordings(made: Path, tmp_path: Path) ->
     assert again.get("locked_sha256") == first.get("locked_sha256")
     assert again["commitment"] != first["commitment"]  # another salt
     assert sealed["truth"] == read_truth(sealed_folder(made), read_manifest(made))[first["name"]]
+
+
+def test_a_plan_that_no_draw_can_follow_gives_way_to_the_next_of_its_stratum(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order = Order(str(tmp_path / "a"), str(tmp_path / "b"), 7, CASES, samples=400)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b" / "changes").mkdir(parents=True)
+    number, first = next((number, plan) for number, plan in enumerate(order.plans) if plan.stratum == "one")
+    tried: list[Plan] = []
+
+    def alike(name: str, plan: Plan, *rest: object) -> Case:
+        tried.append(plan)
+        if len(tried) == 1:
+            raise RigError("the effects are too much alike")
+        return make_case(name, plan, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("validation.blind.make.make_case", alike)
+    _, sealed = _make_one(order, number)
+    assert tried[0] == first
+    assert [plan.stratum for plan in tried] == ["one", "one"]
+    assert sealed["truth"]["causes"][0]["name"] == tried[1].names[0]  # type: ignore[index]
 
 
 def test_a_truth_that_was_not_sealed_is_refused(made: Path, tmp_path: Path) -> None:

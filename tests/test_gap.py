@@ -90,6 +90,17 @@ def test_a_floor_that_goes_on_slower_than_poses_at_rest_show_is_no_gap() -> None
     assert found.verdict == "no-gap"
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_what_was_found_is_tried_on_a_second_maneuver(there: bool, locked: Recording) -> None:
+    """A cause of a signal-to-noise of 100: of what it closes there all but a hundredth, or it makes a gap as large."""
+    cause = ("joint_scale", {"where": "joint1", "scale": 0.056})
+    first, second = recorded(2, cause), recorded(3, *[cause] * there)
+    found = estimators.diagnose(first, locked=locked, maneuver2=second)
+    assert found.closed_on == "both"
+    assert found.closed_elsewhere == pytest.approx(1.0 if there else -1.0, abs=0.05)
+    assert ("make the gap larger" in found.sentence()) == (not there)
+
+
 @pytest.mark.parametrize("name", CAUSES)
 def test_a_single_cause_is_named_with_its_size(name: str, locked: Recording) -> None:
     values = CAUSES[name]

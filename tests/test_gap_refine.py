@@ -16,7 +16,6 @@ from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.rebase import rebased, stepped
 from estimators.gap.data.whitened import Columns, WhitenedData
-from estimators.gap.diagnosis import percent
 from estimators.gap.evidence import converge
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.laplace import linearised
@@ -30,6 +29,7 @@ from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation, Member
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Noises, Promise
+from estimators.gap.share_words import percent
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
 

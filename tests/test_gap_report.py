@@ -14,7 +14,8 @@ from shown_diagnoses import SHOWN, UNITS, read, spoken
 
 from estimators.gap import Diagnosis, Estimate
 from estimators.gap.choices import choice_words
-from estimators.gap.diagnosis import Hypothesis, chance, verdict_of
+from estimators.gap.diagnosis import Hypothesis, verdict_of
+from estimators.gap.share_words import chance
 from rig.arm import Arm
 from rig.effects import make_effect
 from rig.pose_nodes import quaternions

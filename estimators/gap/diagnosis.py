@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from estimators.gap.choices import and_words, cause_name, choice_words, sigmas_words
 from estimators.gap.remainder_words import likeliest_words
+from estimators.gap.share_words import chance, elsewhere_words, percent
 from rig.documents import plain
 from rig.errors import in_short
 from rig.files import write_text
@@ -134,7 +135,8 @@ class Diagnosis:
         channels: by name; over all recordings. by_recording: of several, by its name, each one's own.
         follows: shares of the gap by what it follows.
         closed: share of the squared gap that the causes close. closed_on: what that was judged on.
-        closed_elsewhere: the share of another maneuver's gap that they close there; None without one.
+        closed_elsewhere: the share of another maneuver's gap that they close there, below zero where they make it larger;
+            None without one.
         rig: against a fitted rig, of whose remainder all the rest then tells: its ``name`` and ``effects``, whether it
             is ``better`` than the ideal rig and ``why``, the share that is ``left``, ``remainder_p_value`` of that
             against the floor, and the gaps by channel.
@@ -316,7 +318,7 @@ class Diagnosis:
             share = percent(self.closed.value, self.closed.low, self.closed.high)
             parts.append(f"closes {share} of the squared gap")
             if self.closed_elsewhere is not None:
-                parts[-1] += f" and {percent(self.closed_elsewhere)} on the other maneuver"
+                parts[-1] += f"; {elsewhere_words(self.closed_elsewhere)}"
         ratios = {name: channel.gap_before / channel.noise_floor for name, channel in self.channels.items()}
         worst = sorted(ratios, key=lambda name: -ratios[name])
         most = [name for name in worst[:2] if ratios[name] > 0.5 * ratios[worst[0]]]  # the second, where it is near
@@ -350,16 +352,6 @@ def verdict_of(posterior: Mapping[str, float], hypotheses: Sequence[Hypothesis],
     return "partly" if any(cause.probability >= ESTABLISHED for cause in causes) else "unknown"
 
 
-def chance(probability: float) -> str:
-    """A probability, to as many digits as tell it from certainty: ".93", ".998", "> .999"."""
-    if probability > 0.999:
-        return "> .999"
-    if probability < 0.001:
-        return "< .001"
-    digits = 2 if 0.01 <= probability <= 0.99 else 3
-    return f"{probability:.{digits}f}".removeprefix("0")
-
-
 def describe(cause: Cause) -> str:
     """One cause in words, with what the data cannot split from it."""
     sizes = [text for name, estimate in cause.parameters.items() if (text := _size(name, estimate))]
@@ -368,22 +360,6 @@ def describe(cause: Cause) -> str:
         others = [cause_name(each["effect"], each["where"]) for each in cause.equivalent]
         text += f" (the same here: {and_words(others)})"
     return text
-
-
-def percent(share: float | None, low: float | None = None, high: float | None = None) -> str:
-    """A share in percent, to a tenth close to everything, with its interval where that says more: "97 % (95-99)"."""
-    value, *ends = (_hundredths(each) for each in (share, low, high))
-    if value == "–":
-        return value
-    between = " to " if low is not None and low < 0.0 else "-"  # a dash beside a minus sign cannot be read
-    return f"{value} %" if "–" in ends or ends == [value, value] else f"{value} % ({ends[0]}{between}{ends[1]})"
-
-
-def _hundredths(share: float | None) -> str:
-    if share is None or not math.isfinite(share):
-        return "–"
-    value = 100.0 * share
-    return f"{value:.1f}".removesuffix(".0") if 99.0 <= value < 99.95 else f"{value:.0f}"
 
 
 def _size(name: str, estimate: Estimate) -> str:

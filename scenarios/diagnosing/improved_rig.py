@@ -11,8 +11,9 @@ import numpy as np
 
 from estimators.gap.data.basefit import all_readings
 from estimators.gap.data.defects import lattice
-from estimators.gap.diagnosis import Diagnosis, chance
+from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.fitted_rig import FittedRig, delayed, known_to
+from estimators.gap.share_words import chance
 from rig.acquisition import Acquisition
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from estimators.gap.choices import and_words, parted
-from estimators.gap.diagnosis import NAMED, Diagnosis, chance
+from estimators.gap.diagnosis import NAMED, Diagnosis
 from estimators.gap.remainder_words import error_words, is_noise, source_words
 from estimators.gap.report.by_channel import ABSORBED
 from estimators.gap.report.separation import rivals
+from estimators.gap.share_words import chance
 from scenarios.gap_report.words import cause_title, explanation_words, readable
 
 #: What is left over acts like an error; how its name begins -> what to look at on the rig.
@@ -38,6 +39,12 @@ def next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
         "partly": _partly,
         "unknown": _unknown,
     }[diagnosis.verdict](diagnosis)
+    if diagnosis.closed_elsewhere is not None and diagnosis.closed_elsewhere < 0.0:
+        steps.insert(
+            0,
+            "Do not rely on what is named: the other maneuver speaks against it. Diagnose both with rig diagnose RUN "
+            "OTHER --together; where the rig was changed between them, each by itself.",
+        )
     if diagnosis.floor != "locked recording":
         steps.append(
             "Record the arm at rest in several poses, as NAME.locked.parquet beside NAME.parquet: without that "

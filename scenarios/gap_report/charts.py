@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from estimators.gap.choices import sigmas_words
-from estimators.gap.diagnosis import Diagnosis, chance, percent
+from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.remainder_words import variable_words
+from estimators.gap.share_words import chance, percent
 from rig.channels import CHANNELS_OF
 from scenarios.colours import BLACK, BLUE, VERMILLION
 from scenarios.gap_report import html

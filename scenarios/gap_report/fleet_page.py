@@ -15,7 +15,7 @@ from rich.console import Group
 from rich.text import Text
 
 from estimators.gap.choices import and_words
-from estimators.gap.diagnosis import chance
+from estimators.gap.share_words import chance
 from rig.files import made_folder, write_text
 from scenarios.diagnosing.fleet import Entry, History, fleet_csv, fleet_json, histories, in_order
 from scenarios.gap_report import html

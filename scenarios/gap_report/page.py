@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from estimators.gap.diagnosis import Diagnosis, chance
+from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.share_words import chance
 from scenarios.gap_report import html, sections
 from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.own_names import in_own_names

@@ -7,8 +7,9 @@ from dataclasses import replace
 from html import escape
 from typing import Any
 
-from estimators.gap.diagnosis import Cause, Diagnosis, chance, percent
+from estimators.gap.diagnosis import Cause, Diagnosis
 from estimators.gap.remainder_words import is_noise, share_left, source_words, variable_words
+from estimators.gap.share_words import chance, elsewhere_words
 from rig.recording import Recording
 from scenarios.gap_report import charts, curves, html, maps
 from scenarios.gap_report.advice import next_steps
@@ -228,7 +229,7 @@ def how_far(diagnosis: Diagnosis, residuals: Sequence[GapResiduals]) -> str:
         rows.append((name, *(f"{shown.factor * size:.4g}" for size in sizes), part_words(row.closed), shown.name))
     titles = ("channel", "floor", "RMS before", "RMS after", "gap before", "gap after", "closed", "unit")
     elsewhere = diagnosis.closed_elsewhere
-    also = "" if elsewhere is None else f"<p>On the other maneuver: <b>{percent(elsewhere)}</b>.</p>"
+    also = "" if elsewhere is None else f"<p>{elsewhere_words(elsewhere).capitalize()}.</p>"
     return "\n".join(
         [
             "<h2>How far it closes</h2>",

@@ -10,8 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from estimators.gap.choices import sigmas_words
-from estimators.gap.diagnosis import Diagnosis, chance, percent
+from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.remainder_words import variable_words
+from estimators.gap.share_words import chance, percent
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.words import (

@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from estimators.gap.choices import Causes, and_words, cause_name, choice_words, parted
-from estimators.gap.diagnosis import ESTABLISHED, Cause, Closed, Diagnosis, Estimate, Hypothesis, chance, percent
+from estimators.gap.diagnosis import ESTABLISHED, Cause, Closed, Diagnosis, Estimate, Hypothesis
 from estimators.gap.remainder_words import left_over_words
+from estimators.gap.share_words import chance, percent
 from rig.effects import EFFECTS
 from scenarios.terminal.tables import plus_minus, shortened
 

@@ -14,7 +14,7 @@ from rig.progress import Progress
 from rig.threads import one_blas_thread
 from scenarios.loader import load
 from scenarios.workers import Workers
-from validation.blind.cases import make_case
+from validation.blind.cases import Case, make_case
 from validation.blind.laboratories import LABORATORIES
 from validation.blind.seal import (
     CHANGES,
@@ -89,11 +89,9 @@ def make_set(order: Order, workers: Workers | None = None, progress: Progress | 
 def _make_one(order: Order, number: int) -> tuple[dict[str, str], dict[str, object]]:
     """Write one case; gives its open and its sealed entry."""
     folder, sealed = Path(order.folder), Path(order.sealed)
-    plan = order.plans[number]
     name = f"case{number:03d}"
     with one_blas_thread():
-        seed = np.random.SeedSequence([order.seed, 1, number])
-        case = make_case(name, plan, load(order.scenario), order.samples, seed)
+        plan, case = _drawn(order, number, name)
     files = {"recording": f"{name}.parquet", "locked": "" if case.locked is None else f"{name}.locked.parquet"}
     case.recording.write(folder / files["recording"])
     if case.locked is not None:
@@ -113,3 +111,23 @@ def _make_one(order: Order, number: int) -> tuple[dict[str, str], dict[str, obje
         **{f"{key}_sha256": file_hash(folder / file) for key, file in files.items() if file},
     }
     return {**opened, "commitment": commitment(salt, truth)}, {"salt": salt, "truth": truth}
+
+
+def _drawn(order: Order, number: int, name: str) -> tuple[Plan, Case]:
+    """A case by its plan; where no draw of that can be as asked, by the next plan of its stratum.
+
+    Two effects can be so much alike on every sweep that neither is left beside the other.
+    """
+    every = order.plans
+    stratum = every[number].stratum
+    failed: RigError | None = None
+    for plan in (every[number], *every[number + 1 :], *every[:number]):
+        if plan.stratum != stratum:
+            continue
+        seed = np.random.SeedSequence([order.seed, 1, number])
+        try:
+            return plan, make_case(name, plan, load(order.scenario), order.samples, seed)
+        except RigError as error:
+            failed = failed or error
+    assert failed is not None
+    raise failed

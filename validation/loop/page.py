@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.diagnosis import chance
+from estimators.gap.share_words import chance
 from scenarios.gap_report.words import cause_title
 from validation.blind.intervals import Rate
 from validation.loop.play import MOST, Settings, Step

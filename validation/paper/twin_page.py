@@ -10,7 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from estimators.gap.diagnosis import ESTABLISHED, chance
+from estimators.gap.diagnosis import ESTABLISHED
+from estimators.gap.share_words import chance
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.files import made_folder, write_text

@@ -155,11 +155,6 @@ class Stack(WhitenedData):
                 each.append(change)
         return [np.nan_to_num(np.concatenate(each)) for each in found]
 
-    def replayed(self, effects: Sequence[Effect]) -> Array:
-        """As of ``WhitenedData``."""
-        parts = [member.replayed(acting(effects, number)) for number, member in enumerate(self.each)]
-        return np.nan_to_num(np.concatenate(parts))
-
     def around(self, pipeline: Pipeline) -> Stack:
         """As of ``WhitenedData``."""
         members = [member.around(pipeline.restricted(member.pipeline.sensors)) for member in self.each]
@@ -311,10 +306,6 @@ class Anchor(WhitenedData):
     ) -> list[Array]:
         """Nothing."""
         return [np.zeros_like(self.readings)] * len(moved)
-
-    def replayed(self, effects: Sequence[Effect]) -> Array:
-        """Nothing."""
-        return np.zeros_like(self.readings)
 
     def having(self, effects: Sequence[Effect]) -> WhitenedData:
         """As it is."""

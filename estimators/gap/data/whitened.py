@@ -285,14 +285,6 @@ class WhitenedData:
             found.append(pipeline.carried(base, rng, begun, stage).volts - self.modelled)
         return found
 
-    def replayed(self, effects: Sequence[Effect]) -> Array:
-        """(n, 6) [recorded unit] as ``change``, with every pose computed anew by MuJoCo."""
-        if self.base.q_encoder is None or not effects:
-            return self.change(effects)
-        start = replace(self.base, position=np.empty((0, 0)))
-        simulator = replace(self.pipeline, effects=(*self.given, *effects))
-        return simulator.expected(start, np.random.default_rng(0)).volts - self.modelled
-
     def having(self, effects: Sequence[Effect]) -> WhitenedData:
         """The data whose model has some mean effects: what others change is asked for beside these."""
         return replace(self, given=(*self.given, *effects))

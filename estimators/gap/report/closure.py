@@ -197,11 +197,14 @@ def of_noise(value: float, spread: float, rng: np.random.Generator) -> Array:
 
 
 def elsewhere(data: WhitenedData, change: Array) -> float | None:
-    """The share of the gap of another maneuver that the causes' change (n, 6) closes there; None without a gap."""
+    """The share of the gap of another maneuver that the causes' change (n, 6) closes there, -1 where they make one.
+
+    None where they do nothing there, and nothing is to be closed.
+    """
     fitted = project(data.absorbed, data.whiten(change))
     gain = float(2.0 * data.whitened @ fitted - fitted @ fitted)
     floor = data.size - data.absorbed.rank
     noise = float(np.sqrt(2.0 * floor)) * float(ndtri(0.975))
     gap = float(data.whitened @ data.whitened) - floor
-    gap = max(gap, gain) if gap > noise else gain
-    return float(np.clip(gain / gap, -1.0, 1.0)) if gap > 1.0 else None
+    gap = max(gap if gap > noise else 0.0, abs(gain))
+    return gain / gap if gap > 1.0 else None
