@@ -135,8 +135,8 @@ class Diagnosis:
         channels: by name; over all recordings. by_recording: of several, by its name, each one's own.
         follows: shares of the gap by what it follows.
         closed: share of the squared gap that the causes close. closed_on: what that was judged on.
-        closed_elsewhere: the share of another maneuver's gap that they close there, below zero where they make it larger;
-            None without one.
+        closed_elsewhere: the share of another maneuver's gap that they close there, below zero where they make it
+            larger; None without one.
         rig: against a fitted rig, of whose remainder all the rest then tells: its ``name`` and ``effects``, whether it
             is ``better`` than the ideal rig and ``why``, the share that is ``left``, ``remainder_p_value`` of that
             against the floor, and the gaps by channel.
