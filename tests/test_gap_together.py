@@ -27,6 +27,8 @@ from scenarios.loader import from_toml
 
 #: A catalogue of three, which takes little time to search.
 FEW = [name for name in EFFECTS if name not in ("bias_step", "backlash", "joint_scale")]
+#: The same with noise and a tone.
+FEW_NOISES = [name for name in EFFECTS if name not in ("mains_hum", "noise_excess", "joint_scale")]
 #: As of the scenario: a floor that is known.
 NOISE = (0.0134, 0.0136, 0.0146, 0.0085, 0.0068, 0.0117)
 FLOOR = tuple(ChannelNoise(sigma**2, samples=100_000) for sigma in NOISE)
@@ -149,6 +151,33 @@ def test_a_jump_is_found_in_its_recording() -> None:
     assert (cause.effect, cause.where, cause.recording) == ("bias_step", "accel2", "b")
     assert cause.parameters["at_s"].value == pytest.approx(20.0, abs=0.5)
     assert cause.evidence["b"] > 50.0
+
+
+def test_noise_of_one_recording_is_told_by_that_one() -> None:
+    noisy = recorded(make_effect("noise_excess", {"where": "accel2", "extra_sigma": 0.02}), seed=2, name="b")
+    found = estimators.diagnose([recorded(seed=1), noisy], at_rest(1), without=FEW_NOISES)
+    assert found.verdict == "named"
+    (cause,) = found.leading
+    assert (cause.effect, cause.where) == ("noise_excess", "accel2")
+    assert set(cause.evidence) == {"b"}
+    assert cause.evidence["b"] > 50.0
+    sigma = cause.parameters["extra_sigma"]
+    assert sigma.value == pytest.approx(0.02, abs=5.0 * sigma.std)
+
+
+def test_a_tone_of_one_recording_has_its_phase_on_the_clock_of_that() -> None:
+    """Two channels, of signal-to-noise above 20; 5 sigma of the phases: false once in a million."""
+    amplitude, phase = (0.0, 0.02, 0.0, 0.015, 0.0, 0.0), (0.0, 1.0, 0.0, 2.0, 0.0, 0.0)
+    hum = make_effect(
+        "mains_hum", {"where": "acquisition", "freq_Hz": 50.13, "amplitude": amplitude, "phase_rad": phase}
+    )
+    found = estimators.diagnose([recorded(seed=1), recorded(hum, seed=2, name="b")], at_rest(1), without=FEW_NOISES)
+    assert found.verdict == "named"
+    (cause,) = found.leading
+    assert (cause.effect, cause.recording) == ("mains_hum", "b")
+    told = cause.parameters["phase_rad"]
+    for channel in (1, 3):
+        assert told.value[channel] == pytest.approx(phase[channel], abs=5.0 * told.std[channel])
 
 
 def test_from_the_command_line(tmp_path: Path, rig: Rig) -> None:
