@@ -15,6 +15,7 @@ from estimators.gap.share_words import chance, elsewhere_words, percent
 from rig.documents import plain
 from rig.errors import in_short
 from rig.files import write_text
+from rig.number_text import with_std
 
 if TYPE_CHECKING:
     from estimators.calibration import Calibration
@@ -370,7 +371,7 @@ def _size(name: str, estimate: Estimate) -> str:
         or isinstance(estimate.std, tuple)
     ):
         return ""
-    if estimate.unit == "rad":
-        return f"{math.degrees(estimate.value):.3g} +- {math.degrees(estimate.std):.1g} deg"
-    unit = {"relative": "", "Hz": "Hz as sampled"}.get(estimate.unit, estimate.unit)
-    return f"{name} {estimate.value:.3g} +- {estimate.std:.1g} {unit}".rstrip()
+    unit = {"rad": "deg", "relative": "", "Hz": "Hz as sampled"}.get(estimate.unit, estimate.unit)
+    scale = math.degrees(1.0) if unit == "deg" else 1.0
+    size = " +- ".join(with_std(scale * estimate.value, scale * estimate.std))
+    return f"{'' if unit == 'deg' else f'{name} '}{size} {unit}".rstrip()

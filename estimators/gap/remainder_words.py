@@ -81,5 +81,8 @@ def left_over_words(follows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def likeliest_words(follows: Sequence[Mapping[str, Any]]) -> str:
-    """The two likeliest errors that are left; noise where there is no other."""
-    return left_over_words(([each for each in follows if not is_noise(each)] or list(follows))[:2])
+    """The two likeliest errors that are left, and noise that has more of the gap than these; noise where it is all."""
+    errors = [each for each in follows if not is_noise(each)][:2]
+    most = max((each["share"] for each in errors), default=0.0)
+    noise = [each for each in follows if is_noise(each) and (not errors or each["share"] > most)]
+    return left_over_words([*errors, *noise[:2]])

@@ -21,11 +21,11 @@ _LOOK: Final = {
     "a turn of the base": "see whether the table under the arm is level, gives way or moves",
     "the acceleration": "look for what shakes or accelerates the sensor: motors, fans, fast moves",
     "the magnetic field": "look for iron, magnets and currents near the arm, and in it",
-    "a turn of the ": "look at how that sensor's board is fixed",
+    "a turn of the ": "look at how the board of the {source} is fixed",
     "the offset of all": "look at the converter and the common ground",
-    "the offset": "look at that sensor's supply, temperature and wiring",
+    "the offset": "look at the supply, temperature and wiring of {source}",
     "the gain of all": "look at the converter's reference and the supply",
-    "the gain": "look at that channel's amplifier, reference voltage and range",
+    "the gain": "look at the amplifier, reference voltage and range of {source}",
     "single readings": "look at the cable, the connector and the converter's range",
 }
 
@@ -91,12 +91,12 @@ def _named(diagnosis: Diagnosis) -> list[str]:
     repair = "repair it on the rig, record again and diagnose that: the verdict should be no gap."
     if rivals(diagnosis):
         return [
-            f"{simulate} On this maneuver that is right whichever of them it is.",
+            f"{simulate} On this maneuver that is right whichever of the causes that do the same it is.",
             _alike(diagnosis) + _maneuver(diagnosis),
             f"Then {repair}",
         ]
     steps = [simulate] if rig is not None else [simulate, f"Or {repair}"]
-    if diagnosis.closed_elsewhere is None and rig is None:
+    if diagnosis.closed_elsewhere is None and rig is None and len(diagnosis.recordings) == 1:
         steps.append("To be surer, record another maneuver of the same rig and give it with --maneuver2.")
     return steps
 
@@ -176,6 +176,11 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
     )
 
 
+def _owner(source: str) -> str:
+    """Whose error it is: "joint 5" of "the angle of joint5"."""
+    return readable(source.removeprefix("a turn of the ").partition(" of ")[2] or source.removeprefix("a turn of the "))
+
+
 def _looks(diagnosis: Diagnosis) -> list[str]:
     """Where on the rig to look, for what is left over: for errors, one of which is meant, and for noise."""
     found: list[str] = []
@@ -184,7 +189,7 @@ def _looks(diagnosis: Diagnosis) -> list[str]:
         source = str(each["source"])
         words = next((words for start, words in _LOOK.items() if source.startswith(start)), None)
         if words is not None:
-            look = words.format(source=readable(source.removeprefix("the angle of ")))
+            look = words.format(source=_owner(source))
             like = f"acts like {readable(error_words(each))}"
             found.append(
                 f"{look[0].upper()}{look[1:]}: what is left {like}." if not found else f"Or {look}: it also {like}."

@@ -35,6 +35,7 @@ from scenarios.gap_report.words import (
     rig_words,
     share_words,
     status_words,
+    whole_words,
 )
 from scenarios.shown_units import parameter_unit, shown_units
 
@@ -178,7 +179,8 @@ def which(diagnosis: Diagnosis) -> str:
         '<p class="soft">The probability of a cause is that of all explanations that have it, or what does the same in '
         "its place. Established: .95 or more; likely: .5 or more; possible: less. “Not felt”: this recording says "
         "nothing about that number. Its share: what comes back of the squared gap where that cause alone is taken out "
-        "again. The pictures and the improved rig have the causes of the likeliest explanation.</p>"
+        "again; of noise and of single readings, how much of what these add is accounted for. The pictures and the "
+        "improved rig have the causes of the likeliest explanation.</p>"
     )
     parts += [_cause(cause, status_words(cause, diagnosis)) for cause in diagnosis.causes]
     return "\n".join(parts)
@@ -197,7 +199,10 @@ def _cause(cause: Cause, status: str) -> str:
     facts = [
         ("probability", chance(cause.probability)),
         ("status", status),
-        ("its share", f"{share_words(cause.closed)} of the squared gap" if cause.closed.value is not None else "–"),
+        (
+            "its share",
+            f"{share_words(cause.closed)} of {whole_words(cause)}" if cause.closed.value is not None else "–",
+        ),
         ("in the catalogue", f"{cause.effect}, {cause.where}"),
     ]
     listed = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)

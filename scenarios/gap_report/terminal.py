@@ -36,6 +36,7 @@ from scenarios.gap_report.words import (
     sentence,
     share_words,
     status_words,
+    whole_words,
 )
 from scenarios.shown_units import shown_units
 from scenarios.terminal.tables import table
@@ -162,7 +163,11 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
         sizes = [f"{name} by {sigmas_words(shift['sigmas'])}" for name, shift in shifts]
         lines.append("shifts       " + ", ".join([f"{sizes[0]} standard deviations", *sizes[1:]]))
     if len(diagnosis.causes) > 1:
-        lines.append("its share    of a cause: what comes back of the squared gap where it alone is taken out again")
+        own = any(whole_words(cause) != "the squared gap" for cause in diagnosis.causes)
+        lines.append(
+            "its share    of a cause: what comes back of the squared gap where it alone is taken out again"
+            + ("; of noise and of single readings, how much of what these add is accounted for" if own else "")
+        )
     left = left_words(diagnosis)
     lines.append(f"left over    {diagnosis.remainder.verdict}" + (f": {left}" if left else ""))
     if hidden := hidden_words(diagnosis):

@@ -12,7 +12,7 @@ from estimators.gap.choices import Causes, and_words, cause_name, choice_words, 
 from estimators.gap.diagnosis import ESTABLISHED, Cause, Closed, Diagnosis, Estimate, Hypothesis
 from estimators.gap.remainder_words import left_over_words
 from estimators.gap.share_words import chance, percent
-from rig.effects import EFFECTS
+from rig.effects import EFFECTS, Kind
 from scenarios.terminal.tables import plus_minus, shortened
 
 #: A parameter of more numbers is not written out.
@@ -138,6 +138,12 @@ def status_words(cause: Cause, diagnosis: Diagnosis) -> str:
     if cause.equivalent:
         sure += ", it or what does the same"
     return sure if cause in diagnosis.leading else f"{sure}, not in the likeliest explanation"
+
+
+def whole_words(cause: Cause) -> str:
+    """What its share is a share of: noise and single readings have one of what they add themselves."""
+    effect = EFFECTS.get(cause.effect)
+    return "the squared gap" if effect is None or effect.kind is Kind.MEAN else "what it adds"
 
 
 def alike_words(cause: Cause) -> str:
