@@ -97,8 +97,8 @@ class Effect(ABC):
     rapid: ClassVar[bool] = False
     #: True where it depends on the samples before or beside a reading, so that these must lie close.
     remembers: ClassVar[bool] = False
-    #: Of a noise effect: True where its variance follows time (the slope of the signal), as its own ``response`` says;
-    #: False where it is the same throughout.
+    #: Of a noise effect: True where its variance follows time (the slope of the signal), False where it is the same
+    #: throughout.
     adds_in_time: ClassVar[bool] = False
 
     where: str

@@ -1,8 +1,7 @@
-"""Noise of each channel by itself that the floor does not have: white, coloured or wandering.
+"""Noise that the floor does not have: white, coloured, wandering, or growing with the slope of the signal.
 
 A noise effect changes the covariance of the readings, not their mean: its evidence is the likelihood of the whitened
-residual under a spectrum (Whittle's, with cosines), against that of the floor. Noise that channels share, whose
-variance may follow time, is weighed by ``evidence.common``.
+residual under a spectrum (Whittle's, with cosines) or under a variance in time, against that of the floor.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.fft import dct
+from scipy.optimize import minimize
 
 from estimators.gap.data.blocks import block_means
 from estimators.gap.data.steps import Step
@@ -26,6 +26,10 @@ from rig.effects.parameters import Value
 
 #: The lowest frequencies, in cycles a recording, carry what the calibration took: they tell nothing of the noise.
 _TAKEN = 1
+#: Strengths, as added over white variance at the spectrum's largest, between which the likelihood is searched.
+_LOWEST, _HIGHEST = 1e-5, 1e8
+#: Squares whose units differ by less than this factor's logarithm are alike; units below this share are none.
+_ALIKE, _LEAST = 0.03, 1e-12
 #: The number that stands for all recordings.
 EVERY = -1
 #: Frequencies at least at which a spectrum's mean is taken.
@@ -121,22 +125,23 @@ class Left:
 
 
 def fitted_at(effect: type[Effect], where: str, left: Left, shape: Mapping[str, Value]) -> FittedNoise | None:
-    """The strengths of a noise effect with a spectrum by maximum likelihood, at one shape; None where its channels are
-    not there."""
+    """A noise effect's strengths by maximum likelihood, at one shape; None where its channels are not there."""
     data = left.data
     (strength,) = [item for item in effect.parameters() if item.strength]
     probe = effect.from_mapping({"where": where, **shape})
     columns = [column for column in range(len(CHANNELS))[probe.columns] if column in data.columns]
     if not columns:
         return None
-    fits, units = _by_frequency(probe, left, columns)
-    size = variances(probe, data.samples, data.interval_s, data.count)[0]
+    if probe.adds_in_time:
+        fits, units, sizes = _in_time(probe, data, left.explained, columns)
+    else:
+        fits, units, sizes = _by_frequency(probe, left, columns)
     used = columns if strength.size > 1 else columns[:1]
     gain = float(sum(fits[column][1] for column in used))
     added = np.zeros((data.count, len(CHANNELS)))
     gap = np.zeros(len(CHANNELS))
     for column in columns:
-        gap[column] = np.sqrt(fits[column][0] * size)
+        gap[column] = np.sqrt(fits[column][0] * sizes[column])
         added[:, column] = fits[column][0] * units[column]
     roots = np.sqrt([max(fits[column][0], 0.0) for column in used])
     spread = np.array([fits[column][2] for column in used])
@@ -144,11 +149,22 @@ def fitted_at(effect: type[Effect], where: str, left: Left, shape: Mapping[str, 
     roots = np.clip(roots, strength.lower, strength.upper)
     value: object = float(roots[0]) if strength.size == 1 else tuple(float(root) for root in roots)
     made = effect.from_mapping({"where": where, **shape, strength.name: value})
-    return FittedNoise(made, gain, len(used), 1, std, spread, added, False, gap)
+    return FittedNoise(made, gain, len(used), 1, std, spread, added, probe.adds_in_time, gap)
 
 
 #: Of each channel: the likeliest variance, twice the gain, the variance's deviation.
 Fits = dict[int, tuple[float, float, float]]
+
+
+def _in_time(
+    probe: Effect, data: WhitenedData, explained: Explained, columns: Sequence[int]
+) -> tuple[Fits, dict[int, Array], dict[int, float]]:
+    """Noise whose variance follows time: one strength for all channels."""
+    rates = {column: _rates(probe, data)[:, column] for column in columns}
+    units = _units_in_time(probe, data, columns)
+    squares = [data.channel(explained.residual, column) ** 2 for column in columns]
+    fit = _likeliest(squares, [units[column] for column in columns], data.floor_samples[columns])
+    return dict.fromkeys(columns, fit), units, {column: float(np.mean(rates[column])) for column in columns}
 
 
 def _rates(probe: Effect, data: WhitenedData) -> Array:
@@ -191,8 +207,8 @@ def known_steps(effect: Effect, data: WhitenedData) -> tuple[Step, ...]:
     )
 
 
-def _by_frequency(probe: Effect, left: Left, columns: Sequence[int]) -> tuple[Fits, dict[int, Array]]:
-    """A strength for each channel, and the spectrum of whitened readings for a strength of one."""
+def _by_frequency(probe: Effect, left: Left, columns: Sequence[int]) -> tuple[Fits, dict[int, Array], dict[int, float]]:
+    """Noise with a spectrum: a strength for each channel."""
     data = left.data
     group = groups(data.count, _TAKEN)
     many = np.bincount(group)
@@ -200,7 +216,7 @@ def _by_frequency(probe: Effect, left: Left, columns: Sequence[int]) -> tuple[Fi
     fits = {
         column: left.spectrum(column).added(np.bincount(group, units[column][_TAKEN:]) / many) for column in columns
     }
-    return fits, units
+    return fits, units, dict.fromkeys(columns, variances(probe, data.samples, data.interval_s, data.count)[0])
 
 
 def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: bool) -> Spectrum:
@@ -280,3 +296,63 @@ def variances(probe: Effect, samples: int, interval_s: float, count: int) -> tup
         float(np.mean(_of_means(probe, many, interval_s * many / samples, frequency))) for many in (1, samples)
     )
     return single, means
+
+
+def _likeliest(powers: Sequence[Array], units: Sequence[Array], floor_samples: Array) -> tuple[float, float, float]:
+    """The variance x that makes squares most likely under level + x unit: x, twice the gain, its deviation.
+
+    Each channel has a level of its own, which is not known better than the samples it was learned from tell: it is
+    fitted along, with their likelihood. Squares of nearly the same unit are added up first: the likelihood needs no
+    more than their sum.
+    """
+    largest = max((float(unit.max()) for unit in units if unit.size), default=0.0)
+    if largest <= 0.0:
+        return 0.0, 0.0, np.inf
+    channels = [
+        (*_alike(power, unit / largest), samples)
+        for power, unit, samples in zip(powers, units, floor_samples, strict=True)
+    ]
+
+    def loss(point: Array) -> tuple[float, Array]:
+        ratio = np.exp(point[-1])
+        value, along = 0.0, np.zeros(len(point))
+        for index, (counts, sums, relative, samples) in enumerate(channels):
+            level = np.exp(point[index])
+            total = level + ratio * relative
+            slope = (counts - sums / total) / total
+            value += float(counts @ np.log(total) + np.sum(sums / total) + samples * (point[index] + 1.0 / level))
+            along[index] = level * slope.sum() + samples * (1.0 - 1.0 / level)
+            along[-1] += ratio * float(slope @ relative)
+        return value, along
+
+    alone = np.array([(sums.sum() + samples) / (counts.sum() + samples) for counts, sums, _, samples in channels])
+    many = np.array([counts.sum() + samples for counts, _, _, samples in channels])
+    nothing = float(many @ (np.log(alone) + 1.0))
+    starts = [np.array([*np.zeros(len(channels)), exponent]) for exponent in (-3.0, 2.0, 7.0)]
+    start = min(starts, key=lambda point: loss(point)[0])
+    bounds = [*[(-2.0, 5.0)] * len(channels), (np.log(_LOWEST), np.log(_HIGHEST))]
+    found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
+    gain = nothing - float(found.fun)
+    ratio = float(np.exp(found.x[-1]))
+    information = np.zeros((len(found.x), len(found.x)))
+    for index, (counts, _, relative, samples) in enumerate(channels):
+        level = float(np.exp(found.x[index]))
+        weights = np.stack([np.ones(len(relative)), relative]) / (level + ratio * relative)
+        own = [index, len(channels)]
+        information[np.ix_(own, own)] += 0.5 * (weights * counts) @ weights.T
+        information[index, index] += 0.5 * samples / level**2
+    spread = float(np.sqrt(np.linalg.inv(information)[-1, -1]))
+    if gain <= 0.0:
+        return 0.0, 0.0, spread / largest
+    return ratio / largest, gain, spread / largest
+
+
+def _alike(power: Array, unit: Array) -> tuple[Array, Array, Array]:
+    """How many squares have about the same unit, their sum, and that unit."""
+    group = (np.log(np.maximum(unit, _LEAST)) / _ALIKE).astype(int)
+    group -= group.min()
+    many = np.bincount(group)
+    filled = many > 0
+    counts = many[filled].astype(float)
+    sums, units = (np.asarray(np.bincount(group, values), dtype=float)[filled] for values in (power, unit))
+    return counts, sums, units / counts
