@@ -134,3 +134,27 @@ def test_a_slower_floor_is_told_beside_noise_with_a_name(noise: Effect, tau_s: f
         found = explain(set_up(run, floor_and_step(run, locked, arm)[0], arm)).leading
         assert found.labels == (f"{noise.name}@{noise.where}",)
         assert (found.state.name, found.other) == (SLOWER, False)
+
+
+def test_jitter_is_fitted_as_noise_that_follows_the_signal() -> None:
+    """What a page whitens by. Jitter of a quarter of a second: a signal-to-noise far above what its size needs."""
+    jitter = make_effect("timing_jitter", {"where": "acquisition", "sigma_s": 0.25})
+    run = scenarios.load("ann-arbor").with_effects([jitter]).with_acquisition(decimation=100).simulate(seed=1)
+    data = set_up(run, estimated_floor(run, Arm.a465()), Arm.a465())
+    fitted = fit_effect(EFFECTS["timing_jitter"], "acquisition", Left(data, Explained(data.absorbed, data.whitened)))
+    assert fitted is not None
+    assert fitted.in_time
+    assert fitted.added[:, 0].max() > 10.0 * fitted.added[:, 0].min()
+
+
+def test_pose_noise_whose_times_begin_at_zero_is_fitted() -> None:
+    noise = make_effect("pose_noise", {"where": "acquisition", "sigma_rad": 0.02, "tau_s": 0.0})
+    run = (
+        scenarios.load("ann-arbor").with_effects([noise]).with_acquisition(decimation=100, pose="tool").simulate(seed=1)
+    )
+    run, arm = posed(run, None)
+    data = set_up(run, estimated_floor(run, arm), arm)
+    fitted = fit_effect(EFFECTS["pose_noise"], "acquisition", Left(data, Explained(data.absorbed, data.whitened)))
+    assert fitted is not None
+    assert fitted.gain > 100.0
+    assert fitted.effect.tau_s >= 0.0  # type: ignore[attr-defined]

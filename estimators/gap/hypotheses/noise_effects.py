@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -11,6 +11,7 @@ import numpy as np
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left, fitted_at
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
+from rig.effects.parameters import Value
 
 #: Twice a gain from which on a shape is fitted between those of the grid, and how much nearer its neighbours are then.
 _WORTH, _NARROWER = 30.0, 0.15
@@ -40,7 +41,7 @@ def fit_effect(effect: type[Effect], where: str, left: Left) -> FittedNoise | No
     if not tried:
         return None
     best = max(tried, key=lambda each: each.gain)
-    if len(shapes[0]) == 1 and len(tried) > 2 and best.gain > _WORTH:
+    if len(shapes[0]) == 1 and len(tried) > 2 and best.gain > _WORTH and _positive(shapes):
         (name,) = shapes[0]
 
         def at(point: float) -> FittedNoise:
@@ -59,6 +60,11 @@ def fit_effect(effect: type[Effect], where: str, left: Left) -> FittedNoise | No
         near = points[index - 1 : index + 2]
         best = _between(at, name, np.array(near), np.array([gains[point] for point in near]))
     return replace(best, searched=len(shapes))
+
+
+def _positive(shapes: Sequence[Mapping[str, Value]]) -> bool:
+    """Whether all of a grid have a logarithm: one that begins at zero, as the time of pose noise, is taken as it is."""
+    return all(float(str(value)) > 0.0 for shape in shapes for value in shape.values())
 
 
 def _between(at: Callable[[float], FittedNoise], name: str, grid: Array, gains: Array) -> FittedNoise:
