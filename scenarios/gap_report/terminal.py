@@ -18,6 +18,7 @@ from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.words import (
     RIG_COLUMNS,
     VERDICTS,
+    adds,
     alike_words,
     cause_title,
     closed_words,
@@ -36,7 +37,6 @@ from scenarios.gap_report.words import (
     sentence,
     share_words,
     status_words,
-    whole_words,
 )
 from scenarios.shown_units import shown_units
 from scenarios.terminal.tables import table
@@ -163,7 +163,7 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
         sizes = [f"{name} by {sigmas_words(shift['sigmas'])}" for name, shift in shifts]
         lines.append("shifts       " + ", ".join([f"{sizes[0]} standard deviations", *sizes[1:]]))
     if len(diagnosis.causes) > 1:
-        own = any(whole_words(cause) != "the squared gap" for cause in diagnosis.causes)
+        own = any(map(adds, diagnosis.causes))
         lines.append(
             "its share    of a cause: what comes back of the squared gap where it alone is taken out again"
             + ("; of noise and of single readings, how much of what these add is accounted for" if own else "")

@@ -140,10 +140,15 @@ def status_words(cause: Cause, diagnosis: Diagnosis) -> str:
     return sure if cause in diagnosis.leading else f"{sure}, not in the likeliest explanation"
 
 
-def whole_words(cause: Cause) -> str:
-    """What its share is a share of: noise and single readings have one of what they add themselves."""
+def adds(cause: Cause) -> bool:
+    """Whether its share is one of what it adds itself, as of noise and of single readings."""
     effect = EFFECTS.get(cause.effect)
-    return "the squared gap" if effect is None or effect.kind is Kind.MEAN else "what it adds"
+    return effect is not None and effect.kind is not Kind.MEAN
+
+
+def whole_words(cause: Cause) -> str:
+    """What its share is a share of."""
+    return "what it adds" if adds(cause) else "the squared gap"
 
 
 def alike_words(cause: Cause) -> str:

@@ -118,15 +118,15 @@ def _drawn(order: Order, number: int, name: str) -> tuple[Plan, Case]:
 
     Two effects can be so much alike on every sweep that neither is left beside the other.
     """
-    every = order.plans
+    every, scenario = order.plans, load(order.scenario)
+    seed = np.random.SeedSequence([order.seed, 1, number])
     stratum = every[number].stratum
     failed: RigError | None = None
     for plan in (every[number], *every[number + 1 :], *every[:number]):
         if plan.stratum != stratum:
             continue
-        seed = np.random.SeedSequence([order.seed, 1, number])
         try:
-            return plan, make_case(name, plan, load(order.scenario), order.samples, seed)
+            return plan, make_case(name, plan, scenario, order.samples, seed)
         except RigError as error:
             failed = failed or error
     assert failed is not None
