@@ -98,7 +98,7 @@ def test_what_was_found_is_tried_on_a_second_maneuver(there: bool, locked: Recor
     found = estimators.diagnose(first, locked=locked, maneuver2=second)
     assert found.closed_on == "both"
     assert found.closed_elsewhere == pytest.approx(1.0 if there else -1.0, abs=0.05)
-    assert ("make the gap larger" in found.sentence()) == (not there)
+    assert ("it makes the gap larger: it is not there" in found.sentence()) == (not there)
 
 
 @pytest.mark.parametrize("name", CAUSES)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,7 +15,9 @@ from shown_diagnoses import SHOWN, UNITS, read, spoken
 
 from estimators.gap import Diagnosis, Estimate
 from estimators.gap.choices import choice_words
+from estimators.gap.data.projection import Basis
 from estimators.gap.diagnosis import Hypothesis, verdict_of
+from estimators.gap.report.closure import elsewhere
 from estimators.gap.share_words import chance
 from rig.arm import Arm
 from rig.effects import make_effect
@@ -97,6 +100,23 @@ def test_named_noise_is_whitened_and_defects_are_left_out() -> None:
     mean_square = float(np.mean(found.white_after[quiet, 4] ** 2))
     assert abs(mean_square - 1.0) < 6.0 * np.sqrt(2.0 / 600.0)  # fitted: nearer than that
     assert float(np.mean(found.white_before[quiet, 4] ** 2)) > 3.0
+
+
+@pytest.mark.parametrize(("size", "there", "low", "high"), [(1.0, 1, 0, 8), (3.0, 1, 0, 20), (8.0, 0, 980, 1000)])
+def test_a_cause_that_hardly_shows_elsewhere_is_not_said_to_be_absent(
+    size: float, there: int, low: int, high: int
+) -> None:
+    """Of 1,000 draws of a signal-to-noise: expected .3, 6.5 and 1,000 of them; outside the bounds once in 10,000."""
+    rng, count = np.random.default_rng(0), 500
+    change = np.zeros(count)
+    change[0] = size
+    data = SimpleNamespace(absorbed=Basis((), count), size=count, whiten=lambda values: values)
+    found = 0
+    for _ in range(1000):
+        data.whitened = rng.standard_normal(count) + there * change
+        share = elsewhere(data, change)  # type: ignore[arg-type]
+        found += share is not None and share < 0.0
+    assert low <= found <= high
 
 
 def test_causes_become_effects_with_vectors_and_names() -> None:

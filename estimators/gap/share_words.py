@@ -34,5 +34,5 @@ def _hundredths(share: float | None) -> str:
 def elsewhere_words(share: float) -> str:
     """What the causes do to the gap of another maneuver."""
     if share < 0.0:
-        return "on the other maneuver they make the gap larger: they are not there"
-    return f"on the other maneuver they close {percent(share)}"
+        return "on the other maneuver it makes the gap larger: it is not there"
+    return f"on the other maneuver it closes {percent(share)}"

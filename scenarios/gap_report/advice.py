@@ -29,22 +29,24 @@ _LOOK: Final = {
     "single readings": "look at the cable, the connector and the converter's range",
 }
 
+#: Where another maneuver speaks against the causes.
+_REFUTED: Final = (
+    "Do not rely on what is named: the other maneuver speaks against it. Diagnose both with rig diagnose RUN OTHER "
+    "--together; where the rig was changed between them, each by itself."
+)
+
 
 def next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
     """What to do next, one sentence or two each, the most useful first."""
-    steps = {
+    verdicts = {
         "no-gap": _no_gap,
         "named": _named,
         "ambiguous": _ambiguous,
         "partly": _partly,
         "unknown": _unknown,
-    }[diagnosis.verdict](diagnosis)
-    if diagnosis.closed_elsewhere is not None and diagnosis.closed_elsewhere < 0.0:
-        steps.insert(
-            0,
-            "Do not rely on what is named: the other maneuver speaks against it. Diagnose both with rig diagnose RUN "
-            "OTHER --together; where the rig was changed between them, each by itself.",
-        )
+    }
+    refuted = diagnosis.closed_elsewhere is not None and diagnosis.closed_elsewhere < 0.0
+    steps = [_REFUTED] if refuted else verdicts[diagnosis.verdict](diagnosis)
     if diagnosis.floor != "locked recording":
         steps.append(
             "Record the arm at rest in several poses, as NAME.locked.parquet beside NAME.parquet: without that "
@@ -178,7 +180,8 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
 
 def _owner(source: str) -> str:
     """Whose error it is: "joint 5" of "the angle of joint5"."""
-    return readable(source.removeprefix("a turn of the ").partition(" of ")[2] or source.removeprefix("a turn of the "))
+    name = source.removeprefix("a turn of the ")
+    return readable(name.partition(" of ")[2] or name)
 
 
 def _looks(diagnosis: Diagnosis) -> list[str]:

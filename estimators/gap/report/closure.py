@@ -16,12 +16,14 @@ from scipy.special import ndtri
 
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.diagnosis import Closed
+from estimators.gap.diagnosis import ESTABLISHED, Closed
 from estimators.gap.evidence.discrepancy import Discrepancies, Weighed
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
 from rig.arrays import Array
 
+#: Twice the log odds at which causes are not there, those at which one is established.
+_ABSENT: Final = 2.0 * float(np.log(ESTABLISHED / (1.0 - ESTABLISHED)))
 #: Draws from the posterior. Folds and blocks of held-out data; the share of each block's ends that is guard.
 _DRAWS: Final = 400
 _FOLDS, _BLOCKS, _GUARD = 4, 64, 0.08
@@ -199,10 +201,12 @@ def of_noise(value: float, spread: float, rng: np.random.Generator) -> Array:
 def elsewhere(data: WhitenedData, change: Array) -> float | None:
     """The share of the gap of another maneuver that the causes' change (n, 6) closes there, -1 where they make one.
 
-    None where they do nothing there, and nothing is to be closed.
+    The gain is twice the log likelihood ratio of causes that are there to none: below zero only where they are as
+    surely not there as an established cause is there. None where they hardly show, and nothing is to be closed.
     """
     fitted = project(data.absorbed, data.whiten(change))
     gain = float(2.0 * data.whitened @ fitted - fitted @ fitted)
+    gain = 0.0 if -_ABSENT < gain < 0.0 else gain
     floor = data.size - data.absorbed.rank
     noise = float(np.sqrt(2.0 * floor)) * float(ndtri(0.975))
     gap = float(data.whitened @ data.whitened) - floor
