@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import Left
 from estimators.gap.search.beam import Search
+from estimators.gap.search.explanation import Explanation, Member
 from estimators.gap.search.noises import Noises, Promise
 from estimators.gap.search.posterior import explain
 from rig.arm import Arm
@@ -158,3 +160,42 @@ def test_pose_noise_whose_times_begin_at_zero_is_fitted() -> None:
     assert fitted is not None
     assert fitted.gain > 100.0
     assert fitted.effect.tau_s >= 0.0  # type: ignore[attr-defined]
+
+
+def test_a_floor_that_walks_is_not_searched_for_sets_of_causes(
+    locked: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is far likelier than one cause is, and the search under it finds nothing; three draws."""
+    fitted, sizes = Search.fitted, []
+
+    def noted(search: Search, members: Sequence[Member]) -> Explanation:
+        sizes.append(len(members))
+        return fitted(search, members)
+
+    monkeypatch.setattr(Search, "fitted", noted)
+    for seed in range(3):
+        run, arm = posed(
+            scenarios.load("ann-arbor").with_acquisition(decimation=200).with_effects([WALK]).simulate(seed=seed), None
+        )
+        found = explain(set_up(run, floor_and_step(run, locked, arm)[0], arm)).leading
+        assert (found.state.name, found.labels, found.terms) == (SLOWER, (), ())
+    assert max(sizes) <= 3
+
+
+def test_noise_beside_more_causes_is_asked_for_where_it_may_matter(locked: Recording) -> None:
+    """What noise gains beside nothing, it gains at most beside a cause: far from likely, that is left out."""
+    run, arm = posed(scenarios.load("ann-arbor").with_acquisition(decimation=200).simulate(seed=1), None)
+    data = set_up(run, floor_and_step(run, locked, arm)[0], arm)
+    candidates = all_candidates(data)
+    prior, scanner = set_prior(candidates, unseen_places(data, ()), data, {}), Scanner.of(data)
+    own = [each for each in candidates if each.label == "bias_warmup@accelerometer"]
+    search, noises = Search(scanner, own, prior), Noises(prior, (), at_rest=True)
+    nothing, given = search.fine(()), (NoiseState(), scanner)
+    (members,) = search.additions(nothing, 1, -np.inf)
+    one = search.fine(members)
+    gained = max(each.log_mass for each in noises.beyond(given, nothing)) - nothing.log_mass
+    just = one.log_mass + gained
+    for least, there in ((just - 0.1, True), (just + 0.1, False)):
+        found = noises.beyond_each(given, [one, nothing], least)
+        assert any(each.explanation is nothing for each in found)
+        assert any(each.explanation is one for each in found) is there

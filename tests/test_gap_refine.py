@@ -298,7 +298,7 @@ def test_sets_far_from_everything_are_followed_while_noise_is_likelier_beside_th
     scanner = Scanner.of(data)
     candidates = [each for each in all_candidates(data) if each.label in ("base_dipole@base", "scale_cubic@mag1")]
     prior = set_prior(candidates, {}, data, {})
-    work = weighing.Weighing(scanner, candidates, prior, (), at_rest=True, progress=None)
+    work = weighing.Weighing(scanner, candidates, Noises(prior, (), at_rest=True), progress=None)
     nothing = Search(scanner, candidates, prior).fine(())
     work.enter(Hypothesis(nothing, posterior.NoiseState(), (), 0.0))
     told, run = iter(promises), Search.run
@@ -308,12 +308,36 @@ def test_sets_far_from_everything_are_followed_while_noise_is_likelier_beside_th
         ran.append(search)
         return run(search, *args, **options)  # type: ignore[arg-type, return-value]
 
-    noises = Noises(prior, (), at_rest=True)
     given = posterior.NoiseState(), scanner
     monkeypatch.setattr(Noises, "nameless", lambda *_: [Promise(next(told), given[0], given, nothing)])
     monkeypatch.setattr(Search, "run", counted)
-    posterior._far_from_it(work, noises, nothing)
+    posterior._far_from_it(work, given, nothing)
     assert len(ran) == searches
+
+
+@pytest.mark.parametrize("promised", [0.0, -np.inf])
+def test_a_search_ends_where_the_set_belongs_under_another_state_of_the_noise(promised: float, arm: Arm) -> None:
+    """Log mass under that state; without one, the dipole and the crosstalk are both found."""
+    crosstalk = make_effect("channel_crosstalk", {"where": "accel2", "from_": "accel1", "coefficient": 0.01})
+    data = whitened_data(1, arm, DIPOLE, crosstalk)
+    labels = ("base_dipole@base", "channel_crosstalk@accel2", "scale_cubic@mag1")
+    candidates = [each for each in all_candidates(data) if each.label in labels]
+    search = Search(Scanner.of(data), candidates, set_prior(candidates, {}, data, {}))
+    asked: list[int] = []
+
+    def under_others(each: Explanation) -> float:
+        asked.append(len(each.members))
+        return promised
+
+    found = search.run(under_others=under_others)[0]
+    if promised == 0.0:
+        assert search.overtaken == promised
+        assert asked == [0]
+        assert len(found.members) == 1
+    else:
+        assert search.overtaken == -np.inf
+        assert asked == [0, 1]
+        assert found.key == labels[:2]
 
 
 def test_the_set_that_leads_sample_by_sample_has_its_effects_swapped_too(

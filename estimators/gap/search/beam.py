@@ -52,6 +52,7 @@ class Search:
         given: noise effects that are there, as the prior knows them.
         wide: whether additions are tried that promise far less than the best, as where much is wrong few keep theirs.
         improved: the sets whose effects were dropped and swapped one by one.
+        overtaken: log mass under another state of the noise, where that ended it.
     """
 
     scanner: Scanner
@@ -63,6 +64,7 @@ class Search:
     found: dict[tuple[Key, bool], Explanation] = field(default_factory=dict)
     explained: dict[tuple[Key, bool, bool], Explained] = field(default_factory=dict)
     improved: set[Key] = field(default_factory=set)
+    overtaken: float = -np.inf
 
     @property
     def data(self) -> WhitenedData:
@@ -75,7 +77,11 @@ class Search:
         return self.scanner.rough.data
 
     def run(
-        self, seeds: Iterable[Sequence[Member]] = (), deep: bool = True, target: float = -np.inf
+        self,
+        seeds: Iterable[Sequence[Member]] = (),
+        deep: bool = True,
+        target: float = -np.inf,
+        under_others: Callable[[Explanation], float] | None = None,
     ) -> list[Explanation]:
         """The explanations worth weighing, fitted sample by sample, the likeliest first.
 
@@ -84,6 +90,8 @@ class Search:
             deep: False to extend the leading set only.
             target: log mass of the best hypothesis without effects, beyond that of nothing at all: sets far below it
                 are not extended for ever.
+            under_others: log mass of a set under the likeliest other state of the noise. Where that is far likelier
+                than what one more effect makes of the set, the search ends: it belongs under that state.
         """
         level = [self.fitted(())]
         for seed in seeds:
@@ -95,6 +103,7 @@ class Search:
                     continue
                 level, beam, added = [best], 1, 3
             grown: dict[Key, Explanation] = {}
+            leading = level[0]
             for parent in level[:beam]:
                 for members in self.additions(parent, added):
                     each = self.fitted(members)
@@ -109,6 +118,11 @@ class Search:
             level = [each for each in level if self.gained(each) > self.gained(best) - _PROMISING]
             if not level or (size >= _FOLLOWED and self._on_samples(level[0]) < target - _FAR):
                 break
+            if deep and under_others is not None:
+                other = under_others(self.fine(leading.members, leading))
+                if other > self.fine(level[0].members, level[0]).log_mass + _FAR:
+                    self.overtaken = other
+                    return self._refined()
         if deep or self.wide:
             self._improve(1 if self.wide else 3)
         found = self._refined()

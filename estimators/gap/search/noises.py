@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -68,14 +69,18 @@ class Noises:
 
     Attributes:
         prior: of sets. without: effects left out of the catalogue. at_rest: whether the floor was learned at rest.
+        _known: states beyond a given one beside an explanation, of which only the likeliest was asked for so far.
     """
 
     prior: Prior
     without: Sequence[str]
     at_rest: bool
+    _known: dict[tuple[int, int], tuple[Given, Explanation, list[Promise]]] = field(default_factory=dict)
 
     def beyond(self, given: Given, each: Explanation) -> list[Promise]:
         """States beyond a given one, beside an explanation under that."""
+        if (known := self._known.pop((id(given[0]), id(each)), None)) is not None:
+            return known[2]
         data = given[1].fine.data
         data = data.around(each.data.pipeline) if each.members else data
         lefts = left_of(data, Explained(data.absorbed, each.linear.left))
@@ -84,6 +89,32 @@ class Noises:
             states += self._unnamed(given[0], lefts)
         found = self._promised(given, each, data, each.linear, states)
         return found if given[0].name else found + self.as_floor(given, each)
+
+    def beyond_each(self, given: Given, every: Sequence[Explanation], least: float) -> list[Promise]:
+        """The same beside each of some explanations, but where it is hopeless: noise gains no more beside a set than
+        beside less.
+
+        Args:
+            least: log mass below which nothing is worth telling.
+        """
+        found: list[Promise] = []
+        gains: list[tuple[Counter[str], float]] = []
+        for each in sorted(every, key=lambda one: len(one.members)):
+            alone, held = each.log_mass + given[0].log_weight, Counter(each.key)
+            most = min((gain for fewer, gain in gains if fewer <= held), default=np.inf)
+            if alone + most >= least:
+                own = self.beyond(given, each)
+                gains.append((held, _best(own) - alone))
+                found += own
+        return found
+
+    def best_beside(self, given: Given, each: Explanation) -> float:
+        """Log mass, without a discrepancy, of an explanation under the likeliest state with a floor moved or one more
+        noise effect."""
+        found = self.beyond(given, each)
+        # until they are asked for; with both, so that no other has their identity
+        self._known[id(given[0]), id(each)] = given, each, found
+        return max((one.log_mass for one in found if not one.state.other), default=-np.inf)
 
     def moved_beside(self, promises: Sequence[Promise]) -> list[Promise]:
         """The floor moved beside the likeliest named noise: alone that explains little where the floor is not quite
@@ -174,7 +205,8 @@ class Noises:
     def nameless(self, given: Given, here: Explanation) -> list[Promise]:
         """Noise without a name beside an explanation in the data of the given state."""
         lefts = left_of(here.data, Explained(here.data.absorbed, here.linear.left))
-        return self._promised(given, here, here.data, here.linear, self._nameless(lefts))
+        states = [given[0].beyond(state) for state in self._nameless(lefts)]
+        return self._promised(given, here, here.data, here.linear, states)
 
     def _unnamed(self, given: NoiseState, lefts: Sequence[Left]) -> list[NoiseState]:
         return [given.beyond(state) for state in (*self._floors(lefts), *self._nameless(lefts))]

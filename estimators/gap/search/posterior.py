@@ -21,8 +21,8 @@ from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.hypothesis import Hypothesis
-from estimators.gap.search.noises import Noises, Promise
-from estimators.gap.search.weighing import FAR, Weighing, near_leading
+from estimators.gap.search.noises import Given, Noises, Promise
+from estimators.gap.search.weighing import FAR, NEAR, Weighing, near_leading
 from rig.arrays import Array
 
 #: Log odds against the leading hypothesis beyond which a state of the noise beside the leading explanation is not
@@ -82,16 +82,16 @@ def explain(
     scanner = Scanner.of(data)
     candidates, absorbed = visible(data, scanner, without)
     prior = set_prior(candidates, unseen_places(data, without), data, weights or {})
-    work = Weighing(scanner, candidates, prior, without, at_rest, progress, common_noises(data, without))
     noises = Noises(prior, without, at_rest)
+    work = Weighing(scanner, candidates, noises, progress, common_noises(data, without))
     floor = NoiseState()
     for promise in noises.as_floor((floor, scanner), Search(scanner, candidates, prior).fine(())):
         work.promised(promise)  # how likely that is tells how far sets of effects are worth following
     found = work.weigh(floor, scanner, (), deep=True)
-    work.move_floor_under_common(noises, floor)
+    work.move_floor_under_common(floor)
     tried: set[tuple[str, tuple[str, ...]]] = set()
     frontier = [(floor, scanner, found)]
-    again = [((floor, scanner), each) for each in _far_from_it(work, noises, found[0])]
+    again = [] if work.overtaken else _far_from_it(work, (floor, scanner), found[0])
     for _ in range(_ROUNDS):
         states = noises.again(again)
         again = []
@@ -99,8 +99,8 @@ def explain(
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
             best_of_size = {len(one.members): one for one in reversed(smallest_first)}
             looked_at = [*near_leading(explanations), *best_of_size.values(), *work.beside_other(given)]
-            for each in {each.key: each for each in looked_at}.values():
-                states += noises.beyond((given, given_scanner), each)
+            distinct = list({each.key: each for each in looked_at}.values())
+            states += noises.beyond_each((given, given_scanner), distinct, work.best - NEAR)
         states += noises.moved_beside(states)
         for name in {one.state.name for one in states if one.state.name}:
             likeliest = max((one for one in states if one.state.name == name), key=lambda one: one.log_mass)
@@ -126,9 +126,12 @@ def explain(
             tried.add(kind)
             given, below = one.given
             fresh = below.stepped(one.state.steps[len(given.steps) :])
-            found = work.weigh(one.state, fresh, one.explanation.seeds, deep=False)
+            deep = not frontier and any(given is state for state, _ in work.overtaken)
+            found = work.weigh(one.state, fresh, one.explanation.seeds, deep)
             frontier.append((one.state, fresh, found))
-            if one.state.other or one.state.name == UNSEEN:  # learned beside worse causes, or one too many
+            if deep and not any(one.state is state for state, _ in work.overtaken):
+                again += _far_from_it(work, (one.state, fresh), found[0])
+            if deep or one.state.other or one.state.name == UNSEEN:  # learned beside worse causes, or one too many
                 again += [(one.given, each) for each in found]
         if not frontier:
             break
@@ -138,25 +141,28 @@ def explain(
     return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
 
 
-def _far_from_it(work: Weighing, noises: Noises, each: Explanation) -> list[Explanation]:
+def _far_from_it(work: Weighing, given: Given, each: Explanation) -> list[tuple[Given, Explanation]]:
     """Where noise without a name is far likelier than all that was found, sets of effects that leave ever less.
 
     They are searched under white noise as large as what is left: a floor that everything misses a hundred times ranks
     effects by what they do to the least of errors. Noise without a name that is no likelier beside the set that leads
     then ends it: such sets leave less by their number alone.
+
+    Args:
+        given: state of the noise, and its scanner. each: what leads under it.
     """
-    found: list[Explanation] = []
+    found: list[tuple[Given, Explanation]] = []
     reached = work.best + FAR
     for _ in range(_OUTWARDS):
-        here = each.on(work.scanner.fine.data)
-        promises = noises.nameless((NoiseState(), work.scanner), here)
+        here = each.on(given[1].fine.data)
+        promises = work.noises.nameless(given, here)
         promised = max((one.log_mass for one in promises), default=-np.inf)
         if promised < reached:
             break
         reached = promised
-        scanner = work.scanner.stepped(raised(here.data, Explained(here.data.absorbed, here.linear.left)))
-        search = Search(scanner, work.candidates, work.prior, work.progress, wide=True)
-        found += search.run(each.seeds, deep=False)
+        scanner = given[1].stepped(raised(here.data, Explained(here.data.absorbed, here.linear.left)))
+        search = Search(scanner, work.candidates, work.noises.prior, work.progress, wide=True)
+        found += [(given, one) for one in search.run(each.seeds, deep=False)]
         leading = search.ranked[0]
         if leading.key == each.key:
             break

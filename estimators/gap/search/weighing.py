@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -13,20 +14,22 @@ from estimators.gap.evidence.common import CommonNoise, beside, beside_other
 from estimators.gap.evidence.discrepancy import Discrepancies, total, weighed
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.candidates import Candidate
-from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE, Prior
+from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from estimators.gap.search.beam import Search
-from estimators.gap.search.explanation import Explanation, Member, key_of, without_one
+from estimators.gap.search.explanation import Explanation, Key, Member, key_of, without_one
 from estimators.gap.search.hypothesis import Hypothesis
-from estimators.gap.search.noises import Noises, Promise
+from estimators.gap.search.noises import Given, Noises, Promise
 
 #: Log odds against the leading hypothesis beyond which a state of the noise is not followed.
 FAR: Final = 14.0
 #: Log odds against the leading explanation within which others are.
-_NEAR: Final = 6.0
+NEAR: Final = 6.0
 #: Log odds by which a floor that is hardly likelier changes nothing else.
 _HARDLY: Final = 1.0
+#: Log probability of something without a name that is no noise.
+_UNKNOWN: Final = float(np.log(OTHER * (1.0 - OTHER_NOISE)))
 #: Searches under common noise, each beside what the last one found.
 _OUTWARDS: Final = 2
 #: So many explanations of a state are weighed beside discrepancies, and beside other noise.
@@ -40,21 +43,23 @@ class Weighing:
     """All that was weighed so far.
 
     Attributes:
-        scanner: of the data under the floor as it was learned. candidates: what is considered. prior: of sets.
-        without: effects left out of the catalogue. at_rest: whether the floor was learned at rest.
+        scanner: of the data under the floor as it was learned. candidates: what is considered.
+        noises: what the noise may be, with the prior of sets, and the effects left out of the catalogue.
         progress: called with the share of a search that is done. common: noise that all channels share.
         discrepancies: under the floor as it was learned. hypotheses: the likeliest of each kind.
+        overtaken: states of the noise whose search ended as another is far likelier, and the log mass under that.
+        gains: what a discrepancy makes of the log mass of a set under a state.
     """
 
     scanner: Scanner
     candidates: Sequence[Candidate]
-    prior: Prior
-    without: Sequence[str]
-    at_rest: bool
+    noises: Noises
     progress: Callable[[float], None] | None
     common: Sequence[CommonNoise] = ()
     discrepancies: Discrepancies | None = None
     hypotheses: dict[tuple[tuple[str, ...], str, bool, bool], Hypothesis] = field(default_factory=dict)
+    overtaken: list[tuple[NoiseState, float]] = field(default_factory=list)
+    gains: list[tuple[NoiseState, Key, float]] = field(default_factory=list)
 
     @property
     def leading(self) -> Hypothesis:
@@ -70,6 +75,16 @@ class Weighing:
         """The same of what has the same named noise: with more of that, every set of effects may be likelier."""
         own = [each.log_mass for each in self.hypotheses.values() if each.state.labels == state.labels]
         return max(own, default=-np.inf)
+
+    @property
+    def _gained_by_unknown(self) -> float:
+        """By how much the likeliest with a discrepancy is likelier than the likeliest without; its prior at least."""
+        every = self.hypotheses.values()
+        with_it, without = (
+            max((each.log_mass for each in every if bool(each.terms) is there), default=-np.inf)
+            for there in (True, False)
+        )
+        return max(with_it - without, _UNKNOWN)
 
     def beside_other(self, state: NoiseState) -> list[Explanation]:
         """The explanation that is likeliest under a state of the noise beside a discrepancy, if there is one."""
@@ -100,28 +115,34 @@ class Weighing:
             (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
             for index, member in enumerate(each.members)
         }
-        nameless = self.known(each, state) + float(np.log(OTHER * (1.0 - OTHER_NOISE)))
-        least = self.best_under(state) - FAR - nameless
-        if terms := weighed(each.linear, discrepancies, changes, least):
-            found = Hypothesis(each, state, tuple(terms[:_KEPT]), nameless + total([term.log_mass for term in terms]))
+        nameless = self.known(each, state) + _UNKNOWN
+        terms = weighed(each.linear, discrepancies, changes, self.best_under(state) - FAR - nameless)
+        gained = total([term.log_mass for term in terms])
+        self.gains.append((state, each.key, _UNKNOWN + max(gained, 0.0)))
+        if terms:
+            found = Hypothesis(each, state, tuple(terms[:_KEPT]), nameless + gained)
             self.enter(found)
             # noise of all channels is what changes from sample to sample, too: it is weighed beside what does not
             slow = [term for term in terms if term.term.edges is None]
             if slow:
                 for log_mass, fitted, both in beside_other(each.linear, self.common, each.data.absorbed, slow):
-                    self._enter_with(replace(found, terms=tuple(both), log_mass=nameless + log_mass), fitted)
+                    self.enter(self._with(replace(found, terms=tuple(both), log_mass=nameless + log_mass), fitted))
 
     def enter_common(self, found: Hypothesis) -> None:
         """A hypothesis beside each noise effect that all channels share."""
-        for log_mass, fitted in beside(found.explanation.linear, self.common):
-            self._enter_with(replace(found, log_mass=found.log_mass + log_mass), fitted)
+        for one in self._beside_common(found):
+            self.enter(one)
 
-    def _enter_with(self, found: Hypothesis, fitted: FittedNoise) -> None:
-        """A hypothesis, but for the prior of one more noise effect."""
+    def _beside_common(self, found: Hypothesis) -> list[Hypothesis]:
+        every = beside(found.explanation.linear, self.common)
+        return [self._with(replace(found, log_mass=found.log_mass + gained), fitted) for gained, fitted in every]
+
+    def _with(self, found: Hypothesis, fitted: FittedNoise) -> Hypothesis:
+        """One more noise effect, with its prior."""
         each = found.explanation
         named = replace(found.state, fitted=(*found.state.fitted, fitted))
-        prior = self.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
-        self.enter(replace(found, state=named, log_mass=found.log_mass - each.log_prior + prior))
+        prior = self.noises.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
+        return replace(found, state=named, log_mass=found.log_mass - each.log_prior + prior)
 
     def move_floor(self) -> None:
         """What has no name, beside the floor that known causes are likeliest beside: it was weighed there only where
@@ -134,36 +155,60 @@ class Weighing:
         if not floor.steps or not nameless or any(each.state.name == floor.name for each in there):
             return
         each, gained = max(nameless, key=lambda one: one.log_mass), self.best - max(plain, default=-np.inf)
-        if gained < _HARDLY or each.log_mass + gained < self.best - _NEAR:
+        if gained < _HARDLY or each.log_mass + gained < self.best - NEAR:
             return
         scanner = self.scanner.stepped(floor.steps)
         moved = each.explanation.on(scanner.fine.data)
         self.enter(self.alone(moved, floor))
-        self.enter_nameless(moved, floor, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.without))
+        self.enter_nameless(moved, floor, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without))
 
     def weigh(
         self, state: NoiseState, scanner: Scanner, seeds: Sequence[Sequence[Member]], deep: bool
     ) -> list[Explanation]:
         """Search under a state of the noise, and enter what was found, with and without a discrepancy."""
-        search = Search(scanner, self.candidates, self.prior, self.progress, given=tuple(state.drawn))
-        discrepancies = None
-        target = -np.inf
-        if deep:  # what a discrepancy alone comes to tells how far sets of effects are worth following
-            self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough, self.without)
+        search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
+        given, discrepancies, target = (state, scanner), None, -np.inf
+        if first := self.discrepancies is None:
+            self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough, self.noises.without)
             self._beside([search.fine(())], state, search, discrepancies)
-            self._under_common(state, scanner, discrepancies)
-            without_effects = [each.log_mass for each in self.hypotheses.values() if not each.explanation.members]
-            target = max(without_effects) - state.log_weight - search.fine(()).log_mass
-        found = search.run(seeds, deep, target)
+            target = self._without_effects(state, search)
+        found = search.run(seeds, deep, target, lambda each: self._under_others(given, each))
+        if first and search.overtaken < self.best:
+            self._under_common(state, scanner, self.discrepancies)
+            if search.overtaken > -np.inf:  # by noise that all channels share: what is found beside it may need none
+                seeds, target = self.leading.explanation.seeds, self._without_effects(state, search)
+                found = search.run(seeds, deep, target, lambda each: self._under_floors(given, each))
         for each in found:
             self.enter(self.alone(each, state))
+        if search.overtaken > -np.inf:
+            self.overtaken.append((state, search.overtaken + state.log_weight))
+            return found
         # where something without a name leads by far, causes can be there beside it, if not without it
-        best = self.best_under(state)
-        near = self.known(found[0], state) > best - FAR or (self.leading.terms and self.leading.state is state)
-        if near or deep:  # of a floor that is far off, what leads: something else may be beside it
-            discrepancies = discrepancies or Discrepancies.of(search.data, search.rough, self.without)
-            self._beside(found if near else found[:1], state, search, discrepancies)
+        near = self.known(found[0], state) > self.best_under(state) - FAR
+        near = near or bool(self.leading.terms and self.leading.state is state)
+        if near and not first:  # by what a discrepancy gains elsewhere
+            near = self.known(found[0], state) + self._gained_by_unknown > self.best - NEAR
+        if near or first:  # of a floor that is far off, what leads: something else may be beside it
+            discrepancies = discrepancies or Discrepancies.of(search.data, search.rough, self.noises.without)
+            found += self._beside(found if near else found[:1], state, search, discrepancies)
         return found
+
+    def _without_effects(self, state: NoiseState, search: Search) -> float:
+        """Log mass of the likeliest without effects, beyond that of nothing at all: so far sets are followed."""
+        own = [each.log_mass for each in self.hypotheses.values() if not each.explanation.members]
+        return max(own) - state.log_weight - search.fine(()).log_mass
+
+    def _under_floors(self, given: Given, each: Explanation) -> float:
+        """Log mass of a set under the likeliest state beyond a given one, as that counts."""
+        return self.noises.best_beside(given, each) - given[0].log_weight
+
+    def _under_others(self, given: Given, each: Explanation) -> float:
+        """The same, or beside noise that all channels share."""
+        common = self._beside_common(self.alone(each, given[0]))
+        for one in common:
+            self.enter(one)
+        shared = max((one.log_mass for one in common), default=-np.inf)
+        return max(self._under_floors(given, each), shared - given[0].log_weight)
 
     def _under_common(self, floor: NoiseState, scanner: Scanner, discrepancies: Discrepancies) -> None:
         """Sets of effects where noise that all channels share is far likelier than none: searched as if each channel
@@ -174,11 +219,11 @@ class Weighing:
             if (common := self._common()) is None:
                 return
             below, given = scanner.stepped(common.steps(data)), tuple(leading.state.drawn)
-            search = Search(below, self.candidates, self.prior, self.progress, given=given)
+            search = Search(below, self.candidates, self.noises.prior, self.progress, given=given)
             alone = self.hypotheses.get((leading.state.labels, floor.name, False, False))
             target = -np.inf if alone is None else leading.log_mass - alone.log_mass
             for each in search.run(leading.explanation.seeds, False, target)[:_BESIDE]:
-                prior = self.prior.log_set([member.drawn for member in each.members])
+                prior = self.noises.prior.log_set([member.drawn for member in each.members])
                 moved = replace(each.on(data), log_prior=prior)
                 self.enter_common(self.alone(moved, floor))
             if self.leading is leading:
@@ -190,26 +235,27 @@ class Weighing:
         fitted = self.leading.state.fitted
         return fitted[-1] if fitted and fitted[-1].part == EVERY and 0.5 * fitted[-1].gain > FAR else None
 
-    def move_floor_under_common(self, noises: Noises, floor: NoiseState) -> None:
+    def move_floor_under_common(self, floor: NoiseState) -> None:
         """The same beside other floors: as it was learned, the floor was judged beside nothing else."""
         leading = self.leading
         if (common := self._common()) is None or leading.state.steps:
             return
-        for state in noises.moved_under((floor, self.scanner), leading.explanation, common):
+        for state in self.noises.moved_under((floor, self.scanner), leading.explanation, common):
             scanner = self.scanner.stepped(state.steps)
             self.enter_common(self.alone(leading.explanation.on(scanner.fine.data), state))
             if self.leading.state.name == state.name:
-                discrepancies = Discrepancies.of(scanner.fine.data, scanner.rough.data, self.without)
+                discrepancies = Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without)
                 self._under_common(state, scanner, discrepancies)
 
     def _beside(
         self, found: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
-    ) -> None:
-        """Explanations beside discrepancies, and additions once one of these is there."""
+    ) -> list[Explanation]:
+        """Explanations beside discrepancies, and additions once one of these is there, which are given."""
         done: set[tuple[str, ...]] = set()
         near = near_leading(found)
         drops = {key_of(rest) for rest in without_one(found[0].members)}
         queue = near + [each for each in found if not each.members or each.key in drops]
+        added: list[Explanation] = []
         extended = len(found) == 1
         while queue:
             each = queue.pop(0)
@@ -217,18 +263,29 @@ class Weighing:
                 continue
             done.add(each.key)
             self.enter_common(self.alone(each, state))
-            self.enter_nameless(each, state, discrepancies)
+            if not self._hopeless(each, state):
+                self.enter_nameless(each, state, discrepancies)
             if queue:
                 continue
             nameless = [one for one in self.hypotheses.values() if one.terms and one.state is state]
             leading = max(nameless, key=lambda one: one.log_mass, default=None)
-            if leading is None or leading.log_mass < self.best - _NEAR:
+            if leading is None or leading.log_mass < self.best - NEAR:
                 continue
             # what was needed without a discrepancy may do a part of what that does
             queue += [rest for rest in search.without_one(leading.explanation) if rest.key not in done]
             if not queue and not extended:
                 extended = True
-                queue += search.beside(leading.explanation, leading.terms[0])
+                added = search.beside(leading.explanation, leading.terms[0])
+                queue += added
+                for one in added:
+                    self.enter(self.alone(one, state))
+        return added
+
+    def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
+        """Whether a set beside a discrepancy is far from likely: that gains no more beside a set than beside less."""
+        held = Counter(each.key)
+        own = [gain for under, fewer, gain in self.gains if under is state and Counter(fewer) <= held]
+        return bool(own) and self.known(each, state) + min(own) < self.best - NEAR
 
 
 def _nothing_else(state: NoiseState) -> float:
@@ -238,4 +295,4 @@ def _nothing_else(state: NoiseState) -> float:
 
 def near_leading(found: Sequence[Explanation]) -> list[Explanation]:
     """The leading explanation and those nearly as likely: other noise and discrepancies are weighed beside them all."""
-    return [each for each in found if each.log_mass > found[0].log_mass - _NEAR][:_BESIDE]
+    return [each for each in found if each.log_mass > found[0].log_mass - NEAR][:_BESIDE]
