@@ -30,6 +30,8 @@ SIGNIFICANT: Final = 1e-5
 _PILED, _DENSER = 4, 4.0
 #: A converter's rounding that adds less than this share of the floor's variance is not felt.
 _FELT: Final = 0.005
+#: A reading is no outlier by itself within so many deviations of its neighbours, whatever the tails.
+_STANDS_OUT: Final = 6.5
 #: So many outliers in a channel make others likely; then those count that noise makes once in five recordings.
 _SEVERAL, _LESS = 3, 4.5
 #: A chance as good as none.
@@ -165,9 +167,12 @@ class Outliers(Effect):
         sizes = np.zeros(len(CHANNELS))
         log_p, spikes = 0.0, []
         every = {column: beside_neighbours(readings.white[:, column]) for column in columns}
+        if not any((np.abs(local) > _STANDS_OUT).any() for local in every.values()):
+            return None
         tails = {column: tails_of(local, readings.degrees[column]) for column, local in every.items()}
         least = {
-            column: max(limit(SIGNIFICANT / total, tails[column][0]) * tails[column][1], 6.5) for column in columns
+            column: max(limit(SIGNIFICANT / total, tails[column][0]) * tails[column][1], _STANDS_OUT)
+            for column in columns
         }
         several = sum(np.count_nonzero(np.abs(every[column]) > least[column]) for column in columns) >= _SEVERAL
         for column, local in every.items():

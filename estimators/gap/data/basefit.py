@@ -11,6 +11,7 @@ from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
 from estimators.dispatch import calibrate
 from estimators.gap.data.whitened import WhitenedData, known
+from estimators.gap.floor.at_rest import sound
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.rounded import COARSE, rounded_floor
@@ -53,7 +54,7 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     numbers = [label for label in np.unique(labels) if label >= 0]
     if not numbers:
         raise _never_at_rest(locked)
-    channels, tails, coarse = {}, {}, {}
+    channels, tails, coarse, known = {}, {}, {}, {}
     for column in np.flatnonzero(np.isfinite(readings[0])):
         segments = [readings[labels == label, column] for label in numbers]
         step = lattice_step(readings[:, column])
@@ -61,6 +62,7 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         if own.segments and own.variance > 0.0 and step**2 > COARSE**2 * own.variance:
             coarse[int(column)] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
             continue
+        segments, known[int(column)] = sound(readings[:, column], labels, step)
         segments, *tails[int(column)] = _relieved(segments)
         phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
         channels[int(column)] = held(phases, stride / locked.rate_Hz)
@@ -71,7 +73,7 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         raise RigError(f"{locked.origin or locked.name}: {silent[0]} is constant, expected its noise at rest")
     boards = [sensor for column in channels for sensor, own in COLUMNS_OF.items() if column in range(6)[own]]
     fitted = coarse | {
-        column: _of_sweep(noise, *tails[column])
+        column: _of_sweep(noise.shortened(known[column]), *tails[column])
         for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
     }
     return tuple(fitted.get(column, ChannelNoise(np.nan)) for column in range(len(CHANNELS)))

@@ -80,6 +80,12 @@ class ChannelNoise:
         spread = 1.0 if self.degrees is None else level_spread(self.degrees)
         return 1.0 / (spread + (spread - 1.0) * self.samples / max(judged, 1))
 
+    def shortened(self, share: float) -> ChannelNoise:
+        """As known as by this share of the recording that it was learned from."""
+        if share >= 1.0:
+            return self
+        return replace(self, samples=max(int(share * self.samples), 2), duration_s=share * self.duration_s)
+
     @property
     def variance(self) -> float:
         """[V^2]."""
