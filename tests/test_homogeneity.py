@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from whitened_examples import data  # noqa: F401
 
+from estimators.gap.data.defects import Defect
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.noise_effects import fit_effect
-from estimators.gap.hypotheses.prior import LENGTHS
+from estimators.gap.hypotheses.prior import LENGTHS, Prior
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import Left
 from estimators.gap.report.homogeneity import (
@@ -19,6 +20,7 @@ from estimators.gap.report.homogeneity import (
     log_bayes_factor_of_readings,
     of_cells,
 )
+from estimators.gap.report.p_values import defect_probability
 from rig.arrays import Array
 from rig.effects import EFFECTS
 
@@ -70,6 +72,18 @@ def test_readings_that_are_off_where_a_joint_turns_round_are_an_image(data: Whit
     few = there.copy()
     few[[100, 900]] = True
     assert abs(log_bayes_factor_of_readings(few, data)) < np.log(3.0)
+
+
+def test_a_limit_is_one_wherever_the_signal_reaches_it(data: WhitenedData) -> None:  # noqa: F811
+    """Its readings are those of some poses alone: beside something outside the catalogue that is no doubt, as it is
+    where spikes are at those."""
+    prior = Prior({"saturation": {"saturation@accel3": 1.0}, "outliers": {"outliers@acquisition": 1.0}})
+    high = data.readings[:, 2] > np.quantile(data.readings[:, 2], 0.95)
+    affected = np.repeat(high[:, None], 6, axis=1)
+    limit = Defect("saturation", "accel3", {}, affected, -100.0, np.zeros(6), anywhere=False)
+    spikes = Defect("outliers", "acquisition", {}, affected, -100.0, np.zeros(6))
+    assert defect_probability(limit, prior, data) > 0.999
+    assert defect_probability(spikes, prior, data) < 1e-6
 
 
 def test_a_single_cell_tells_nothing() -> None:

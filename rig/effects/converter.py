@@ -91,7 +91,7 @@ class Saturation(Effect):
             effect = cls(where=where, level=sign * level)
             # a converter rounds the level, too
             std = float(np.hypot(sigma / float(piled.sum()), step / np.sqrt(12.0)))
-            return Finding(effect, {"level": std}, affected, log_p, added)
+            return Finding(effect, {"level": std}, affected, log_p, added, anywhere=False)
         return None
 
 

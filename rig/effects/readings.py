@@ -55,6 +55,7 @@ class Finding:
         affected: (n, 6) bool, the readings that tell nothing else any more.
         log_p: logarithm of the chance of as much without the effect, over all readings and channels looked at.
         added: (6,) [recorded unit] root mean square of what it adds to the readings.
+        anywhere: whether each reading may be affected alike, not those of some levels alone.
     """
 
     effect: Effect
@@ -62,3 +63,4 @@ class Finding:
     affected: NDArray[np.bool_]
     log_p: float
     added: Array
+    anywhere: bool = True

@@ -40,6 +40,7 @@ class Defect:
         affected: (n, 6) the readings to leave out; none for a coarse converter.
         log_p: logarithm of the p-value.
         gap: (6,) root mean square of what it adds to the readings [recorded unit].
+        anywhere: whether each reading may be affected alike, not those of some levels alone.
     """
 
     effect: str
@@ -48,6 +49,7 @@ class Defect:
     affected: Mask
     log_p: float
     gap: Array
+    anywhere: bool = True
 
 
 def find_defects(data: WhitenedData, locked_step: Array) -> list[Defect]:
@@ -95,7 +97,9 @@ def _defect(finding: Finding) -> Defect:
         for item in effect.parameters()
         if item.name in finding.std
     }
-    return Defect(effect.name, effect.where, parameters, finding.affected, finding.log_p, finding.added)
+    return Defect(
+        effect.name, effect.where, parameters, finding.affected, finding.log_p, finding.added, finding.anywhere
+    )
 
 
 def lattice(readings: Array) -> Array:

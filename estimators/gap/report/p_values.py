@@ -35,12 +35,13 @@ def defect_probability(defect: Defect, prior: Prior, beside: WhitenedData | None
     """Of a defect whose p-value is known.
 
     Args:
-        beside: the recording, where it has something outside the catalogue, which may have made single readings.
+        beside: the recording, where it has something outside the catalogue, which may have made single readings: those
+            of a cause are then everywhere, if they may be anywhere. At a limit they are where the signal is.
     """
     place = defect.effect, defect.where
     own = tuple(label for label in prior.places[defect.effect] if split(label) == place)
     odds = log_bayes_factor(defect.log_p)
-    if beside is not None and defect.affected.any():
+    if beside is not None and defect.anywhere and defect.affected.any():
         odds = min(odds, homogeneity.log_bayes_factor_of_readings(np.asarray(defect.affected.any(axis=1)), beside))
     return _probability(odds + prior.log_single((defect.effect, own)))
 
