@@ -10,6 +10,7 @@ from estimators.gap.remainder_words import error_words, is_noise, source_words
 from estimators.gap.report.by_channel import ABSORBED
 from estimators.gap.report.separation import rivals
 from estimators.gap.share_words import chance
+from scenarios.gap_report.maneuver_words import decides
 from scenarios.gap_report.words import cause_title, explanation_words, readable
 
 #: What is left over acts like an error; how its name begins -> what to look at on the rig.
@@ -137,8 +138,9 @@ def _maneuver(diagnosis: Diagnosis) -> str:
     step = diagnosis.next or {}
     if step.get("maneuver"):
         apart = "some of them" if step.get("cannot_separate") else "them"
+        tells = "tells" if all(decides(pair["low"]) for pair in step.get("separates", ())) else "may tell"
         together = "rig diagnose RUN NEXT --together"
-        return f"Record the maneuver below, which tells {apart} apart, and diagnose both: {together}."
+        return f"Record the maneuver below, which {tells} {apart} apart, and diagnose both: {together}."
     if step.get("why"):  # in words only
         return str(step["why"])
     return "Record another maneuver: other joints, other speeds, or longer."

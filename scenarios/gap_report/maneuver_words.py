@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.gap.choices import and_words
-from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.diagnosis import NAMED, Diagnosis
 from estimators.gap.report.separation import rivals
 from rig.effects import EFFECTS, Kind
 from rig.maneuver import StaticPoses, TorusSweep
@@ -50,6 +50,11 @@ def interval_words(size: float, low: float, high: float | None) -> str:
     if high is None or not np.isfinite(high):
         return f"{size:.0f} (at least {max(low, 0.0):.0f})"
     return f"{size:.0f} ({max(low, 0.0):.0f}–{high:.0f})"
+
+
+def decides(chi_square: float) -> bool:
+    """Whether a chi-square makes the right one of two explanations, as likely as the other before, a named one."""
+    return chi_square >= 2.0 * float(np.log(NAMED / (1.0 - NAMED)))
 
 
 def speed_advice(diagnosis: Diagnosis) -> str:

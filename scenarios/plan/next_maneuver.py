@@ -22,7 +22,7 @@ from rig.effects import Effect
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.signals import Signals
 from scenarios.gap_report.gap_residuals import GapResiduals
-from scenarios.gap_report.maneuver_words import described, interval_words, noise_advice, speed_advice
+from scenarios.gap_report.maneuver_words import decides, described, interval_words, noise_advice, speed_advice
 from scenarios.gap_report.words import apart_words
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.plan.maneuver_family import Family, family, neighbours
@@ -89,8 +89,10 @@ class NextManeuver:
             f"If “{truth}” is true, “{rival}” fits worse by a chi-square of "
             f"{interval_words(worst.noncentrality, worst.low, worst.high)}"
         )
+        if not decides(worst.low):
+            words += ", which may be too little to decide"
         if len(self.separations) > 2:
-            words += "; every other pair is told apart better"
+            words += "; every other pair differs by more"
         if self.alike:
             words += ". No maneuver tried separates " + "; ".join(
                 "“{}” from “{}”".format(*_titles(*pair)) for pair in self.alike
