@@ -73,7 +73,7 @@ def test_how_an_error_changes_is_said_in_words(course: str, words: str) -> None:
 
 def test_no_gap_says_the_residual_and_what_may_be_there_where_it_is_not_sure(residuals: GapResiduals) -> None:
     sure = SHOWN["no-gap"]
-    assert "13.4 mV 1.00 × floor" in read(page(sure, residuals))
+    assert "13.40 mV 1.00 × floor" in read(page(sure, residuals))
     assert "RMS / floor" in spoken(diagnosis_tables(sure, UNITS))
     assert "gap after" not in spoken(diagnosis_tables(sure, UNITS))
     assert "--with" not in page(sure, residuals)  # there is no cause to simulate
@@ -91,6 +91,14 @@ def test_where_no_maneuver_is_proposed_the_advice_in_words_is_a_step() -> None:
     assert words in next_steps(replace(SHOWN["ambiguous"], next={"why": words, "maneuver": None}))[0]
     some = {"maneuver": "another sweep", "why": "It tells.", "cannot_separate": [[[], []]]}
     assert "which tells some of them apart" in next_steps(replace(SHOWN["ambiguous"], next=some))[0]
+
+
+def test_a_maneuver_that_may_be_too_little_is_said_to_be_one() -> None:
+    """A chi-square of 4.4 makes an even chance a probability of .9."""
+    step = {"maneuver": "another sweep", "why": "It tells.", "separates": [{"low": 4.5}, {"low": 100.0}]}
+    assert "which tells them apart" in next_steps(replace(SHOWN["ambiguous"], next=step))[0]
+    step = {**step, "separates": [{"low": 0.0}, {"low": 100.0}]}
+    assert "which may tell them apart" in next_steps(replace(SHOWN["ambiguous"], next=step))[0]
 
 
 def test_what_does_the_same_is_said_as_one_row_of_names() -> None:
@@ -128,7 +136,7 @@ def test_a_gap_that_grows_is_drawn_within_the_picture_and_written_without_expone
         noise_floor=0.0085, rms_before=0.118, gap_before=0.118, rms_after=0.192, gap_after=0.192, closed=-0.46
     )
     drawing = channel_bars(replace(by_hand(), channels={"mag1": row}), shown_units({"magnetometer": "V"}))
-    assert "118 → 192 mV" in drawing
+    assert "118.00 → 192.00 mV" in drawing  # of 600 samples, to a quarter of a millivolt
     assert "13.9 × floor, −46 % closed" in drawing
     right = max(
         float(x) + float(width) for x, width in re.findall(r'<rect x="([\d.]+)" y="[\d.]+" width="([\d.]+)"', drawing)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from estimators.gap.choices import and_words, cause_name, choice_words, sigmas_words
+from estimators.gap.readable_units import readable_unit
 from estimators.gap.remainder_words import likeliest_words
 from estimators.gap.share_words import chance, elsewhere_words, percent
 from rig.documents import plain
@@ -59,7 +59,7 @@ class Cause:
         probability: of all explanations that hold it or one of its equivalents.
         equivalent: causes that do the same to this recording, each ``effect``, ``where`` and ``probability``.
         parameters: by name; widths over all explanations that hold the cause.
-        closed: share of the gap that it closes.
+        closed: share of the squared gap that comes back where it alone is taken out again, of every kind of cause.
         recording: of several, the one in which alone it acts, or in which it begins; None: all of them.
         evidence: of several, by name: by how much each one's log likelihood falls where it is taken out again.
     """
@@ -371,7 +371,7 @@ def _size(name: str, estimate: Estimate) -> str:
         or isinstance(estimate.std, tuple)
     ):
         return ""
-    unit = {"rad": "deg", "relative": "", "Hz": "Hz as sampled"}.get(estimate.unit, estimate.unit)
-    scale = math.degrees(1.0) if unit == "deg" else 1.0
+    scale, unit = readable_unit(estimate.unit, max(abs(estimate.value), estimate.std))
+    unit = "Hz as sampled" if unit == "Hz" else unit
     size = " +- ".join(with_std(scale * estimate.value, scale * estimate.std))
     return f"{'' if unit == 'deg' else f'{name} '}{size} {unit}".rstrip()

@@ -16,10 +16,14 @@ def chance(probability: float) -> str:
 
 
 def percent(share: float | None, low: float | None = None, high: float | None = None) -> str:
-    """A share in percent, to a tenth close to everything, with its interval where that says more: "97 % (95-99)"."""
+    """A share in percent, to a tenth close to everything, with its interval where that says more: "97 % (95-99)"; what
+    rounds to nothing is not called nothing."""
     value, *ends = (_hundredths(each) for each in (share, low, high))
     if value == "–":
         return value
+    if value == "0" and share:
+        value = "< 1"
+        ends = ["–"] if ends == ["0", "0"] else ends
     between = " to " if low is not None and low < 0.0 else "-"  # a dash beside a minus sign cannot be read
     return f"{value} %" if "–" in ends or ends == [value, value] else f"{value} % ({ends[0]}{between}{ends[1]})"
 
@@ -28,7 +32,7 @@ def _hundredths(share: float | None) -> str:
     if share is None or not math.isfinite(share):
         return "–"
     value = 100.0 * share
-    return f"{value:.1f}".removesuffix(".0") if 99.0 <= value < 99.95 else f"{value:.0f}"
+    return f"{value:.1f}".removesuffix(".0") if 99.0 <= value < 99.95 else f"{round(value)}"
 
 
 def elsewhere_words(share: float) -> str:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from estimators.gap.choices import sigmas_words
 from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.readable_units import rms_text
 from estimators.gap.remainder_words import variable_words
 from estimators.gap.share_words import chance, percent
 from rig.channels import CHANNELS_OF
@@ -37,16 +38,20 @@ def channel_bars(diagnosis: Diagnosis, shown: Mapping[str, Shown]) -> str:
             for place, name in enumerate(names):
                 row = diagnosis.channels[name]
                 size = row.rms_before if quiet else row.gap_before
-                before, after, floor = (unit.factor * each for each in (size, row.gap_after, row.noise_floor))
+                sizes = (size, row.gap_after, row.noise_floor)
+                before, after, floor = (unit.factor * each for each in sizes)
+                words, words_after, _ = (
+                    rms_text(each, row.noise_floor, diagnosis.samples, unit.factor) for each in sizes
+                )
                 axis.barh(place - 0.2 * explained, before, 0.34, color=VERMILLION)
                 if explained:
                     axis.barh(place + 0.2, after, 0.34, color=BLUE)
                 axis.vlines(floor, place - 0.44, place + 0.44, color=BLACK, linewidth=1.5)
-                told = f"{before:.3g} → {after:.3g} {unit.name}" if explained else f"{before:.3g} {unit.name}"
+                told = f"{words} → {words_after} {unit.name}" if explained else f"{words} {unit.name}"
                 beside = axis.get_yaxis_transform()
                 axis.text(1.015, place - 0.06, told, weight="bold", va="bottom", transform=beside)
-                words = _beside(row.closed, before / max(floor, 1e-300))
-                axis.text(1.015, place + 0.06, words, fontsize=8, va="top", transform=beside)
+                below = _beside(row.closed, before / max(floor, 1e-300))
+                axis.text(1.015, place + 0.06, below, fontsize=8, va="top", transform=beside)
             axis.set_yticks(range(len(names)), names)
             axis.set_ylim(len(names) - 0.5, -0.5)
             axis.set_xlim(0.0, max(axis.get_xlim()[1], 1e-12))

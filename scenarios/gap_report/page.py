@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.readable_units import two_digits
 from estimators.gap.share_words import chance
 from scenarios.gap_report import html, sections
 from scenarios.gap_report.gap_residuals import GapResiduals
@@ -75,7 +76,9 @@ def _tiles(diagnosis: Diagnosis) -> str:
         tiles.append(("Residual over floor", f"{ratios[0]:.2f} – {ratios[-1]:.2f}", "RMS of each channel"))
     elif rows:
         worst = max(rows, key=lambda name: rows[name].gap_before / rows[name].noise_floor)
-        tiles.append(("Largest gap", f"{rows[worst].gap_before / rows[worst].noise_floor:.2g} × floor", f"in {worst}"))
+        tiles.append(
+            ("Largest gap", f"{two_digits(rows[worst].gap_before / rows[worst].noise_floor)} × floor", f"in {worst}")
+        )
     tiles.append(_probability(diagnosis))
     if diagnosis.closed.value is not None:
         share, _, interval = closed_words(diagnosis).partition(" (")

@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 from estimators.gap.diagnosis import Cause, Diagnosis
+from estimators.gap.readable_units import rms_text
 from estimators.gap.remainder_words import is_noise, share_left, source_words, variable_words
 from estimators.gap.share_words import chance, elsewhere_words
 from rig.recording import Recording
@@ -16,6 +17,7 @@ from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.maneuver_words import interval_words
 from scenarios.gap_report.words import (
+    ITS_SHARE,
     MEANINGS,
     RIG_COLUMNS,
     VERDICTS,
@@ -35,7 +37,6 @@ from scenarios.gap_report.words import (
     rig_words,
     share_words,
     status_words,
-    whole_words,
 )
 from scenarios.shown_units import parameter_unit, shown_units
 
@@ -72,7 +73,7 @@ def fitted_rig(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     shown = shown_units(residuals.recording.units)
     rows = []
     for name, row in diagnosis.rig["channels"].items():
-        sizes = (f"{shown[name].factor * row[key]:.3g}" for key in RIG_COLUMNS)
+        sizes = (rms_text(row[key], row["noise_floor"], diagnosis.samples, shown[name].factor) for key in RIG_COLUMNS)
         rows.append((f"<code>{escape(name)}</code>", *sizes, escape(shown[name].name)))
     titles = ("channel", *RIG_COLUMNS.values(), "unit")
     words = " ".join(escape(line) for line in rig_words(diagnosis))
@@ -178,9 +179,8 @@ def which(diagnosis: Diagnosis) -> str:
     parts.append(
         '<p class="soft">The probability of a cause is that of all explanations that have it, or what does the same in '
         "its place. Established: .95 or more; likely: .5 or more; possible: less. “Not felt”: this recording says "
-        "nothing about that number. Its share: what comes back of the squared gap where that cause alone is taken out "
-        "again; of noise and of single readings, how much of what these add is accounted for. The pictures and the "
-        "improved rig have the causes of the likeliest explanation.</p>"
+        f"nothing about that number. Its share: {ITS_SHARE}; two causes that do a part of the same have shares that "
+        "do not add up. The pictures and the improved rig have the causes of the likeliest explanation.</p>"
     )
     parts += [_cause(cause, status_words(cause, diagnosis)) for cause in diagnosis.causes]
     return "\n".join(parts)
@@ -201,7 +201,7 @@ def _cause(cause: Cause, status: str) -> str:
         ("status", status),
         (
             "its share",
-            f"{share_words(cause.closed)} of {whole_words(cause)}" if cause.closed.value is not None else "–",
+            f"{share_words(cause.closed)} of the squared gap" if cause.closed.value is not None else "–",
         ),
         ("in the catalogue", f"{cause.effect}, {cause.where}"),
     ]
@@ -231,7 +231,8 @@ def how_far(diagnosis: Diagnosis, residuals: Sequence[GapResiduals]) -> str:
     for name, row in diagnosis.channels.items():
         shown = unit[name]
         sizes = (row.noise_floor, row.rms_before, row.rms_after, row.gap_before, row.gap_after)
-        rows.append((name, *(f"{shown.factor * size:.4g}" for size in sizes), part_words(row.closed), shown.name))
+        told = (rms_text(size, row.noise_floor, diagnosis.samples, shown.factor) for size in sizes)
+        rows.append((name, *told, part_words(row.closed), shown.name))
     titles = ("channel", "floor", "RMS before", "RMS after", "gap before", "gap after", "closed", "unit")
     elsewhere = diagnosis.closed_elsewhere
     also = "" if elsewhere is None else f"<p>{elsewhere_words(elsewhere).capitalize()}.</p>"

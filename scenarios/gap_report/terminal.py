@@ -11,14 +11,15 @@ from rich.text import Text
 
 from estimators.gap.choices import sigmas_words
 from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.readable_units import rms_text, two_digits
 from estimators.gap.remainder_words import variable_words
 from estimators.gap.share_words import chance, percent
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.words import (
+    ITS_SHARE,
     RIG_COLUMNS,
     VERDICTS,
-    adds,
     alike_words,
     cause_title,
     closed_words,
@@ -69,7 +70,7 @@ def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
         _explanations(diagnosis),
     ]
     if diagnosis.rig is not None:
-        parts[2:2] = [Text(""), _against_rig(diagnosis.rig, units), *map(Text, rig_words(diagnosis))]
+        parts[2:2] = [Text(""), _against_rig(diagnosis.rig, units, diagnosis.samples), *map(Text, rig_words(diagnosis))]
     if diagnosis.causes:
         parts += [Text(""), _causes(diagnosis)]
     if diagnosis.channels:
@@ -96,12 +97,13 @@ def _explanations(diagnosis: Diagnosis) -> Table:
     return result
 
 
-def _against_rig(rig: Mapping[str, Any], units: Mapping[str, str]) -> Table:
+def _against_rig(rig: Mapping[str, Any], units: Mapping[str, str], samples: int) -> Table:
     shown = shown_units(units)
     numbers = tuple(RIG_COLUMNS.values())
     result = table("channel", *numbers, "unit", numbers=numbers)
     for name, row in rig["channels"].items():
-        result.add_row(name, *(f"{shown[name].factor * row[key]:.3g}" for key in RIG_COLUMNS), shown[name].name)
+        sizes = (rms_text(row[key], row["noise_floor"], samples, shown[name].factor) for key in RIG_COLUMNS)
+        result.add_row(name, *sizes, shown[name].name)
     return result
 
 
@@ -128,11 +130,13 @@ def _channels(diagnosis: Diagnosis, units: Mapping[str, str]) -> Table:
     numbers = ("floor", "RMS", "RMS / floor", *gap)
     result = table("channel", *numbers, "unit", numbers=numbers)
     for name, row in diagnosis.channels.items():
-        factor = shown[name].factor
-        sizes = [f"{factor * size:.3g}" for size in (row.noise_floor, row.rms_before)]
-        sizes.append(f"{row.rms_before / row.noise_floor:.2f}" if row.noise_floor > 0 else "–")
-        told = [f"{factor * row.gap_before:.3g}", f"{factor * row.gap_after:.3g}", part_words(row.closed)]
-        result.add_row(name, *sizes, *told[: len(gap)], shown[name].name)
+        every = (row.noise_floor, row.rms_before, row.gap_before, row.gap_after)
+        own, residual, *gaps = (
+            rms_text(each, row.noise_floor, diagnosis.samples, shown[name].factor) for each in every
+        )
+        ratio = f"{row.rms_before / row.noise_floor:.2f}" if row.noise_floor > 0 else "–"
+        told = [*gaps, part_words(row.closed)]
+        result.add_row(name, own, residual, ratio, *told[: len(gap)], shown[name].name)
     return result
 
 
@@ -144,7 +148,7 @@ def _recordings(diagnosis: Diagnosis) -> Table:
     for name in diagnosis.recordings:
         own = diagnosis.by_recording[name]
         ratio = max((row.gap_before / row.noise_floor for row in own.values() if row.noise_floor > 0), default=0.0)
-        result.add_row(name, f"{ratio:.2g}", *(f"{cause.evidence.get(name, 0.0):,.1f}" for cause in told))
+        result.add_row(name, two_digits(ratio), *(f"{cause.evidence.get(name, 0.0):,.1f}" for cause in told))
     return result
 
 
@@ -163,11 +167,7 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
         sizes = [f"{name} by {sigmas_words(shift['sigmas'])}" for name, shift in shifts]
         lines.append("shifts       " + ", ".join([f"{sizes[0]} standard deviations", *sizes[1:]]))
     if len(diagnosis.causes) > 1:
-        own = any(map(adds, diagnosis.causes))
-        lines.append(
-            "its share    of a cause: what comes back of the squared gap where it alone is taken out again"
-            + ("; of noise and of single readings, how much of what these add is accounted for" if own else "")
-        )
+        lines.append(f"its share    of a cause: {ITS_SHARE}")
     left = left_words(diagnosis)
     lines.append(f"left over    {diagnosis.remainder.verdict}" + (f": {left}" if left else ""))
     if hidden := hidden_words(diagnosis):

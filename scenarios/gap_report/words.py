@@ -10,16 +10,15 @@ from typing import Final
 
 from estimators.gap.choices import Causes, and_words, cause_name, choice_words, parted
 from estimators.gap.diagnosis import ESTABLISHED, Cause, Closed, Diagnosis, Estimate, Hypothesis
+from estimators.gap.readable_units import readable_unit, two_digits
 from estimators.gap.remainder_words import left_over_words
 from estimators.gap.share_words import chance, percent
-from rig.effects import EFFECTS, Kind
+from rig.effects import EFFECTS
 from scenarios.terminal.tables import plus_minus, shortened
 
 #: A parameter of more numbers is not written out.
 _MOST_NUMBERS: Final = 6
 
-#: A unit as it is written elsewhere -> what to multiply with, and the unit that people think in.
-_PEOPLE: Final = {"rad": (180.0 / math.pi, "deg"), "relative": (100.0, "%"), "V": (1e3, "mV")}
 #: What a unit is written as on paper.
 _WRITTEN: Final = (("degC", "°C"), ("m/s^2", "m/s²"), ("m^3", "m³"), ("sqrt(s)", "√s"))
 
@@ -46,6 +45,8 @@ ANSWERS: Final = {
     "known": "known causes alone",
     "other": "something outside the catalogue",
 }
+#: What the share of a cause is.
+ITS_SHARE: Final = "what comes back of the squared gap where it alone is taken out again"
 #: Of what the data do not feel: a maneuver that would show it was not made.
 NOT_FELT: Final = "not felt"
 #: Of a frequency: a faster one looks the same at this sampling rate.
@@ -76,18 +77,24 @@ def estimate_words(estimate: Estimate) -> str:
         return estimate.value
     if not _felt(estimate):
         return NOT_FELT
-    unit = "" if estimate.unit in ("relative", "name") else f" {estimate.unit}"
-    for own, written in _WRITTEN:
-        unit = unit.replace(own, written)
+    unit = "" if estimate.unit in ("relative", "name") else f" {_written(estimate.unit)}"
     return _numbers(estimate, 1.0) + unit + (SAMPLED if estimate.unit == "Hz" else "")
 
 
 def estimate_for_people(estimate: Estimate) -> str:
-    """The same in degrees, percent or millivolts; empty where there is nothing to convert."""
-    if isinstance(estimate.value, str) or estimate.unit not in _PEOPLE or not _felt(estimate):
+    """The same in degrees, percent, milli- or microvolts; empty where there is nothing to convert."""
+    if isinstance(estimate.value, str) or not _felt(estimate):
         return ""
-    factor, unit = _PEOPLE[estimate.unit]
-    return f"{_numbers(estimate, factor)} {unit}"
+    sizes = [abs(each) for pair in _pairs(estimate) for each in pair if each is not None and math.isfinite(each)]
+    factor, unit = readable_unit(estimate.unit, max(sizes))
+    return "" if factor == 1.0 else f"{_numbers(estimate, factor)} {_written(unit)}"
+
+
+def _written(unit: str) -> str:
+    """A unit as on paper."""
+    for own, written in _WRITTEN:
+        unit = unit.replace(own, written)
+    return unit
 
 
 def _felt(estimate: Estimate) -> bool:
@@ -138,17 +145,6 @@ def status_words(cause: Cause, diagnosis: Diagnosis) -> str:
     if cause.equivalent:
         sure += ", it or what does the same"
     return sure if cause in diagnosis.leading else f"{sure}, not in the likeliest explanation"
-
-
-def adds(cause: Cause) -> bool:
-    """Whether its share is one of what it adds itself, as of noise and of single readings."""
-    effect = EFFECTS.get(cause.effect)
-    return effect is not None and effect.kind is not Kind.MEAN
-
-
-def whole_words(cause: Cause) -> str:
-    """What its share is a share of."""
-    return "what it adds" if adds(cause) else "the squared gap"
 
 
 def alike_words(cause: Cause) -> str:
@@ -202,7 +198,7 @@ def hidden_words(diagnosis: Diagnosis) -> str:
     return (
         "A further gap could still hide in the noise: of the errors of one joint, mount, field, clock or channel, the "
         "hardest to see is missed more often than once in twenty with a signal-to-noise ratio of up to "
-        f"{size:.2g} over the whole recording."
+        f"{two_digits(size)} over the whole recording."
     )
 
 
@@ -263,7 +259,7 @@ def rig_words(diagnosis: Diagnosis) -> list[str]:
         words.append(
             f"It leaves {percent(found['left'])} of the squared gap."
             if found["left"] <= 1.0
-            else f"With it the squared gap is {found['left']:.2g} times as large."
+            else f"With it the squared gap is {two_digits(found['left'])} times as large."
         )
     return words
 

@@ -20,6 +20,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.evidence.states import log_det
 from estimators.gap.hypotheses.stochastic import known_steps
+from estimators.gap.readable_units import two_digits
 from estimators.gap.report.p_values import log_bayes_factor
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
@@ -185,5 +186,7 @@ def _why(ratio: float, at_floor: bool, refused: float | None, chose: bool, diagn
     if chose:
         return "this recording chose the fitted rig: only another recording of the same arm can tell"
     hidden = diagnosis.remainder.could_hide_snr
-    limit = "" if hidden is None else f"; a gap with a signal-to-noise ratio of up to {hidden:.2g} could still hide"
+    limit = (
+        "" if hidden is None else f"; a gap with a signal-to-noise ratio of up to {two_digits(hidden)} could still hide"
+    )
     return f"this recording, which chose nothing of it, is likelier under it, and what it leaves is the floor{limit}"
