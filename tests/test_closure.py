@@ -16,8 +16,11 @@ from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.terms import smooth_terms
 from estimators.gap.hypotheses.prior import FORM, OTHER, OTHER_NOISE, VISIBLE
 from estimators.gap.hypotheses.sources import Source
-from estimators.gap.report.closed_shares import by_cause, out_of_form
+from estimators.gap.hypotheses.stochastic import FittedNoise
+from estimators.gap.report.closed_shares import by_cause, of_noise, of_whole, out_of_form
 from estimators.gap.report.closure import Way, could_hide, drawn, held_out, share
+from rig.channels import CHANNELS
+from rig.effects import make_effect
 
 TIMES, ROWS, SNR = 400, 300, 20.0
 
@@ -131,9 +134,39 @@ def test_what_acts_in_one_block_alone_is_judged_there_as_it_was_fitted() -> None
 def test_the_only_cause_that_is_reported_closes_what_all_close() -> None:
     rng = np.random.default_rng(0)
     after, before = rng.uniform(0.05, 0.15, 100), np.ones(100)
-    leading = SimpleNamespace(explanation=SimpleNamespace(fits=[None, None]))  # another one is there, and not believed
-    posterior = SimpleNamespace(leading=leading)
-    assert by_cause(1, leading, posterior, [1], after, before, rng) == share(after, before)  # type: ignore[arg-type]
+    assert by_cause(1, None, None, before - after, before, rng) == share(after, before)  # type: ignore[arg-type]
+
+
+def noise_of(where: str, variances: tuple[float, ...]) -> FittedNoise:
+    """Noise of a sensor or channel that is known to a per mille, of so many times the floor's variance."""
+    added = np.zeros((ROWS, 6))
+    added[:, [column for column, name in enumerate(CHANNELS) if name == where or name[:3] == where[:3]]] = variances
+    name, strength = ("noise_coloured", "sigma_V") if len(variances) > 1 else ("noise_excess", "extra_sigma")
+    root = tuple(np.sqrt(variances)) if len(variances) > 1 else float(np.sqrt(variances[0]))
+    effect = make_effect(name, {"where": where, strength: root})
+    spread = 1e-3 * np.array(variances)
+    return FittedNoise(effect, 0.0, len(variances), 1, spread, spread, added, False, np.zeros(6))
+
+
+def test_the_shares_of_noise_are_of_the_whole_gap_and_add_up() -> None:
+    """Noise of both sensors and a gap of the mean that is as large as both: a quarter, a quarter and a half."""
+    rng = np.random.default_rng(0)
+    data = SimpleNamespace(parts=[])
+    noises = [noise_of("magnetometer", (0.1, 0.3, 0.2)), noise_of("accelerometer", (0.4, 0.1, 0.1))]
+    size = 0.6 * ROWS
+    whole = np.full(400, 4.0 * size)
+    told = []
+    for one in noises:
+        after, before = of_noise([one], [], data, rng)  # type: ignore[arg-type]
+        assert before == pytest.approx(size)
+        told.append(of_whole(before - after, whole))
+    assert [each.value for each in told] == pytest.approx([0.25, 0.25], abs=1e-4)
+    assert by_cause(0, None, None, np.full(400, 2.0 * size), whole, rng).value == pytest.approx(0.5)  # type: ignore[arg-type]
+
+
+def test_a_cause_takes_no_more_than_the_gap() -> None:
+    """Where its own draws of the gap and the whole one's are apart."""
+    assert of_whole(np.full(9, 8.0), np.full(9, 1e-12)) == share(np.zeros(9), np.ones(9))
 
 
 @pytest.mark.parametrize("log_prior", [-2.0, -8.0])

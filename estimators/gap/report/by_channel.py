@@ -37,11 +37,13 @@ def channels(
     quiet: bool,
     other: bool,
     after: Array,
+    noise_left: float,
 ) -> list[dict[str, Channel]]:
     """Of each recording the gap of each channel, before and after; never above the root mean square of its residual.
 
     Args:
         defects, floors: of each recording.
+        after: (d,) draws of the squares that are left of mean effects. noise_left: share left of noise and defects.
     """
     change = settled.change(effects) if effects else np.zeros_like(data.residual)
     gap = settled.left_over(change) if effects else change
@@ -63,7 +65,7 @@ def channels(
             named = float(sum(each[column] ** 2 for each in own_gaps))
             before, fitted, rest = (float(np.mean(values[rows, column] ** 2)) for values in (data.residual, gap, left))
             own[CHANNELS[column]] = _channel(
-                sigma_V, before + tails, fitted, rest + tails, named, ratio, quiet, other, bool(effects)
+                sigma_V, before + tails, fitted, rest + tails, named, (ratio, noise_left), quiet, other, bool(effects)
             )
         found.append(own)
     return found
@@ -75,15 +77,16 @@ def _channel(
     fitted: float,
     rest: float,
     named: float,
-    ratio: float,
+    left: tuple[float, float],
     quiet: bool,
     other: bool,
     means: bool,
 ) -> Channel:
-    """From the floor and mean squares: before, of the fitted gap, of what is left, and of named noise and defects."""
+    """From the floor and mean squares: before, of the fitted gap, of what is left, and of named noise and defects;
+    the shares that are left of the gap and of these."""
     rms_before, rms_after = math.sqrt(before), math.sqrt(rest)
     # what has no name is in some channels and not in others: what is left of each says in which
-    remains = max(rest - sigma**2 - named, 0.0) if other else fitted * min(ratio, 1.0)
+    remains = max(rest - sigma**2 - named, 0.0) if other else fitted * min(left[0], 1.0) + named * left[1]
     gap_before = 0.0 if quiet else min(math.sqrt(fitted + named + (remains if other else 0.0)), rms_before)
     gap_after = 0.0 if quiet else min(math.sqrt(remains), rms_after)
     told = gap_before > 1e-3 * sigma

@@ -1,4 +1,8 @@
-"""Shares of the squared gap that are closed, drawn from the posterior: by all causes, by each, by noise and defects."""
+"""Shares of the squared gap that are closed, drawn from the posterior: by all causes, and by each.
+
+All are of one whole, what mean effects, noise and defects together add to the squares. Of noise and of defects the
+shares add up; two mean effects can do a part of the same.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +27,7 @@ from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
 from rig.arrays import Array
+from rig.channels import CHANNELS
 
 #: Of a normal variable, so many values that are equally likely.
 _LIKELY: Final = ndtri((np.arange(8) + 0.5) / 8.0)
@@ -59,7 +64,7 @@ def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Gene
             apart = shapes_apart(each.explanation, floor)
             way = closure.Way(float(probability), floor.whitened - linear.left, linear, each.moments, apart=apart)
             if each.state.other:
-                way = replace(way, nameless=max(left, 0.0))
+                way = replace(way, nameless=max(left - _added(each.state.fitted), 0.0))
             elif each.terms and not each.state.steps:
                 way = replace(way, terms=each.terms)
             ways.append(way)
@@ -97,61 +102,59 @@ def shapes_apart(explanation: Explanation, floor: WhitenedData) -> list[Array]:
 def of_noise(
     noises: Sequence[FittedNoise], defects: Sequence[tuple[Defect, int]], data: WhitenedData, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """The same of named noise and defects: squares that stay wrong of those that they add."""
+    """The same of noise and defects: squares that stay wrong of those that they add."""
     after, before = np.zeros(1), np.zeros(1)
     for fitted in [each for one in noises for each in one.every]:
+        strengths = np.atleast_1d(np.asarray(_strength(fitted), dtype=float))
+        columns = range(len(CHANNELS))[fitted.effect.columns]
         for index, spread in enumerate(fitted.spread):
-            column = data.columns[index] if len(fitted.spread) > 1 else None
-            size = float(np.nansum(fitted.added if column is None else fitted.added[:, column]))
-            root = np.atleast_1d(np.asarray(_strength(fitted), dtype=float))[index] ** 2
-            wrong = closure.of_noise(max(root, 1e-300), float(spread), rng)
+            added = fitted.added if len(fitted.spread) == 1 else fitted.added[:, columns[index]]
+            size = float(np.nansum(added))
+            wrong = closure.of_noise(max(strengths[index] ** 2, 1e-300), float(spread), rng)
             after = after + size * np.minimum(wrong, 1.0) ** 2
             before = before + size
     for defect, number in defects:
         part = data.parts[number]
         sigma = sigmas(part.whiteners)
         size = float(np.nansum((defect.gap / sigma) ** 2)) * part.count
-        wrong = closure.of_noise(
-            1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))) if defect.affected.any() else 1e-3, rng
-        )
+        many = int(defect.affected.sum())
+        wrong = closure.of_noise(1.0, float(1.0 / np.sqrt(many)) if many else 1e-3, rng)
         after = after + size * np.minimum(wrong, 1.0) ** 2
         before = before + size
     return after, before
 
 
 def by_cause(
-    index: int,
-    holder: Hypothesis,
-    posterior: Posterior,
-    reported: Sequence[int],
-    after: Array,
-    before: Array,
-    rng: np.random.Generator,
+    index: int, holder: Hypothesis, posterior: Posterior, took: Array | None, whole: Array, rng: np.random.Generator
 ) -> Closed:
-    """By how much the squared gap grows, as a share of what it was, where this cause is taken out again.
+    """The share of the squared gap that comes back where a mean effect alone is taken out again.
 
     Args:
         holder: the likeliest hypothesis that holds it. index: its number there.
-        reported, after, before: as of ``of_causes``.
+        took: (d,) draws of the squares that the reported mean effects took, where it is all of these; else None.
+        whole: (d,) draws of the squared gap.
     """
+    if took is not None:
+        return of_whole(took, whole)
     explanation = holder.explanation
-    if len(explanation.fits) == 1 or (holder is posterior.leading and list(reported) == [index]):
-        return closure.share(after, before)
     here = explanation.on(posterior.scanner.fine.data)
     data, linear = here.data, here.linear
     mine = linear.owner == index
-    deltas = closure.of_parameters(holder.moments, rng, len(before))[:, mine]
+    deltas = closure.of_parameters(holder.moments, rng, len(whole))[:, mine]
     own = replace(linear, tangent=linear.tangent[:, mine])
-    grown = closure.moved(own, project(data.absorbed, data.whiten(explanation.own_change(index, data))), deltas)
-    return closure.share(np.maximum(before - grown, 0.0), before)
+    change = project(data.absorbed, data.whiten(explanation.own_change(index, data)))
+    return of_whole(closure.moved(own, change, deltas), whole)
 
 
-def by_noise(fitted: FittedNoise, rng: np.random.Generator) -> Closed:
-    """The share of what a noise effect adds that its strength, as it is known, accounts for."""
-    squares = np.atleast_1d(np.asarray(_strength(fitted), dtype=float))[: fitted.rank] ** 2
-    total = max(float(squares.sum()), 1e-300)
-    wrong = sum(closure.of_noise(total, float(spread), rng) ** 2 for spread in fitted.spread)
-    return closure.share(np.minimum(np.asarray(wrong), 1.0), np.ones(len(np.asarray(wrong))))
+def of_whole(took: Array, whole: Array) -> Closed:
+    """Squares as a share of the squared gap (d,), of which they are a part."""
+    whole = np.maximum(whole, took)
+    return closure.share(whole - took, whole)
+
+
+def _added(noises: Sequence[FittedNoise]) -> float:
+    """Squares that named noise adds to whitened readings."""
+    return float(sum(np.nansum(fitted.added) for one in noises for fitted in one.every))
 
 
 def _strength(fitted: FittedNoise) -> object:

@@ -11,16 +11,12 @@ import numpy as np
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.stack import Stack
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, OneOf, Remainder, verdict_of
+from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, OneOf, verdict_of
 from estimators.gap.evidence.converge import converged
-from estimators.gap.evidence.discrepancy import Weighed, weighed
-from estimators.gap.evidence.laplace import linearised
-from estimators.gap.evidence.refine import at
-from estimators.gap.evidence.terms import every_along
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.pooled import pooled
-from estimators.gap.report import by_channel, closed_shares, closure, marginal
+from estimators.gap.report import by_channel, closed_shares, closure, left_over, marginal
 from estimators.gap.report.by_recording import of_several
 from estimators.gap.report.one_of import at_least_one
 from estimators.gap.report.p_values import defect_probability, doubts
@@ -29,7 +25,6 @@ from estimators.gap.report.shift import calibration_shift
 from estimators.gap.search.hypothesis import Hypothesis as Found
 from estimators.gap.search.posterior import Posterior
 from rig.arrays import Array
-from rig.channels import CHANNELS
 from rig.effects import Effect
 from rig.errors import in_short
 from rig.recording import Recording
@@ -69,7 +64,7 @@ def conclude(
         for own, source in zip(defects, sources, strict=True)
     ]
     named = [(defect, number) for number, own in enumerate(defects) for defect in own if defect.effect not in without]
-    nameless = [defect for own in defects for defect in own if defect.effect in without]
+    nameless = any(defect.effect in without for own in defects for defect in own)
     certain: dict[tuple[str, str], float] = {}
     for each, number in named:
         key, beside = (each.effect, each.where), data.parts[number] if posterior.leading.other else None
@@ -79,7 +74,7 @@ def conclude(
     same = marginal.twins(posterior)
     places = marginal.places(posterior, same)
     doubted = doubts(posterior)
-    hypotheses, masses, omitted, one_of = _listed(posterior, places, same, certain, bool(nameless), doubted)
+    hypotheses, masses, omitted, one_of = _listed(posterior, places, same, certain, nameless, doubted)
     leading = posterior.leading
     rng = np.random.default_rng(0)
     believed = _believed(leading, doubted.get(0))
@@ -92,20 +87,27 @@ def conclude(
     noise_after, noise_before = closed_shares.of_noise(
         noises, [one for one in named if certain[one[0].effect, one[0].where] >= _REPORTED], data, rng
     )
+    no_name = [(each, number) for number, own in enumerate(defects) for each in own if each.effect in without]
+    unnamed = closed_shares.of_noise((), no_name, data, rng)[1]
+    whole = before + noise_before + unnamed
     quiet = masses["nothing"] >= 0.5
     has_cause = bool(fits or noises or named)
-    closed = closure.share(after + noise_after, before + noise_before) if has_cause and not quiet else _NO_CLOSURE
+    closed = closure.share(after + noise_after + unnamed, whole) if has_cause and not quiet else _NO_CLOSURE
     causes = (
         ()
         if quiet
-        else _causes(posterior, leading, places, same, named, certain, doubted, reported, after, before, rng)
+        else _causes(
+            posterior, leading, places, same, named, certain, doubted, reported, before - after, whole, data, rng
+        )
     )
     causes = in_recorded_units(causes, recordings[0].units)
     kind = verdict_of(masses, hypotheses, causes)
     settled = data.around(leading.explanation.data.pipeline) if effects else data
     other = masses["other"] >= 0.5
-    remainder = _remainder(posterior, nameless, other, rng)
-    channels = by_channel.channels(data, settled, effects, noises, defects, floors, quiet, other, after)
+    gap = float(np.median(whole))
+    remainder = left_over.remainder(posterior, [each for each, _ in no_name], float(unnamed[0]), other, gap, rng)
+    noise_left = float(np.median(noise_after)) / max(float(np.median(noise_before)), 1e-12)
+    channels = by_channel.channels(data, settled, effects, noises, defects, floors, quiet, other, after, noise_left)
     counts = [len(recording) for recording in recordings]
     names = [recording.name for recording in recordings]
     estimated = [name for name, source in zip(names, sources, strict=True) if source != "locked recording"]
@@ -123,7 +125,7 @@ def conclude(
         hypotheses=hypotheses,
         causes=causes,
         channels=pooled(channels, counts),
-        follows=() if quiet else _follows(posterior),
+        follows=() if quiet else left_over.follows(posterior, gap),
         closed=closed,
         closed_on="held-out blocks",
         remainder=remainder,
@@ -209,11 +211,16 @@ def _causes(
     certain: Mapping[tuple[str, str], float],
     doubted: Mapping[int, Sequence[float]],
     means: Sequence[int],
-    after: Array,
-    before: Array,
+    took: Array,
+    whole: Array,
+    every: WhitenedData,
     rng: np.random.Generator,
 ) -> tuple[Cause, ...]:
-    """Those of the leading explanation (``means``: the numbers of its reported members), and others that are likely."""
+    """Those of the leading explanation (``means``: the numbers of its reported members), and others that are likely.
+
+    Args:
+        took, whole: (d,) draws of the squares that its mean effects took, and of the squared gap. every: the data.
+    """
     holders: dict[tuple[str, int], list[tuple[Found, float, int]]] = {}
     reported = set()
     for number, (each, weight) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
@@ -241,13 +248,15 @@ def _causes(
             holder, _, index = mean[0]
             alone = (label, 1) not in holders
             estimates = marginal.parameters(index, [one[:2] for one in mean] if alone else [mean[0][:2]])
-            closed = closed_shares.by_cause(index, holder, posterior, means, after, before, rng)
+            only = took if holder is leading and list(means) == [index] else None
+            closed = closed_shares.by_cause(index, holder, posterior, only, whole, rng)
         else:
             holder, index = held[0][0], -1
             fitted = next((o for each, *_ in held for o in each.state.fitted if o.label == label), None)
             if fitted is None:  # a twin of what is listed elsewhere
                 continue
-            estimates, closed = _of_noise(fitted), closed_shares.by_noise(fitted, rng)
+            wrong, added = closed_shares.of_noise((fitted,), (), every, rng)
+            estimates, closed = _of_noise(fitted), closed_shares.of_whole(added - wrong, whole)
         data = leading.explanation.data
         cause = Cause(effect, where, probability, equivalent, estimates, closed)
         if isinstance(data, Stack):
@@ -255,8 +264,8 @@ def _causes(
         found.append(cause)
     for defect, number in defects:
         estimates = {name: Estimate(*values) for name, values in defect.parameters.items()}
-        wrong = closure.of_noise(1.0, float(1.0 / np.sqrt(max(defect.affected.sum(), 1))), rng)
-        part = closure.share(np.minimum(wrong, 1.0) ** 2, np.ones(len(wrong)))
+        wrong, added = closed_shares.of_noise((), ((defect, number),), every, rng)
+        part = closed_shares.of_whole(added - wrong, whole)
         cause = Cause(defect.effect, defect.where, certain[defect.effect, defect.where], (), estimates, part)
         data = leading.explanation.data
         found.append(replace(cause, recording=data.names[number]) if isinstance(data, Stack) else cause)
@@ -271,77 +280,3 @@ def _of_noise(fitted: FittedNoise) -> dict[str, Estimate]:
             std = float(fitted.std[0]) if item.size == 1 else tuple(map(float, fitted.std))
         found[item.name] = Estimate(getattr(fitted.effect, item.name), std, item.unit)
     return found
-
-
-def _follows(posterior: Posterior) -> tuple[dict[str, object], ...]:
-    """What the whole gap follows: for each course the share of it that the likeliest source takes along that."""
-    linear = linearised(at([], posterior.scanner.fine.data))
-    rough = posterior.scanner.rough.data
-    found: dict[str, float] = {}
-    size = max(float(rough.whitened @ rough.whitened) - rough.size + rough.absorbed.rank, 1.0)
-    every = weighed(linear, posterior.discrepancies)
-    for each, taken in zip(every, _taken(every, linear.left), strict=True):
-        size = max(size, taken)  # means over neighbours hide what is fast
-        if not each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
-            found[each.term.course] = max(found.get(each.term.course, 0.0), taken)
-    ranked = [(name, float(np.clip(taken / size, 0.0, 1.0))) for name, taken in found.items()]
-    ranked.sort(key=lambda item: -item[1])
-    return tuple({"variable": name, "share": share} for name, share in ranked if share > 0.01)
-
-
-def _taken(every: Sequence[Weighed], residual: Array) -> list[float]:
-    """The squared gap that each term takes of a residual, shrunk by its likeliest amplitude, less what noise makes."""
-    found = []
-    for each, along in zip(every, every_along([each.term for each in every], residual[:, None]), strict=True):
-        values, variance = each.term.values, float(each.term.variances[int(np.argmax(each.gains))])
-        shrink = variance / (1.0 + variance * values)
-        found.append(float(np.sum(shrink**2 * values * np.maximum(along[:, 0] ** 2 - values, 0.0))))
-    return found
-
-
-def _remainder(posterior: Posterior, nameless: Sequence[Defect], other: bool, rng: np.random.Generator) -> Remainder:
-    rough = posterior.scanner.rough.data
-    hidden = closure.could_hide(posterior.discrepancies, rng)
-    follows: list[dict[str, object]] = [
-        {"source": "single readings", "course": f"{each.effect}-like", "share": 1.0} for each in nameless
-    ]
-    if other:
-        with_terms = next((each for each in posterior.hypotheses if each.terms), None)
-        gap = max(float(rough.whitened @ rough.whitened) - rough.size, 1.0)
-        if with_terms is not None:
-            near = [each for each in with_terms.terms if each.log_mass > with_terms.terms[0].log_mass - 3.0]
-            first = {each.term.source: each for each in reversed(near)}  # of each source the likeliest
-            told = sorted(first.values(), key=lambda each: -each.log_mass)[:3]
-            taken = _taken(told, with_terms.explanation.linear.left)
-            gap = max(gap, *taken)  # means over neighbours hide what is fast
-            for each, square in zip(told, taken, strict=True):
-                share = float(np.clip(square / gap, 0.0, 1.0))
-                follows.append({"source": each.term.source, "course": each.term.course, "share": share})
-        if posterior.hypotheses[0].state.other:
-            for step in posterior.hypotheses[0].state.steps:
-                if step.in_time:
-                    continue
-                added = float(np.sum(1.0 / np.maximum(step.factor, 1e-9) ** 2 - 1.0))
-                follows.append(
-                    {
-                        "source": f"noise of {CHANNELS[step.column]} by itself{_in(rough, step.part)}",
-                        "course": _band(step.factor, rough.parts[step.part]),
-                        "share": float(np.clip(added / max(added, gap), 0.0, 1.0)),
-                    }
-                )
-    return Remainder("structured" if other or nameless else "noise", tuple(follows), float(hidden))
-
-
-def _in(data: WhitenedData, number: int) -> str:
-    """Which of several recordings, in words."""
-    return f" in {data.names[number]}" if isinstance(data, Stack) and len(data.parts) > 1 else ""
-
-
-def _band(factor: Array, data: WhitenedData) -> str:
-    """The frequencies at which noise is raised most."""
-    power = 1.0 / np.maximum(factor[1:], 1e-9) ** 2
-    raised = power - power.min()
-    cumulated = np.cumsum(raised) / max(float(raised.sum()), 1e-300)
-    low, high = np.searchsorted(cumulated, [0.1, 0.9])
-    unit = 0.5 * data.samples / (data.interval_s * len(raised))
-    return f"{max(low, 1) * unit:.2g} to {max(high, 1) * unit:.2g} Hz"

@@ -1,0 +1,116 @@
+"""What the gap follows, and what the likeliest explanation leaves of it: each as a share of the squared gap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from estimators.gap.data.defects import Defect
+from estimators.gap.data.stack import Stack
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.diagnosis import Remainder
+from estimators.gap.evidence.discrepancy import Weighed, weighed
+from estimators.gap.evidence.laplace import linearised
+from estimators.gap.evidence.refine import at
+from estimators.gap.evidence.terms import every_along
+from estimators.gap.report import closure
+from estimators.gap.search.posterior import Posterior
+from rig.arrays import Array
+from rig.channels import CHANNELS
+
+#: What may be left is told of where it is so likely.
+_TOLD: Final = 0.1
+
+
+def follows(posterior: Posterior, gap: float) -> tuple[dict[str, object], ...]:
+    """What the whole squared gap follows: for each course the share that the likeliest source takes along that."""
+    linear = linearised(at([], posterior.scanner.fine.data))
+    found: dict[str, float] = {}
+    every = weighed(linear, posterior.discrepancies)
+    for each, taken in zip(every, _taken(every, linear.left), strict=True):
+        gap = max(gap, taken)
+        if not each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
+            found[each.term.course] = max(found.get(each.term.course, 0.0), taken)
+    ranked = sorted(found.items(), key=lambda item: -item[1])
+    return tuple({"variable": name, "share": taken / gap} for name, taken in ranked if taken > 0.01 * gap)
+
+
+def _taken(every: Sequence[Weighed], residual: Array) -> list[float]:
+    """The squared gap that each term takes of a residual, shrunk by its likeliest amplitude, less what noise makes."""
+    found = []
+    for each, along in zip(every, every_along([each.term for each in every], residual[:, None]), strict=True):
+        values, variance = each.term.values, float(each.term.variances[int(np.argmax(each.gains))])
+        shrink = variance / (1.0 + variance * values)
+        found.append(float(np.sum(shrink**2 * values * np.maximum(along[:, 0] ** 2 - values, 0.0))))
+    return found
+
+
+def remainder(
+    posterior: Posterior,
+    nameless: Sequence[Defect],
+    unnamed: float,
+    other: bool,
+    gap: float,
+    rng: np.random.Generator,
+) -> Remainder:
+    """What is left: single readings without a name, of ``unnamed`` squares; errors of the rig, one of which is meant;
+    noise of channels. Of the squared gap, which is no smaller than what is left."""
+    hidden = closure.could_hide(posterior.discrepancies, rng)
+    left: list[tuple[str, str, float]] = [
+        ("single readings", f"{each.effect}-like", unnamed / len(nameless)) for each in nameless
+    ]
+    if other:
+        errors, noise = _errors(posterior), _nameless_noise(posterior)
+        gap = max(gap, sum(added for *_, added in noise) + max((taken for *_, taken in errors), default=0.0))
+        left += [*errors, *noise]
+    gap = max(gap, *(square for *_, square in left), 1.0)
+    each_left = tuple({"source": source, "course": course, "share": square / gap} for source, course, square in left)
+    return Remainder("structured" if other or nameless else "noise", each_left, float(hidden))
+
+
+def _errors(posterior: Posterior) -> list[tuple[str, str, float]]:
+    """Source, course and squares of what a discrepancy may be, the likeliest first; none where it is unlikely."""
+    first = next((each for each in posterior.hypotheses if each.terms), None)
+    likely = sum(p for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if each.terms)
+    if first is None or likely < _TOLD:
+        return []
+    near = [each for each in first.terms if each.log_mass > first.terms[0].log_mass - 3.0]
+    of_source = {each.term.source: each for each in reversed(near)}  # of each source the likeliest
+    told = sorted(of_source.values(), key=lambda each: -each.log_mass)[:3]
+    taken = _taken(told, first.explanation.linear.left)
+    return [(each.term.source, each.term.course, square) for each, square in zip(told, taken, strict=True)]
+
+
+def _nameless_noise(posterior: Posterior) -> list[tuple[str, str, float]]:
+    """Source, band and squares of noise without a name, channel by channel; none where that is unlikely."""
+    first = next((each for each in posterior.hypotheses if each.state.other), None)
+    likely = sum(p for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if each.state.other)
+    if first is None or likely < _TOLD:
+        return []
+    rough = posterior.scanner.rough.data
+    return [
+        (
+            f"noise of {CHANNELS[step.column]} by itself{_in(rough, step.part)}",
+            _band(step.factor, rough.parts[step.part]),
+            float(np.sum(1.0 / np.maximum(step.factor, 1e-9) ** 2 - 1.0)),
+        )
+        for step in first.state.steps
+        if not step.in_time
+    ]
+
+
+def _in(data: WhitenedData, number: int) -> str:
+    """Which of several recordings, in words."""
+    return f" in {data.names[number]}" if isinstance(data, Stack) and len(data.parts) > 1 else ""
+
+
+def _band(factor: Array, data: WhitenedData) -> str:
+    """The frequencies at which noise is raised most."""
+    power = 1.0 / np.maximum(factor[1:], 1e-9) ** 2
+    raised = power - power.min()
+    cumulated = np.cumsum(raised) / max(float(raised.sum()), 1e-300)
+    low, high = np.searchsorted(cumulated, [0.1, 0.9])
+    unit = 0.5 * data.samples / (data.interval_s * len(raised))
+    return f"{max(low, 1) * unit:.2g} to {max(high, 1) * unit:.2g} Hz"
