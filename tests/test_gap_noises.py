@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosed_recordings import scenario as small
 from scipy.stats import binom
 from whitened_examples import recorded
 
+import estimators
 import scenarios
 from estimators.gap.data.basefit import estimated_floor, posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
@@ -199,3 +201,17 @@ def test_noise_beside_more_causes_is_asked_for_where_it_may_matter(locked: Recor
         found = noises.beyond_each(given, [one, nothing], least)
         assert any(each.explanation is nothing for each in found)
         assert any(each.explanation is one for each in found) is there
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_of_two_channels_is_two_causes(seed: int) -> None:
+    """Each of twice the floor's variance, which 600 readings tell to 6 %: noise without a name takes both at once, and
+    costs more."""
+    noises = [
+        make_effect("noise_excess", {"where": "accel2", "extra_sigma": 0.02}),
+        make_effect("noise_excess", {"where": "mag1", "extra_sigma": 0.012}),
+    ]
+    run = small().with_effects(noises).simulate(seed)
+    found = estimators.diagnose(run, small().simulate_locked(seed), without=[n for n in EFFECTS if n != "noise_excess"])
+    assert found.hypotheses[0].causes == (("noise_excess", "accel2"), ("noise_excess", "mag1"))
+    assert found.posterior["known"] > 0.5

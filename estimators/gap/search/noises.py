@@ -84,11 +84,26 @@ class Noises:
         data = given[1].fine.data
         data = data.around(each.data.pipeline) if each.members else data
         lefts = left_of(data, Explained(data.absorbed, each.linear.left))
-        states = named(lefts, self.without, given[0])
-        if not given[0].name:
-            states += self._unnamed(given[0], lefts)
-        found = self._promised(given, each, data, each.linear, states)
-        return found if given[0].name else found + self.as_floor(given, each)
+        found = self._promised(given, each, data, each.linear, named(lefts, self.without, given[0]))
+        found += self._with_more(given, each, found)
+        if given[0].name:
+            return found
+        found += self._promised(given, each, data, each.linear, self._unnamed(given[0], lefts))
+        return found + self.as_floor(given, each)
+
+    def _with_more(self, given: Given, each: Explanation, promises: Sequence[Promise]) -> list[Promise]:
+        """Ever one more noise effect beside the likeliest, where that is evident: noise without a name takes that of
+        all channels at once, and would leave each of several far behind."""
+        here, found = each.on(given[1].fine.data), []
+        least = here.log_mass + given[0].log_weight
+        while promises and (best := max(promises, key=lambda one: one.log_mass)).log_mass > least + _BETTER:
+            found.append(best)
+            least = best.log_mass
+            lefts = _left_after(here.data, best.state.steps[len(given[0].steps) :], _unexplained(here))
+            bare = replace(best.state, log_weight=best.state.log_weight - best.determinant)
+            parts = named(lefts, self.without, bare)
+            promises = self._promised(given, each, here.data, here.linear, parts)
+        return found[1:]
 
     def beyond_each(self, given: Given, every: Sequence[Explanation], least: float) -> list[Promise]:
         """The same beside each of some explanations, but where it is hopeless: noise gains no more beside a set than
