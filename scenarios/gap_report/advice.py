@@ -27,6 +27,7 @@ _LOOK: Final = {
     "the offset": "look at the supply, temperature and wiring of {source}",
     "the gain of all": "look at the converter's reference and the supply",
     "the gain": "look at the amplifier, reference voltage and range of {source}",
+    "the strength of ": "see what changes {source} during the maneuver",
     "single readings": "look at the cable, the connector and the converter's range",
 }
 

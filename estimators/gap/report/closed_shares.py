@@ -33,11 +33,13 @@ from rig.channels import CHANNELS
 _LIKELY: Final = ndtri((np.arange(8) + 0.5) / 8.0)
 
 
-def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Generator) -> tuple[Array, Array]:
+def of_causes(
+    posterior: Posterior, told: Hypothesis, reported: Sequence[int], rng: np.random.Generator
+) -> tuple[Array, Array]:
     """Draws (d,) of the squared gap that is left and that was there, in whitened units: of what moves the mean.
 
     Args:
-        reported: the numbers of those members of the leading explanation that are.
+        told: the hypothesis whose causes are reported. reported: the numbers of those of its members that are.
     """
     floor = posterior.scanner.fine.data
     known: dict[tuple[object, ...], Linear] = {}
@@ -49,7 +51,7 @@ def of_causes(posterior: Posterior, reported: Sequence[int], rng: np.random.Gene
             known[key] = explanation.linear if same else explanation.on(floor).linear
         return known[key]
 
-    leading = posterior.leading.explanation
+    leading = told.explanation
     own = under_floor(leading)
     if len(reported) < len(leading.members):
         data = floor.around(leading.data.pipeline)

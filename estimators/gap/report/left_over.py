@@ -16,6 +16,7 @@ from estimators.gap.evidence.laplace import linearised
 from estimators.gap.evidence.refine import at
 from estimators.gap.evidence.terms import every_along
 from estimators.gap.report import closure
+from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
 from rig.arrays import Array
 from rig.channels import CHANNELS
@@ -49,6 +50,7 @@ def _taken(every: Sequence[Weighed], residual: Array) -> list[float]:
 
 def remainder(
     posterior: Posterior,
+    leading: Hypothesis,
     nameless: Sequence[Defect],
     unnamed: float,
     other: bool,
@@ -62,7 +64,7 @@ def remainder(
         ("single readings", f"{each.effect}-like", unnamed / len(nameless)) for each in nameless
     ]
     if other:
-        errors, noise = _errors(posterior), _nameless_noise(posterior)
+        errors, noise = _errors(posterior, leading), _nameless_noise(posterior)
         gap = max(gap, sum(added for *_, added in noise) + max((taken for *_, taken in errors), default=0.0))
         left += [*errors, *noise]
     gap = max(gap, *(square for *_, square in left), 1.0)
@@ -70,9 +72,9 @@ def remainder(
     return Remainder("structured" if other or nameless else "noise", each_left, float(hidden))
 
 
-def _errors(posterior: Posterior) -> list[tuple[str, str, float]]:
+def _errors(posterior: Posterior, leading: Hypothesis) -> list[tuple[str, str, float]]:
     """Source, course and squares of what a discrepancy may be, the likeliest first; none where it is unlikely."""
-    first = next((each for each in posterior.hypotheses if each.terms), None)
+    first = leading if leading.terms else next((each for each in posterior.hypotheses if each.terms), None)
     likely = sum(p for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if each.terms)
     if first is None or likely < _TOLD:
         return []

@@ -75,14 +75,14 @@ def conclude(
     places = marginal.places(posterior, same)
     doubted = doubts(posterior)
     hypotheses, masses, omitted, one_of = _listed(posterior, places, same, certain, nameless, doubted)
-    leading = posterior.leading
+    single = [name for name, probability in certain.items() if probability >= _REPORTED]
+    leading, believed = _told_of(posterior, places, same, doubted, hypotheses[:1], single, nameless)
     rng = np.random.default_rng(0)
-    believed = _believed(leading, doubted.get(0))
     reported = [index for index in range(len(leading.explanation.members)) if believed[index][1] >= _REPORTED]
     held = {label for label, share in believed[len(leading.explanation.members) :] if share >= _REPORTED}
     noises = tuple(fitted for fitted in leading.state.fitted if fitted.label in held)
     fits = [fit for index, fit in enumerate(_at_every_sample(leading, data)) if index in reported]
-    after, before = closed_shares.of_causes(posterior, reported, rng)
+    after, before = closed_shares.of_causes(posterior, leading, reported, rng)
     effects = [fit.effect for fit in fits]
     noise_after, noise_before = closed_shares.of_noise(
         noises, [one for one in named if certain[one[0].effect, one[0].where] >= _REPORTED], data, rng
@@ -105,7 +105,9 @@ def conclude(
     settled = data.around(leading.explanation.data.pipeline) if effects else data
     other = masses["other"] >= 0.5
     gap = float(np.median(whole))
-    remainder = left_over.remainder(posterior, [each for each, _ in no_name], float(unnamed[0]), other, gap, rng)
+    remainder = left_over.remainder(
+        posterior, leading, [each for each, _ in no_name], float(unnamed[0]), other, gap, rng
+    )
     noise_left = float(np.median(noise_after)) / max(float(np.median(noise_before)), 1e-12)
     channels = by_channel.channels(data, settled, effects, noises, defects, floors, quiet, other, after, noise_left)
     counts = [len(recording) for recording in recordings]
@@ -172,6 +174,35 @@ def _listed(
     for (causes, _), mass in merged.items():
         sets[causes] = sets.get(causes, 0.0) + mass / total
     return tuple(listed), masses, max(0.0, 1.0 - sum(one.probability for one in listed)), at_least_one(sets)
+
+
+def _told_of(
+    posterior: Posterior,
+    places: Mapping[str, marginal.Place],
+    same: Mapping[str, str],
+    doubted: Mapping[int, Sequence[float]],
+    first: Sequence[Hypothesis],
+    single: Sequence[tuple[str, str]],
+    nameless: bool,
+) -> tuple[Found, list[tuple[str, float]]]:
+    """The hypothesis that all figures are of, with the probability of its labels: the likeliest with the causes of the
+    explanation that is listed first, without any that are doubted where there is one. Beside something outside the
+    catalogue, doubts can put another set there than the likeliest's.
+
+    Args:
+        first: the explanation that is listed first. single, nameless: causes of single readings, and whether some have
+            no name.
+    """
+    wanted = [(sorted(each.causes), each.other) for each in first]
+    found = []
+    for number, each in enumerate(posterior.hypotheses):
+        believed = _believed(each, doubted.get(number))
+        names = [places[same.get(label, label)].name for label, share in believed if share >= _REPORTED]
+        if (sorted([*names, *single]), each.other or nameless) in wanted:
+            found.append((len(believed) - len(names), number, each, believed))
+    if not found:
+        return posterior.leading, _believed(posterior.leading, doubted.get(0))
+    return min(found, key=lambda one: one[:2])[2:]
 
 
 def _believed(each: Found, doubted: Sequence[float] | None) -> list[tuple[str, float]]:

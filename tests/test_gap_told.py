@@ -1,0 +1,34 @@
+"""Which hypothesis a diagnosis' figures are of: one with the causes of the explanation that is listed first."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from estimators.gap.diagnosis import Hypothesis
+from estimators.gap.report.marginal import Place
+from estimators.gap.report.summary import _told_of
+
+DIPOLE = ("base_dipole", "base")
+PLACES = {"base_dipole@base": Place(((*DIPOLE, 1.0),)), "latency@mag": Place((("latency", "mag", 1.0),))}
+
+
+def found(*labels: str, other: bool = True) -> Any:
+    members = [SimpleNamespace(label=label) for label in labels]
+    return SimpleNamespace(explanation=SimpleNamespace(members=members), state=SimpleNamespace(labels=()), other=other)
+
+
+def told(hypotheses: list[Any], doubted: dict[int, tuple[float, ...]], *causes: tuple[str, str]) -> Any:
+    posterior = SimpleNamespace(hypotheses=hypotheses, leading=hypotheses[0])
+    first = [Hypothesis(causes, True, 0.5)]
+    return _told_of(posterior, PLACES, {}, doubted, first, (), False)[0]  # type: ignore[arg-type]
+
+
+def test_the_figures_are_of_the_explanation_that_is_listed_first() -> None:
+    """A dipole leads by its mass; it is doubted in a set with another effect, or so that most are without it."""
+    dipole, nothing, doubtful = found("base_dipole@base"), found(), found("latency@mag")
+    every, doubted = [dipole, doubtful, nothing], {0: (0.6,), 1: (0.2,)}
+    assert told(every, doubted, DIPOLE) is dipole
+    assert told(every, doubted) is nothing  # with no cause that is doubted, where there is one
+    assert told([dipole, doubtful], doubted) is doubtful
+    assert told([dipole], {0: (0.6,)}) is dipole  # nothing else was weighed
