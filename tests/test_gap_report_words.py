@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 
 import pytest
-from diagnosed_recordings import backlash, by_hand, recorded
+from diagnosed_recordings import backlash, by_hand, cause, recorded
 from shown_diagnoses import SHOWN, TWIN, TWINS, UNITS, read, spoken
 
 from estimators.gap.diagnosis import Channel, Hypothesis
@@ -99,6 +99,16 @@ def test_a_maneuver_that_may_be_too_little_is_said_to_be_one() -> None:
     assert "which tells them apart" in next_steps(replace(SHOWN["ambiguous"], next=step))[0]
     step = {**step, "separates": [{"low": 0.0}, {"low": 100.0}]}
     assert "which may tell them apart" in next_steps(replace(SHOWN["ambiguous"], next=step))[0]
+
+
+def test_named_noise_stays_in_the_residual_and_is_said_to(residuals: GapResiduals) -> None:
+    words = "RMS after still has the noise"
+    noise = by_hand(causes=(cause("noise_excess", "accel1", extra_sigma=(0.005, 0.0004, "V")),))
+    assert words in read(page(noise, residuals))
+    assert words not in read(page(by_hand(), residuals))
+    assert "``" not in page(
+        by_hand(causes=(cause("outliers", "acquisition", share=(1e-3, 1e-4, "relative")),)), residuals
+    )
 
 
 def test_what_does_the_same_is_said_as_one_row_of_names() -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
-from typing import Any
+from typing import Any, Final
 
 from estimators.gap.diagnosis import Cause, Diagnosis
 from estimators.gap.readable_units import rms_text
 from estimators.gap.remainder_words import is_noise, share_left, source_words, variable_words
 from estimators.gap.share_words import chance, elsewhere_words
+from rig.effects import EFFECTS, Kind
 from rig.recording import Recording
 from scenarios.gap_report import charts, curves, html, maps
 from scenarios.gap_report.advice import next_steps
@@ -42,6 +43,11 @@ from scenarios.shown_units import parameter_unit, shown_units
 
 _EXPLANATIONS = 10
 _SHIFTS = 12
+#: Of noise and of single readings.
+_NOT_TAKEN_OUT: Final = (
+    "The RMS after still has the noise and the single readings that are named: a simulator makes their like, it does "
+    "not take them out of a recording. The gap after does not have them."
+)
 #: A calibration parameter that moved by less is not worth a bar.
 _WORTH_SIGMAS = 0.5
 
@@ -222,6 +228,11 @@ def _cause(cause: Cause, status: str) -> str:
     return "".join(parts) + "</section>"
 
 
+def _stays(cause: Cause) -> bool:
+    """Whether what a cause does is in the residual with it in the simulator, too."""
+    return cause.effect in EFFECTS and EFFECTS[cause.effect].kind is not Kind.MEAN
+
+
 def how_far(diagnosis: Diagnosis, residuals: Sequence[GapResiduals]) -> str:
     """The share of the gap that is gone, and the numbers by channel."""
     if diagnosis.closed.value is None:
@@ -244,6 +255,7 @@ def how_far(diagnosis: Diagnosis, residuals: Sequence[GapResiduals]) -> str:
             html.figure(charts.closed_bar(diagnosis)),
             also,
             html.table(titles, [tuple(map(escape, row)) for row in rows], numbers=range(1, 7)),
+            *([f'<p class="soft">{_NOT_TAKEN_OUT}</p>'] if any(map(_stays, diagnosis.leading)) else []),
         ]
     )
 

@@ -158,7 +158,8 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
     follows = diagnosis.follows[:4]
     if follows:
         shares = [f"{place_words(variable_words(str(each['variable'])))} {percent(each['share'])}" for each in follows]
-        lines.append("follows      " + "; ".join([f"{shares[0]} of the squared gap", *shares[1:]]))
+        overlap = "; these overlap" if len(shares) > 1 else ""
+        lines.append("follows      " + "; ".join([f"{shares[0]} of the squared gap", *shares[1:]]) + overlap)
     if diagnosis.closed.value is not None:
         judged = "held-out blocks and on the other maneuver" if diagnosis.closed_on == "both" else diagnosis.closed_on
         lines.append(f"closes       {closed_words(diagnosis)} of the squared gap, judged on {judged}")

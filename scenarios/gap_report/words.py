@@ -68,7 +68,7 @@ def formula(effect: str) -> str:
     """The first paragraph of the effect's description, and what its frequency means where it is a tone."""
     paragraph = (inspect.getdoc(EFFECTS[effect]) or "").split("\n\n")[0] if effect in EFFECTS else ""
     tone = " A frequency as sampled: the true one may differ from it, or from minus it, by any multiple of the rate."
-    return paragraph.replace("\n", " ") + (tone if effect in EFFECTS and EFFECTS[effect].tone else "")
+    return paragraph.replace("\n", " ").replace("``", "") + (tone if effect in EFFECTS and EFFECTS[effect].tone else "")
 
 
 def estimate_words(estimate: Estimate) -> str:
