@@ -5,9 +5,13 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+from diagnosed_recordings import recorded
+
+import estimators
 from estimators.gap.diagnosis import Hypothesis
 from estimators.gap.report.marginal import Place
 from estimators.gap.report.summary import _told_of
+from rig.effects import EFFECTS
 
 DIPOLE = ("base_dipole", "base")
 PLACES = {"base_dipole@base": Place(((*DIPOLE, 1.0),)), "latency@mag": Place((("latency", "mag", 1.0),))}
@@ -32,3 +36,11 @@ def test_the_figures_are_of_the_explanation_that_is_listed_first() -> None:
     assert told(every, doubted) is nothing  # with no cause that is doubted, where there is one
     assert told([dipole, doubtful], doubted) is doubtful
     assert told([dipole], {0: (0.6,)}) is dipole  # nothing else was weighed
+
+
+def test_weights_that_were_given_are_told() -> None:
+    run, locked = recorded()
+    without = [name for name in EFFECTS if name != "backlash"]
+    plain, weighed = (estimators.diagnose(run, locked, without=without, prior=own) for own in (None, {"backlash": 5.0}))
+    assert plain.warnings == ()
+    assert weighed.warnings == ("the probabilities rest on given weights of effects: backlash 5",)

@@ -160,7 +160,9 @@ def examined(
     result, effects = conclude(laid.recordings, clean, posterior, readings, without, laid.floors, laid.sources)
     several = len(laid.recordings) > 1
     stuck = [f"{run.name}: " * several + words for run in laid.recordings for words in stuck_words(run)]
-    result = replace(result, warnings=(*result.warnings, *stuck))
+    weighed = [f"{name} {weight:g}" for name, weight in sorted((prior or {}).items()) if weight != 1.0]
+    given = [f"the probabilities rest on given weights of effects: {', '.join(weighed)}"] if weighed else []
+    result = replace(result, warnings=(*result.warnings, *stuck, *given))
     if rig is not None:
         p_value = remainder_p_value(posterior, rig.std_of(Kind.MEAN)) if laid.at_rest else None
         verdict = judged(rig, laid.recordings[0], result, ideal, laid.data[0], defects[0], p_value)
