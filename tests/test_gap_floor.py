@@ -62,6 +62,10 @@ def test_the_response_is_one_over_the_spectrum(noise: ChannelNoise) -> None:
     np.testing.assert_allclose(noise.whitener(DT).response(frequency) * found, 1.0, rtol=1e-9)
 
 
+def test_a_channel_that_is_not_there_has_no_response_and_no_warning() -> None:
+    assert np.isnan(ChannelNoise(np.nan).whitener(DT).response(np.array([0.1, 0.4]))).all()
+
+
 @pytest.mark.parametrize("noise", [WHITE, ONE, TWO, QUICK, BETWEEN])
 @pytest.mark.parametrize("block", [2, 5, 20])
 def test_means_over_blocks_have_the_averaged_noise(noise: ChannelNoise, block: int) -> None:

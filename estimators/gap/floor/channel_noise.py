@@ -196,7 +196,8 @@ class Whitener:
     def response(self, frequency: Array) -> Array:
         """What it does to a spectrum at frequencies [cycles a sample]."""
         lag = np.exp(-2j * np.pi * frequency)
-        return np.asarray(np.abs(np.polyval(self.ar[::-1], lag) / np.polyval(self.ma[::-1], lag) / self.sigma) ** 2)
+        gain = np.abs(np.polyval(self.ar[::-1], lag) / np.polyval(self.ma[::-1], lag))
+        return np.asarray((gain / self.sigma) ** 2)
 
     @property
     def start(self) -> int:
