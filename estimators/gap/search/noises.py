@@ -133,10 +133,11 @@ class Noises:
 
     def moved_beside(self, promises: Sequence[Promise]) -> list[Promise]:
         """The floor moved beside the likeliest named noise: alone that explains little where the floor is not quite
-        what was learned. Beside the explanation that each is likeliest beside, and the smallest."""
+        what was learned. Beside the explanation that each is likeliest beside, and the smallest; further noise then may
+        be what the floor is."""
         every: dict[tuple[str, ...], list[Promise]] = {}
         for one in sorted(promises, key=lambda one: -one.log_mass):
-            if not one.state.name and len(one.state.fitted) > len(one.given[0].fitted):
+            if not one.state.name and len(one.state.fitted) == len(one.given[0].fitted) + 1:
                 every.setdefault(one.state.labels, []).append(one)
         found = []
         for likeliest, *others in list(every.values())[:_MOVED]:
