@@ -122,32 +122,27 @@ def test_coloured_noise_is_the_floor_where_nothing_shows_that() -> None:
 
 
 @pytest.mark.parametrize(
-    ("noise", "tau_s", "slow_is"),
+    ("noise", "tau_s"),
     [
-        (make_effect("timing_jitter", {"where": "acquisition", "sigma_s": 0.05}), 5000.0, ()),
-        (
-            make_effect("noise_excess", {"where": "mag3", "extra_sigma": 0.02}),
-            400.0,
-            ("bias_random_walk@accelerometer",),
-        ),
+        (make_effect("timing_jitter", {"where": "acquisition", "sigma_s": 0.05}), 5000.0),
+        (make_effect("noise_excess", {"where": "mag3", "extra_sigma": 0.02}), 400.0),
     ],
     ids=["a clock that jitters", "noise in excess"],
 )
-def test_slow_noise_is_told_beside_noise_with_a_name(
-    noise: Effect, tau_s: float, slow_is: tuple[str, ...], locked: Recording
-) -> None:
+def test_slow_noise_is_told_beside_noise_with_a_name(noise: Effect, tau_s: float, locked: Recording) -> None:
     """Beside either alone the other looks like something without a name: two draws, each by far.
 
-    Slower than the recording it is the floor that goes on; of a quarter of its length, and in one sensor, a walk of
-    that sensor, as it is where nothing else is there.
+    Slower than the recording it is the floor that goes on; a quarter as long, and in one sensor, it has a name.
     """
     slow = replace(WALK, tau_s=tau_s)
     for seed in range(2):
         base = scenarios.load("ann-arbor").with_acquisition(decimation=200)
         run, arm = posed(base.with_effects([slow, noise]).simulate(seed=seed), None)
         found = explain(set_up(run, floor_and_step(run, locked, arm)[0], arm)).leading
-        assert found.labels == (*slow_is, f"{noise.name}@{noise.where}")
-        assert (found.state.name, found.other) == ("" if slow_is else SLOWER, False)
+        assert f"{noise.name}@{noise.where}" in found.labels
+        assert not found.other
+        named = {"noise_coloured@accelerometer", "bias_random_walk@accelerometer"} & set(found.labels)
+        assert named if tau_s < run.t[-1] - run.t[0] else found.state.name == SLOWER
 
 
 def test_jitter_is_fitted_as_noise_that_follows_the_signal() -> None:

@@ -317,10 +317,9 @@ def test_sets_far_from_everything_are_followed_while_noise_is_likelier_beside_th
 
 @pytest.mark.parametrize("promised", [0.0, -np.inf])
 def test_a_search_ends_where_the_set_belongs_under_another_state_of_the_noise(promised: float, arm: Arm) -> None:
-    """Log mass under that state; without one, the dipole and the crosstalk are both found."""
-    crosstalk = make_effect("channel_crosstalk", {"where": "accel2", "from_": "accel1", "coefficient": 0.01})
-    data = whitened_data(1, arm, DIPOLE, crosstalk)
-    labels = ("base_dipole@base", "channel_crosstalk@accel2", "scale_cubic@mag1")
+    """Log mass under that state; without one, the dipole and the cubic scale are both found."""
+    data = whitened_data(1, arm, DIPOLE, make_effect("scale_cubic", {"where": "mag1", "fraction_of_full": 0.05}))
+    labels = ("base_dipole@base", "scale_cubic@mag1", "scale_quadratic@accel1")
     candidates = [each for each in all_candidates(data) if each.label in labels]
     search = Search(Scanner.of(data), candidates, set_prior(candidates, {}, data, {}))
     asked: list[int] = []

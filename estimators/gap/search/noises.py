@@ -84,12 +84,11 @@ class Noises:
         data = given[1].fine.data
         data = data.around(each.data.pipeline) if each.members else data
         lefts = left_of(data, Explained(data.absorbed, each.linear.left))
-        found = self._promised(given, each, data, each.linear, named(lefts, self.without, given[0]))
-        found += self._with_more(given, each, found)
-        if given[0].name:
-            return found
-        found += self._promised(given, each, data, each.linear, self._unnamed(given[0], lefts))
-        return found + self.as_floor(given, each)
+        states = named(lefts, self.without, given[0])
+        if not given[0].name:
+            states += self._unnamed(given[0], lefts)
+        found = self._promised(given, each, data, each.linear, states)
+        return found if given[0].name else found + self.as_floor(given, each)
 
     def _with_more(self, given: Given, each: Explanation, promises: Sequence[Promise]) -> list[Promise]:
         """Ever one more noise effect beside the likeliest, where that is evident: noise without a name takes that of
@@ -106,8 +105,8 @@ class Noises:
         return found[1:]
 
     def beyond_each(self, given: Given, every: Sequence[Explanation], least: float) -> list[Promise]:
-        """The same beside each of some explanations, but where it is hopeless: noise gains no more beside a set than
-        beside less.
+        """The same beside each of some explanations, with further noise effects where they are likely; but not where it
+        is hopeless: noise gains no more beside a set than beside less.
 
         Args:
             least: log mass below which nothing is worth telling.
@@ -120,7 +119,8 @@ class Noises:
             if alone + most >= least:
                 own = self.beyond(given, each)
                 gains.append((held, _best(own) - alone))
-                found += own
+                likely = [one for one in own if one.log_mass > least and len(one.state.fitted) > len(given[0].fitted)]
+                found += own + self._with_more(given, each, likely)
         return found
 
     def best_beside(self, given: Given, each: Explanation) -> float:
