@@ -366,3 +366,20 @@ def test_the_set_that_leads_sample_by_sample_has_its_effects_swapped_too(
     search.run()
     assert len(calls) in (2, 3)
     assert {labels[:2], labels[::2]} <= {key for key, _ in search.found}
+
+
+@pytest.mark.parametrize(("best", "weighed"), [(2.0, True), (4.0, False)])
+def test_a_set_is_weighed_beside_a_discrepancy_where_that_may_matter(best: float, weighed: bool, arm: Arm) -> None:
+    """A discrepancy that gains nothing beside nothing costs its prior, 2.7 nats, beside a dipole too: from the leading
+    set it is left out where that makes it 6 nats less likely."""
+    data = whitened_data(1, arm, DIPOLE)
+    candidates = [each for each in all_candidates(data) if each.label == "base_dipole@base"]
+    prior, scanner = set_prior(candidates, {}, data, {}), Scanner.of(data)
+    work = weighing.Weighing(scanner, candidates, Noises(prior, (), at_rest=True), progress=None)
+    state, search = posterior.NoiseState(), Search(scanner, candidates, prior)
+    dipole = search.run()[0]
+    assert not work._hopeless(dipole, state)
+    work.gains.append((state, (), weighing._UNKNOWN))
+    work.enter(Hypothesis(dipole, state, (), dipole.log_mass + best))
+    assert work._hopeless(dipole, state) is not weighed
+    assert not work._hopeless(dipole, posterior.NoiseState())
