@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,7 @@ from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.errors import RigError, unknown_name
 from rig.pipeline import Pipeline
+from rig.progress import Progress
 from rig.recording import Recording, read_recording
 from rig.recording.stuck_readings import stuck_words
 from rig.threads import one_blas_thread
@@ -54,7 +55,7 @@ def diagnose(
     maneuver2: Recording | PathLike | None = None,
     without: Sequence[str] = (),
     arm: Arm | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     prior: Mapping[str, float] | None = None,
     rig: FittedRig | None = None,
     calibration: Calibration | None = None,
@@ -106,7 +107,7 @@ def examined(
     maneuver2: Recording | PathLike | None = None,
     without: Sequence[str] = (),
     arm: Arm | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     prior: Mapping[str, float] | None = None,
     rig: FittedRig | None = None,
     calibration: Calibration | None = None,

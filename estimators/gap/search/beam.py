@@ -22,6 +22,7 @@ from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained, solve
 from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted, key_of, without_one
+from rig.progress import Progress
 
 #: Sets of each size that are extended, additions that are fitted to each, and causes at most.
 _BEAM: Final = (3, 2, 2, 1, 1, 1, 1)
@@ -58,7 +59,7 @@ class Search:
     scanner: Scanner
     candidates: Sequence[Candidate]
     prior: Prior
-    progress: Callable[[float], None] | None = None
+    progress: Progress | None = None
     given: tuple[Drawn, ...] = ()
     wide: bool = False
     found: dict[tuple[Key, bool], Explanation] = field(default_factory=dict)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -24,6 +24,7 @@ from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Given, Noises, Promise
 from estimators.gap.search.weighing import FAR, NEAR, Weighing, near_leading
 from rig.arrays import Array
+from rig.progress import Progress
 
 #: Log odds against the leading hypothesis beyond which a state of the noise beside the leading explanation is not
 #: followed: what it promises is what it is worth.
@@ -69,7 +70,7 @@ def explain(
     without: Sequence[str] = (),
     at_rest: bool = True,
     weights: Mapping[str, float] | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Posterior:
     """All hypotheses worth weighing.
 

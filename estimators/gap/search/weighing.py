@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final
@@ -21,6 +21,7 @@ from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation, Key, Member, key_of, without_one
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Given, Noises, Promise
+from rig.progress import Progress
 
 #: Log odds against the leading hypothesis beyond which a state of the noise is not followed.
 FAR: Final = 14.0
@@ -54,7 +55,7 @@ class Weighing:
     scanner: Scanner
     candidates: Sequence[Candidate]
     noises: Noises
-    progress: Callable[[float], None] | None
+    progress: Progress | None
     common: Sequence[CommonNoise] = ()
     discrepancies: Discrepancies | None = None
     hypotheses: dict[tuple[tuple[str, ...], str, bool, bool], Hypothesis] = field(default_factory=dict)
