@@ -69,8 +69,8 @@ class Weighing:
 
     @property
     def best(self) -> float:
-        """Its log mass."""
-        return self.leading.log_mass
+        """Its log mass, or that of what a search ended for."""
+        return max(self.leading.log_mass, *(mass for _, mass in self.overtaken), -np.inf)
 
     def best_under(self, state: NoiseState) -> float:
         """The same of what has the same named noise: with more of that, every set of effects may be likelier."""
@@ -183,7 +183,10 @@ class Weighing:
             self.enter(self.alone(each, state))
         if search.overtaken > -np.inf:
             self.overtaken.append((state, search.overtaken + state.log_weight))
-            return found
+            drops = {key_of(rest) for rest in without_one(found[0].members)}
+            some = [found[0], *(each for each in found if each.key in drops)]
+            discrepancies = discrepancies or Discrepancies.of(search.data, search.rough, self.noises.without)
+            return found + self._beside(some, state, search, discrepancies)
         # where something without a name leads by far, causes can be there beside it, if not without it
         near = self.known(found[0], state) > self.best_under(state) - FAR
         near = near or bool(self.leading.terms and self.leading.state is state)
