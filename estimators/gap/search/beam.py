@@ -53,7 +53,7 @@ class Search:
         given: noise effects that are there, as the prior knows them.
         wide: whether additions are tried that promise far less than the best, as where much is wrong few keep theirs.
         improved: the sets whose effects were dropped and swapped one by one.
-        overtaken: log mass under another state of the noise, where that ended it.
+        overtaken: the set that belongs under another state of the noise, and its log mass there, where that ended it.
     """
 
     scanner: Scanner
@@ -65,7 +65,7 @@ class Search:
     found: dict[tuple[Key, bool], Explanation] = field(default_factory=dict)
     explained: dict[tuple[Key, bool, bool], Explained] = field(default_factory=dict)
     improved: set[Key] = field(default_factory=set)
-    overtaken: float = -np.inf
+    overtaken: tuple[float, Explanation] | None = None
 
     @property
     def data(self) -> WhitenedData:
@@ -92,8 +92,10 @@ class Search:
             target: log mass of the best hypothesis without effects, beyond that of nothing at all: sets far below it
                 are not extended for ever.
             under_others: log mass of a set under the likeliest other state of the noise. Where that is far likelier
-                than what one more effect makes of the set, the search ends: it belongs under that state.
+                than what one more effect makes of the set, and no likelier with it, the search ends: it belongs under
+                that state.
         """
+        others: list[tuple[float, Explanation]] = []
         level = [self.fitted(())]
         for seed in seeds:
             self.fitted(seed)
@@ -120,10 +122,15 @@ class Search:
             if not level or (size >= _FOLLOWED and self._on_samples(level[0]) < target - _FAR):
                 break
             if deep and under_others is not None:
-                other = under_others(self.fine(leading.members, leading))
-                if other > self.fine(level[0].members, level[0]).log_mass + _FAR:
-                    self.overtaken = other
-                    return self._refined()
+                told = self.fine(leading.members, leading)
+                others.append((under_others(told), told))
+                before = max(others, key=lambda one: one[0])
+                if before[0] > self.fine(level[0].members, level[0]).log_mass + _FAR:
+                    grown_too = [self.fine(each.members, each) for each in level[:beam]]
+                    others += [(under_others(each), each) for each in grown_too]
+                    if max(others, key=lambda one: one[0]) is before:
+                        self.overtaken = before
+                        return self._refined()
         if deep or self.wide:
             self._improve(1 if self.wide else 3)
         found = self._refined()

@@ -164,38 +164,53 @@ class Weighing:
         self.enter_nameless(moved, floor, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without))
 
     def weigh(
-        self, state: NoiseState, scanner: Scanner, seeds: Sequence[Sequence[Member]], deep: bool
+        self,
+        state: NoiseState,
+        scanner: Scanner,
+        seeds: Sequence[Sequence[Member]],
+        deep: bool,
+        to_the_end: bool = False,
     ) -> list[Explanation]:
-        """Search under a state of the noise, and enter what was found, with and without a discrepancy."""
+        """Search under a state of the noise, and enter what was found, with and without a discrepancy.
+
+        Args:
+            to_the_end: whether the search goes on where another state is far likelier.
+        """
         search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
-        given, discrepancies, target = (state, scanner), None, -np.inf
+        given, target = (state, scanner), -np.inf
         if first := self.discrepancies is None:
-            self.discrepancies = discrepancies = Discrepancies.of(search.data, search.rough, self.noises.without)
-            self._beside([search.fine(())], state, search, discrepancies)
+            self.discrepancies = Discrepancies.of(search.data, search.rough, self.noises.without)
+            self._beside([search.fine(())], state, search, self.discrepancies)
+        if not state.steps:
             target = self._without_effects(state, search)
-        found = search.run(seeds, deep, target, lambda each: self._under_others(given, each))
-        if first and search.overtaken < self.best:
+        others = None if to_the_end else lambda each: self._under_others(given, each)
+        found = search.run(seeds, deep, target, others)
+        if first and (search.overtaken is None or search.overtaken[0] < self.best):
             self._under_common(state, scanner, self.discrepancies)
-            if search.overtaken > -np.inf:  # by noise that all channels share: what is found beside it may need none
+            if search.overtaken is not None:  # by noise that all channels share: what is found beside it may need none
                 seeds, target = self.leading.explanation.seeds, self._without_effects(state, search)
                 found = search.run(seeds, deep, target, lambda each: self._under_floors(given, each))
         for each in found:
             self.enter(self.alone(each, state))
-        if search.overtaken > -np.inf:
-            self.overtaken.append((state, search.overtaken + state.log_weight))
-            drops = {key_of(rest) for rest in without_one(found[0].members)}
-            some = [found[0], *(each for each in found if each.key in drops)]
-            discrepancies = discrepancies or Discrepancies.of(search.data, search.rough, self.noises.without)
-            return found + self._beside(some, state, search, discrepancies)
+        if search.overtaken is not None:
+            there, belongs = search.overtaken
+            self.overtaken.append((state, there + state.log_weight))
+            some = [belongs, *_leading_and_less(found[:1], found)]
+            return found + self._beside(some, state, search, self._discrepancies_under(state, search))
         # where something without a name leads by far, causes can be there beside it, if not without it
         near = self.known(found[0], state) > self.best_under(state) - FAR
         near = near or bool(self.leading.terms and self.leading.state is state)
         if near and not first:  # by what a discrepancy gains elsewhere
             near = self.known(found[0], state) + self._gained_by_unknown > self.best - NEAR
         if near or first:  # of a floor that is far off, what leads: something else may be beside it
-            discrepancies = discrepancies or Discrepancies.of(search.data, search.rough, self.noises.without)
-            found += self._beside(found if near else found[:1], state, search, discrepancies)
+            some = _leading_and_less(near_leading(found) if near else found[:1], found if near else [])
+            found += self._beside(some, state, search, self._discrepancies_under(state, search))
         return found
+
+    def _discrepancies_under(self, state: NoiseState, search: Search) -> Discrepancies:
+        if self.discrepancies is not None and not state.steps:
+            return self.discrepancies
+        return Discrepancies.of(search.data, search.rough, self.noises.without)
 
     def _without_effects(self, state: NoiseState, search: Search) -> float:
         """Log mass of the likeliest without effects, beyond that of nothing at all: so far sets are followed."""
@@ -252,15 +267,12 @@ class Weighing:
                 self._under_common(state, scanner, discrepancies)
 
     def _beside(
-        self, found: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
+        self, some: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
     ) -> list[Explanation]:
         """Explanations beside discrepancies, and additions once one of these is there, which are given."""
         done: set[tuple[str, ...]] = set()
-        near = near_leading(found)
-        drops = {key_of(rest) for rest in without_one(found[0].members)}
-        queue = near + [each for each in found if not each.members or each.key in drops]
-        added: list[Explanation] = []
-        extended = len(found) == 1
+        queue, added = list(some), []
+        extended = len(some) == 1
         while queue:
             each = queue.pop(0)
             if each.key in done:
@@ -295,6 +307,12 @@ class Weighing:
 def _nothing_else(state: NoiseState) -> float:
     """log probability that beside a state of the noise there is nothing without a name; noise without one says it."""
     return 0.0 if state.other else float(np.log1p(-OTHER))
+
+
+def _leading_and_less(leading: Sequence[Explanation], found: Sequence[Explanation]) -> list[Explanation]:
+    """Explanations, then those found that the first is with one effect more, and that without any."""
+    drops = {key_of(rest) for rest in without_one(leading[0].members)}
+    return [*leading, *(each for each in found if not each.members or each.key in drops)]
 
 
 def near_leading(found: Sequence[Explanation]) -> list[Explanation]:
