@@ -20,10 +20,10 @@ from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.whitened import Columns
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
+from estimators.gap.hypotheses.alike import alike
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.score import Explained, evidence
 from estimators.gap.report.by_channel import MAY_BE_FLOOR
-from estimators.gap.search.beam import _alike
 from rig.effects import EFFECTS, make_effect
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import LockedPoses
@@ -150,7 +150,7 @@ def test_of_places_that_do_the_same_the_likeliest_is_fitted() -> None:
     tests = [SimpleNamespace(candidate=SimpleNamespace(label=label, **of_effect)) for label in labels]
     for each in tests:
         each.score = SimpleNamespace(statistic=9.0)
-    (group,) = _alike(tests, Prior({"joint_offset": dict(zip(labels, (0.2, 1.0), strict=True))}))  # type: ignore[arg-type]
+    (group,) = alike(tests, Prior({"joint_offset": dict(zip(labels, (0.2, 1.0), strict=True))}))  # type: ignore[arg-type]
     assert group == tests[::-1]
 
 

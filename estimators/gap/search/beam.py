@@ -17,6 +17,7 @@ from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.refine import Refit, explained_by, started
+from estimators.gap.hypotheses.alike import alike
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
@@ -188,7 +189,7 @@ class Search:
         tests = self.score_tests(parent)
         held = {label for member in parent.members for label in member.labels}
         grouped: list[tuple[float, list[ScoreTest]]] = []
-        for group in _alike(tests, self.prior):
+        for group in alike(tests, self.prior):
             tested = group[0]
             searched = tested.candidate.effect.searched(self.rough.base) != [{}]
             if tested.score.rank and tested.score.strengths.size and (searched or tested.candidate.label not in held):
@@ -382,26 +383,3 @@ class Search:
 def _smooth(members: Sequence[Member]) -> bool:
     """Whether all effects outlive means over neighbouring samples."""
     return all(member.fit.candidate.smooth for member in members)
-
-
-def _alike(tests: Sequence[ScoreTest], prior: Prior) -> list[list[ScoreTest]]:
-    """Score tests in groups of one effect that does the same at several places, the likeliest place first.
-
-    The first is fitted, and what is said of the group has its size: axes that point against each other differ in sign.
-    """
-    groups: list[list[ScoreTest]] = []
-    of_effect: dict[str, list[list[ScoreTest]]] = {}
-    for tested in tests:
-        own = of_effect.setdefault(tested.candidate.effect.name, [])
-        statistic = tested.score.statistic
-        group = next(
-            (each for each in own if statistic and np.isclose(each[0].score.statistic, statistic, rtol=1e-7)), None
-        )
-        if group is None:
-            group = []
-            own.append(group)
-            groups.append(group)
-        group.append(tested)
-    for group in groups:
-        group.sort(key=lambda tested: -prior.weight(tested.candidate.effect.name, tested.candidate.label))
-    return groups

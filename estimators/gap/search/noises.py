@@ -105,8 +105,8 @@ class Noises:
         return found[1:]
 
     def beyond_each(self, given: Given, every: Sequence[Explanation], least: float) -> list[Promise]:
-        """The same beside each of some explanations, with further noise effects where they are likely; but not where it
-        is hopeless: noise gains no more beside a set than beside less.
+        """The same beside each of some explanations, with further noise effects where any noise makes these likely; but
+        not where it is hopeless: noise gains no more beside a set than beside less.
 
         Args:
             least: log mass below which nothing is worth telling.
@@ -119,8 +119,9 @@ class Noises:
             if alone + most >= least:
                 own = self.beyond(given, each)
                 gains.append((held, _best(own) - alone))
-                likely = [one for one in own if one.log_mass > least and len(one.state.fitted) > len(given[0].fitted)]
-                found += own + self._with_more(given, each, likely)
+                found += own
+                if _best(own) > least:  # also by noise without a name, which several with names may be instead
+                    found += self._with_more(given, each, [one for one in own if one.state.fitted != given[0].fitted])
         return found
 
     def best_beside(self, given: Given, each: Explanation) -> float:
