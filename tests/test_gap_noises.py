@@ -145,6 +145,26 @@ def test_slow_noise_is_told_beside_noise_with_a_name(noise: Effect, tau_s: float
         assert named if tau_s < run.t[-1] - run.t[0] else found.state.name == SLOWER
 
 
+def test_a_promise_that_leads_is_kept_only_where_its_effects_are_refitted(locked: Recording) -> None:
+    """One that says its effects have far to go is worth what they are where they then are; the others stay as they are.
+
+    Learned beside a warm-up that is there, a slower floor promises what it is worth, to a hundredth.
+    """
+    one, _ = beside_a_warmup(0, locked, WARMUP)
+    data = one.explanation.data
+    candidates = all_candidates(data)
+    noises = Noises(set_prior(candidates, {}, data, {}), (), at_rest=True)
+    assert noises.kept([one]) == [one]
+    boasting = replace(one, log_mass=one.log_mass + 100.0, ahead=100.0)
+    (kept,) = noises.kept([boasting])
+    assert kept.log_mass == pytest.approx(one.log_mass, abs=0.05)
+    assert kept.ahead == 0.0
+    other = replace(one, log_mass=one.log_mass + 1.0)
+    assert noises.kept([boasting, other]) == [other, kept]
+    less = replace(boasting, log_mass=one.log_mass - 1.0)
+    assert noises.kept([less, other]) == [other, less]
+
+
 def test_jitter_is_fitted_as_noise_that_follows_the_signal() -> None:
     """What a page whitens by. Jitter of a quarter of a second: a signal-to-noise far above what its size needs."""
     jitter = make_effect("timing_jitter", {"where": "acquisition", "sigma_s": 0.25})

@@ -44,18 +44,22 @@ def log_bayes_factor(explanation: Explanation, index: int) -> float:
     Args:
         index: its number in the set.
     """
-    linear, data = explanation.linear, explanation.data
-    along = project(data.absorbed, data.whiten(explanation.own_change(index, data)))
-    beside = linear.tangent[:, linear.owner != index]
-    if beside.shape[1]:
-        along = along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0]
+    data, along = explanation.data, own_columns(explanation, index)
     channels = len(data.columns)
     information = np.sum(along.reshape(channels, -1) ** 2, axis=0)
-    score = np.sum((along * linear.left).reshape(channels, -1), axis=0)
+    score = np.sum((along * explanation.linear.left).reshape(channels, -1), axis=0)
     cells = min(_CELLS, data.count // _SAMPLES)
     if cells < 2 or not information.sum() > 0.0:
         return 0.0
     return _against_any([of_cells(*_in_cells(information, score, each, cells)) for each in _variables(data)])
+
+
+def own_columns(explanation: Explanation, index: int) -> Array:
+    """(c n,) what one effect of a set does to whitened readings, less what calibration and other effects can do."""
+    linear, data = explanation.linear, explanation.data
+    along = project(data.absorbed, data.whiten(explanation.own_change(index, data)))
+    beside = linear.tangent[:, linear.owner != index]
+    return np.asarray(along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0] if beside.shape[1] else along)
 
 
 def log_bayes_factor_of_noise(fitted: FittedNoise, lefts: Sequence[Left]) -> float:

@@ -13,7 +13,7 @@ from estimators.gap.evidence.states import left_of
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.score import Explained
-from estimators.gap.report import homogeneity
+from estimators.gap.report import homogeneity, reach
 from estimators.gap.search.posterior import Posterior
 
 #: Hypotheses that are looked at, by their probability.
@@ -58,10 +58,13 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
         explanation, prior = each.explanation, posterior.prior
         if id(explanation) not in known:
             known[id(explanation)] = tuple(
-                _probability(homogeneity.log_bayes_factor(explanation, index) + prior.log_single(member.drawn))
+                homogeneity.log_bayes_factor(explanation, index) + prior.log_single(member.drawn)
                 for index, member in enumerate(explanation.members)
             )
-        found[number] = known[id(explanation)]
+        found[number] = tuple(
+            _probability(odds - reach.log_prior_of_image(explanation, index, each.terms))
+            for index, odds in enumerate(known[id(explanation)])
+        )
         if noises := sorted(each.state.fitted, key=lambda fitted: fitted.label):
             here = explanation.on(posterior.scanner.fine.data)
             data, linear = here.data, here.linear
@@ -70,6 +73,7 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
                 _probability(
                     homogeneity.log_bayes_factor_of_noise(fitted, lefts)
                     + prior.log_single((fitted.effect.name, (fitted.label,)))
+                    - reach.log_prior_of_image_of_noise(fitted, data.columns, each.terms)
                 )
                 for fitted in noises
             )

@@ -21,7 +21,8 @@ from estimators.gap.hypotheses.alike import alike
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
-from estimators.gap.hypotheses.score import Explained, solve
+from estimators.gap.hypotheses.score import Explained
+from estimators.gap.search.beside_discrepancy import scores_beside
 from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted, key_of, without_one
 from rig.progress import Progress
 
@@ -234,41 +235,19 @@ class Search:
 
     def beside(self, parent: Explanation, weighed: Weighed) -> list[Explanation]:
         """The set with one more effect each, by their scores beside a discrepancy."""
-        likeliest = int(np.argmax(weighed.gains))
-        shrink = weighed.term.shrunk[0][likeliest]
-        scanner = self._scanner(parent)
-        data, look = (self.data, scanner.fine) if weighed.term.errors.means is None else (self.rough, scanner.rough)
-        explained = self._left(parent, data)
-        taken = explained.without(weighed.term.mean(explained.residual, likeliest)[:, None])[:, 0]
-        less = replace(explained, residual=explained.residual - taken)  # where an effect is best seen
-        held = {member.label for member in parent.members}
-        tests = [
-            max(look.best(candidate, less)[:2], key=lambda tested: tested.score.statistic)
-            for candidate in self.candidates
-            if candidate.smooth and candidate.label not in held
+        held, scanner = {member.label for member in parent.members}, self._scanner(parent)
+        others = [each for each in self.candidates if each.label not in held]
+        on_means = [each for each in others if each.smooth and weighed.term.errors.means is not None]
+        on_samples = [each for each in others if each not in on_means]
+        scored = scores_beside(on_means, weighed, scanner, scanner.rough, self._left(parent, self.rough))
+        scored += scores_beside(on_samples, weighed, scanner, scanner.fine, self._left(parent, self.data))
+        prices = [self.prior.log_single((one.candidate.effect.name, (one.candidate.label,))) for _, one in scored]
+        promises = sorted(zip(scored, prices, strict=True), key=lambda each: -each[0][0] - each[1])
+        return [
+            self._fitted((*parent.members, self._member([tested], parent)), self.data)
+            for (gained, tested), price in promises[:3]
+            if gained + price > -_FAR and tested.score.strengths.size
         ]
-        columns = [look.columns(tested.candidate, tested.shape) for tested in tests]
-        ends = np.cumsum([1, *(own.values.shape[1] for own in columns)]).tolist()
-        full = np.zeros((ends[-1], data.size)).T
-        for own, first, end in zip(columns, ends[:-1], ends[1:], strict=True):
-            full[own.rows, first:end] = own.values
-        full = explained.without(full)
-        full[:, 0] = explained.residual
-        along = weighed.term.along(full)
-        gram = full.T @ full - (along * shrink[:, None]).T @ along
-        length = np.linalg.norm(full, axis=0)
-        scored: list[tuple[float, ScoreTest]] = []
-        for tested, first, end in zip(tests, ends[:-1], ends[1:], strict=True):
-            part = slice(first, end)
-            score = solve(gram[part, part], gram[part, 0], length[part])
-            price = self.prior.log_single((tested.candidate.effect.name, (tested.candidate.label,)))
-            scored.append((0.5 * score.evidence + price - tested.spread, tested))
-        scored.sort(key=lambda each: -each[0])
-        found = []
-        for promise, tested in scored[:3]:
-            if promise > -_FAR and tested.score.strengths.size:
-                found.append(self._fitted((*parent.members, self._member([tested], parent)), self.data))
-        return found
 
     def without_one(self, each: Explanation) -> list[Explanation]:
         """The set without each of its effects, sample by sample."""

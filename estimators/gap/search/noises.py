@@ -39,6 +39,8 @@ from rig.arrays import Array
 _BETTER: Final = 1.0
 #: The floor is moved beside so many noise effects, the likeliest of those that could be there.
 _MOVED: Final = 2
+#: What effects gain by moving, beyond which first order may be wrong by as much.
+STRAIGHT: Final = 0.1
 #: Beside so many explanations the parts of a floor that nothing shows are learned.
 _BESIDE: Final = 4
 
@@ -54,6 +56,7 @@ class Promise:
         log_mass: of the explanation that it was learned beside, without a discrepancy. state: the noise.
         given: the state that it goes beyond. explanation: that it was learned beside.
         determinant: the part of the state's log weight that is its steps'.
+        ahead: log likelihood and prior that its effects are to gain by moving, as if they were linear.
     """
 
     log_mass: float
@@ -61,6 +64,7 @@ class Promise:
     given: Given
     explanation: Explanation
     determinant: float = 0.0
+    ahead: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -130,7 +134,9 @@ class Noises:
         found = self.beyond(given, each)
         # until they are asked for; with both, so that no other has their identity
         self._known[id(given[0]), id(each)] = given, each, found
-        return max((one.log_mass for one in found if not one.state.other), default=-np.inf)
+        # either may be as large as what is left, whatever that is
+        takes_all = [one for one in found if one.state.other or one.state.name == UNSEEN]
+        return max((one.log_mass for one in found if one not in takes_all), default=-np.inf)
 
     def moved_beside(self, promises: Sequence[Promise]) -> list[Promise]:
         """The floor moved beside the likeliest named noise: alone that explains little where the floor is not quite
@@ -271,8 +277,23 @@ class Noises:
             under, determinant = under_steps(pieces, linear, state.steps[taken:])
             weight = state.log_weight + determinant
             own = replace(state, log_weight=weight)
-            found.append(Promise(under.averaged[0] + prior + weight, own, given, each, determinant))
+            mass = under.averaged[0] + prior + weight
+            found.append(Promise(mass, own, given, each, determinant, under.ahead if each.members else 0.0))
         return found
+
+    def kept(self, promises: Sequence[Promise]) -> list[Promise]:
+        """The same, until the likeliest keeps what it promises: refitted under its state, where its effects have so far
+        to go that they may not be linear."""
+        kept = sorted(promises, key=lambda one: -one.log_mass)
+        while kept and kept[0].ahead > STRAIGHT:
+            first = kept.pop(0)
+            fresh = first.given[1].stepped(first.state.steps[len(first.given[0].steps) :])
+            refitted = converged(first.explanation.fits, fresh.fine.data)
+            prior = self.prior.log_set([*first.state.drawn, *(member.drawn for member in first.explanation.members)])
+            own = Explanation(as_fitted(first.explanation.members, refitted), refitted.data, prior, True, refitted)
+            kept.append(replace(first, log_mass=own.log_mass + first.state.log_weight, ahead=0.0))
+            kept.sort(key=lambda one: -one.log_mass)
+        return kept
 
 
 def _unexplained(here: Explanation) -> Array:

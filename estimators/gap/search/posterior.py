@@ -107,7 +107,7 @@ def explain(
             likeliest = max((one for one in states if one.state.name == name), key=lambda one: one.log_mass)
             if likeliest.log_mass > work.best - FAR:
                 states += noises.beside_fewer(likeliest)
-        frontier = []
+        states, frontier = noises.kept(states), []
         # before what the states promise is entered
         reached = max(each.log_mass for each in work.hypotheses.values() if tried or each.state is floor)
         best: dict[tuple[str, tuple[str, ...]], Promise] = {}

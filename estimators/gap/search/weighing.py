@@ -275,12 +275,11 @@ class Weighing:
         extended = len(some) == 1
         while queue:
             each = queue.pop(0)
-            if each.key in done:
-                continue
-            done.add(each.key)
-            self.enter_common(self.alone(each, state))
-            if not self._hopeless(each, state):
-                self.enter_nameless(each, state, discrepancies)
+            if each.key not in done:
+                done.add(each.key)
+                self.enter_common(self.alone(each, state))
+                if not self._hopeless(each, state):
+                    self.enter_nameless(each, state, discrepancies)
             if queue:
                 continue
             nameless = [one for one in self.hypotheses.values() if one.terms and one.state is state]

@@ -1,0 +1,70 @@
+"""Causes beside something outside the catalogue: found where that leaves them, and no image of what acts elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosed_recordings import scenario as small
+
+import estimators
+from estimators.gap.data.basefit import posed, set_up
+from estimators.gap.data.laid_out import floor_and_step
+from estimators.gap.hypotheses.prior import OTHER
+from estimators.gap.report.reach import log_prior_of_image
+from estimators.gap.search.posterior import Posterior, explain
+from rig.effects import EFFECTS, make_effect
+from rig.recording import Recording
+
+FEW = ("vibration", "scale_temperature", "supply_ratiometric", "joint_scale", "field_gradient", "backlash")
+WITHOUT = [name for name in EFFECTS if name not in FEW]
+SHAKING = make_effect(
+    "vibration", {"where": "accelerometer", "amplitude_m_s2": 0.12, "freq_Hz": 37.3, "direction": (1.0, 1.0, 0.0)}
+)
+
+
+def shaken(seed: int) -> Recording:
+    """A tone of the accelerometer, and the gain of one channel of the magnetometer along a course that has no name."""
+    run = small().with_effects([SHAKING]).simulate(seed)
+    t = run.t / run.t[-1]
+    course = np.cos(2.0 * np.pi * 3.3 * t) * np.exp(-t) + 0.5 * np.sin(2.0 * np.pi * 5.1 * t**2)
+    magnetometer = run.magnetometer.copy()
+    magnetometer[:, 2] *= 1.0 + 0.08 * course
+    return replace(run, magnetometer=magnetometer)
+
+
+@pytest.fixture(scope="module")
+def posterior() -> Posterior:
+    run, arm = posed(shaken(0), None)
+    floor = floor_and_step(run, small().simulate_locked(0), arm)[0]
+    return explain(set_up(run, floor, arm), WITHOUT)
+
+
+def test_a_tone_is_found_beside_something_outside_the_catalogue() -> None:
+    """The tone alone gains some 60 nats, the unknown hundreds: three draws of three."""
+    for seed in range(3):
+        found = estimators.diagnose(shaken(seed), small().simulate_locked(seed), without=WITHOUT)
+        assert found.posterior["other"] > 0.99
+        told = {(cause.effect, cause.where) for cause in found.causes if cause.probability > 0.8}
+        assert told == {("vibration", "accelerometer")}
+
+
+def test_what_acts_on_other_channels_is_an_image_of_a_second_unknown_thing(posterior: Posterior) -> None:
+    leading = posterior.leading
+    assert [member.label.split("/")[0] for member in leading.explanation.members] == ["vibration@accelerometer"]
+    assert leading.terms
+    assert log_prior_of_image(leading.explanation, 0, leading.terms) == pytest.approx(np.log(OTHER), abs=1e-3)
+    assert log_prior_of_image(leading.explanation, 0, ()) == 0.0
+
+
+def test_what_acts_on_the_same_channels_may_be_an_image(posterior: Posterior) -> None:
+    """The unknown is of mag3: the magnetometer's gain with temperature, beside nothing that undoes it elsewhere."""
+    label, terms = "scale_temperature@magnetometer", posterior.leading.terms
+    found = [
+        log_prior_of_image(each.explanation, [one.label for one in each.explanation.members].index(label), terms)
+        for each in posterior.hypotheses
+        if label in each.explanation.key and "supply_ratiometric@supply" not in each.explanation.key
+    ]
+    assert found
+    assert found == pytest.approx(np.zeros(len(found)), abs=1e-6)
