@@ -1,10 +1,13 @@
-"""Causes of which at least one is there: against the sums that say so."""
+"""Causes of which at least one is there, against the sums that say so; and places that are one."""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
 
 import pytest
 
 from estimators.gap.diagnosis import OneOf
+from estimators.gap.report.marginal import twins
 from estimators.gap.report.one_of import at_least_one
 
 DIPOLE, GRADIENT, LAG, STEP = (
@@ -32,3 +35,20 @@ def test_a_cause_that_is_as_likely_without_the_others_is_none_of_them() -> None:
     both = {(DIPOLE,): 0.5, (GRADIENT,): 0.5}
     masses = {(*causes, *extra): mass * 0.5 for causes, mass in both.items() for extra in ((), (STEP,))}
     assert at_least_one(masses) == (OneOf((DIPOLE, GRADIENT), 1.0),)
+
+
+def test_places_that_do_the_same_are_one_under_whatever_floor_they_were_fitted() -> None:
+    """Irons of two links of which no joint between them moves, each found beside another floor."""
+
+    def of(state: str, log_mass: float, *labels: str) -> SimpleNamespace:
+        member = SimpleNamespace(label=labels[0], labels=labels)
+        explanation = SimpleNamespace(key=(labels[0],), members=(member,))
+        return SimpleNamespace(
+            log_mass=log_mass, terms=(), state=SimpleNamespace(labels=(), name=state), explanation=explanation
+        )
+
+    first, third = "link_soft_iron@link1", "link_soft_iron@link3"
+    hypotheses = [of("", 0.0, third, first), of("slower floor", -1.5, first, third), of("", -9.0, "backlash@joint5")]
+    assert twins(SimpleNamespace(hypotheses=hypotheses)) == {first: third}  # type: ignore[arg-type]
+    alone = [of("", 0.0, third), of("slower floor", -1.5, first)]
+    assert twins(SimpleNamespace(hypotheses=alone)) == {}  # type: ignore[arg-type]

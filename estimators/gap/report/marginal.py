@@ -61,6 +61,11 @@ def twins(posterior: Posterior) -> dict[str, str]:
             if len(mine) == len(theirs) == 1 and _distance(one, two) < _TWINS:
                 (kept,), (gone,) = mine, theirs
                 found.setdefault(gone, found.get(kept, kept))
+    for each in posterior.hypotheses:  # what scored alike does the same, whatever floor it was fitted beside
+        for member in each.explanation.members:
+            if member.label not in found:
+                others = set(member.labels[1:]) - set(found.values()) - found.keys()
+                found |= dict.fromkeys(others, member.label)
     return found
 
 

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.gap.data.projection import project
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.hypotheses.prior import OTHER
 from estimators.gap.hypotheses.stochastic import FittedNoise
@@ -22,16 +23,19 @@ _SECOND: Final = float(np.log(OTHER))
 def log_prior_of_image(explanation: Explanation, index: int, terms: Sequence[Weighed]) -> float:
     """Log probability that a thing outside the catalogue does as much as one effect of a set where it does anything.
 
+    Where it does nothing an effect counts that gains there by itself, too: another that is an image may do anything
+    there, and what undoes that is no cause.
+
     Args:
         index: the effect's number in the set. terms: of the discrepancy; none: noise, which may be anywhere.
     """
     if not terms:
         return 0.0
-    along, left = own_columns(explanation, index), explanation.linear.left
-    channels = len(explanation.data.columns)
-    # of each channel, how much likelier the fitted strength is there than none
-    gained = np.sum((along * (0.5 * along + left)).reshape(channels, -1), axis=1)
-    return _log_prior(gained, terms)
+    data, left = explanation.data, explanation.linear.left
+    alone = project(data.absorbed, data.whiten(explanation.own_change(index, data)))
+    every = project(data.absorbed, data.whiten(data.change([fit.effect for fit in explanation.fits])))
+    beside_others = _gained(own_columns(explanation, index), left, len(data.columns))
+    return _log_prior(beside_others, _gained(alone, left + every - alone, len(data.columns)), terms)
 
 
 def log_prior_of_image_of_noise(fitted: FittedNoise, columns: Sequence[int], terms: Sequence[Weighed]) -> float:
@@ -43,13 +47,20 @@ def log_prior_of_image_of_noise(fitted: FittedNoise, columns: Sequence[int], ter
     if not terms:
         return 0.0
     added = np.sum([each.added[:, list(columns)].sum(axis=0) for each in fitted.every], axis=0)
-    return _log_prior(0.5 * fitted.gain * added / max(float(added.sum()), 1e-300), terms)
+    gained = 0.5 * fitted.gain * added / max(float(added.sum()), 1e-300)
+    return _log_prior(gained, gained, terms)
 
 
-def _log_prior(gained: Array, terms: Sequence[Weighed]) -> float:
+def _gained(along: Array, left: Array, channels: int) -> Array:
+    """(c,) how much likelier what an effect does (c n,) is on each channel than nothing, from what it leaves."""
+    return np.asarray(np.sum((along * (0.5 * along + left)).reshape(channels, -1), axis=1))
+
+
+def _log_prior(beside_others: Array, alone: Array, terms: Sequence[Weighed]) -> float:
     """Each term explains nothing of what an effect gains on channels (c,) where it does nothing."""
     masses = np.array([one.log_mass for one in terms])
-    outside = np.array([max(float(gained[~_channels(one)].sum()), 0.0) for one in terms])
+    beyond = [~_channels(one) for one in terms]
+    outside = np.array([max(min(float(beside_others[own].sum()), float(alone[own].sum())), 0.0) for own in beyond])
     inside = float(np.logaddexp.reduce(masses - outside) - np.logaddexp.reduce(masses))
     return min(float(np.logaddexp(inside, _SECOND)), 0.0)
 
