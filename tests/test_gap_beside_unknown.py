@@ -11,7 +11,7 @@ from diagnosed_recordings import scenario as small
 import estimators
 from estimators.gap.data.basefit import posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
-from estimators.gap.hypotheses.prior import OTHER
+from estimators.gap.hypotheses.prior import FURTHER
 from estimators.gap.report.reach import log_prior_of_image
 from estimators.gap.search.posterior import Posterior, explain
 from rig.effects import EFFECTS, make_effect
@@ -54,7 +54,7 @@ def test_what_acts_on_other_channels_is_an_image_of_a_second_unknown_thing(poste
     leading = posterior.leading
     assert [member.label.split("/")[0] for member in leading.explanation.members] == ["vibration@accelerometer"]
     assert leading.terms
-    assert log_prior_of_image(leading.explanation, 0, leading.terms) == pytest.approx(np.log(OTHER), abs=1e-3)
+    assert log_prior_of_image(leading.explanation, 0, leading.terms) == pytest.approx(np.log(FURTHER), abs=1e-3)
     assert log_prior_of_image(leading.explanation, 0, ()) == 0.0
 
 

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.evidence.discrepancy import Weighed
-from estimators.gap.hypotheses.prior import OTHER
+from estimators.gap.hypotheses.prior import FURTHER
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report.homogeneity import own_columns
 from estimators.gap.search.explanation import Explanation
 from rig.arrays import Array
 
-#: Log prior of a second thing outside the catalogue, of which the effect may be an image.
-_SECOND: Final = float(np.log(OTHER))
+#: Log prior of a second thing outside the catalogue, of which the effect may be an image: things are rarely alone.
+_SECOND: Final = float(np.log(FURTHER))
 
 
 def log_prior_of_image(explanation: Explanation, index: int, terms: Sequence[Weighed]) -> float:
