@@ -276,7 +276,7 @@ class Search:
         """Log mass beyond that of the set without effects, the same for all sets: as means over neighbouring samples
         tell it, which is less than single samples do; what needs these counts for what it adds on them."""
         smooth = tuple(member for member in each.members if member.fit.candidate.smooth)
-        rough = self.fitted(smooth)
+        rough = each if not each.fine and len(smooth) == len(each.members) else self.fitted(smooth)
         own = rough.log_mass - self._fitted((), self.rough).log_mass
         return own if len(smooth) == len(each.members) else own + each.log_mass - self.fine(smooth, rough).log_mass
 
