@@ -36,6 +36,12 @@ def test_the_unit_of_several_numbers_suits_the_largest() -> None:
     assert readable_unit("V", 0.0) == (1.0, "V")
 
 
+def test_a_direction_has_no_per_cent() -> None:
+    """Three shares have, whatever their length."""
+    assert estimate_for_people(Estimate((-0.28, 0.0, 0.96), (0.1, 0.1, 0.1), "relative")) == ""
+    assert estimate_for_people(Estimate((-0.28, 0.0, 0.1), (0.1, 0.1, 0.1), "relative")).endswith(" %")
+
+
 def test_a_channels_sizes_end_at_the_second_digit_of_what_its_noise_leaves_open() -> None:
     """Of 13.4 mV in 6,656 readings: 0.12 mV."""
     assert rms_text(0.0134, 0.0134, 6656, 1e3) == "13.40"
