@@ -127,7 +127,10 @@ class Search:
                 told = self.fine(leading.members, leading)
                 others.append((under_others(told), told))
                 before = max(others, key=lambda one: one[0])
-                if before[0] > self.fine(level[0].members, level[0]).log_mass + _FAR:
+                if size + 1 >= _FOLLOWED and self._far_behind(level[0], before[0]):
+                    self._improve(1)  # two may explain together what neither does alone
+                    level = self._of_size(size + 1)
+                if size + 1 >= _FOLLOWED and self._far_behind(self._best(), before[0]):
                     grown_too = [self.fine(each.members, each) for each in level[:beam]]
                     others += [(under_others(each), each) for each in grown_too]
                     if max(others, key=lambda one: one[0]) is before:
@@ -279,6 +282,10 @@ class Search:
         rough = each if not each.fine and len(smooth) == len(each.members) else self.fitted(smooth)
         own = rough.log_mass - self._fitted((), self.rough).log_mass
         return own if len(smooth) == len(each.members) else own + each.log_mass - self.fine(smooth, rough).log_mass
+
+    def _far_behind(self, each: Explanation, log_mass: float) -> bool:
+        """Whether a set is far less likely, sample by sample."""
+        return self.fine(each.members, each).log_mass < log_mass - _FAR
 
     def _on_samples(self, each: Explanation) -> float:
         """Log mass beyond that of the set without effects, sample by sample, to first order where it is not fitted."""

@@ -134,7 +134,8 @@ def explain(
                 again += _far_from_it(work, (one.state, fresh), found[0])
             if deep or one.state.other or one.state.name == UNSEEN:  # learned beside worse causes, or one too many
                 again += [(one.given, each) for each in found]
-        if not frontier and work.overtaken and not tried:  # something without a name is likelier than that other noise
+        # something without a name is likelier than the other noise that ended the search
+        if not frontier and work.overtaken and (work.leading.other or not tried):
             work.overtaken.clear()
             frontier = [(floor, scanner, work.weigh(floor, scanner, (), deep=True, to_the_end=True))]
         if not frontier:
