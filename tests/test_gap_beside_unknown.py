@@ -13,6 +13,7 @@ from estimators.gap.data.basefit import posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
 from estimators.gap.hypotheses.prior import FURTHER
 from estimators.gap.report.reach import log_prior_of_image
+from estimators.gap.search.beam import Search
 from estimators.gap.search.posterior import Posterior, explain
 from rig.effects import EFFECTS, make_effect
 from rig.recording import Recording
@@ -60,9 +61,12 @@ def test_what_acts_on_other_channels_is_an_image_of_a_second_unknown_thing(poste
 
 def test_what_acts_on_the_same_channels_may_be_an_image(posterior: Posterior) -> None:
     """The unknown is of mag3: the magnetometer's gain with temperature, also where a supply undoes it on the others."""
-    label, terms = "scale_temperature@magnetometer", posterior.leading.terms
-    holding = [each.explanation for each in posterior.hypotheses if label in each.explanation.key]
-    assert any("supply_ratiometric@supply" in each.key for each in holding)
-    for each in holding:
-        index = [member.label for member in each.members].index(label)
-        assert log_prior_of_image(each, index, terms) == pytest.approx(0.0, abs=1e-6)
+    names = ("scale_temperature@magnetometer", "supply_ratiometric@supply")
+    candidates = [each for each in posterior.candidates if each.label in names]
+    search = Search(posterior.scanner, candidates, posterior.prior)
+    alone = search.fine(search.additions(search.fine(()), 1)[0])
+    (both,) = (search.fine(members) for members in search.additions(alone, 1))
+    assert both.key == names
+    for each in (alone, both):
+        for index in range(len(each.members)):
+            assert log_prior_of_image(each, index, posterior.leading.terms) == pytest.approx(0.0, abs=1e-6)
