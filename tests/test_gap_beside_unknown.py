@@ -12,7 +12,7 @@ import estimators
 from estimators.gap.data.basefit import posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
 from estimators.gap.hypotheses.prior import FURTHER
-from estimators.gap.report.reach import log_prior_of_image
+from estimators.gap.report.reach import gains, log_prior_of_image
 from estimators.gap.search.beam import Search
 from estimators.gap.search.posterior import Posterior, explain
 from rig.effects import EFFECTS, make_effect
@@ -55,8 +55,9 @@ def test_what_acts_on_other_channels_is_an_image_of_a_second_unknown_thing(poste
     leading = posterior.leading
     assert [member.label.split("/")[0] for member in leading.explanation.members] == ["vibration@accelerometer"]
     assert leading.terms
-    assert log_prior_of_image(leading.explanation, 0, leading.terms) == pytest.approx(np.log(FURTHER), abs=1e-3)
-    assert log_prior_of_image(leading.explanation, 0, ()) == 0.0
+    (own,) = gains(leading.explanation)
+    assert log_prior_of_image(own, leading.terms) == pytest.approx(np.log(FURTHER), abs=1e-3)
+    assert log_prior_of_image(own, ()) == 0.0
 
 
 def test_what_acts_on_the_same_channels_may_be_an_image(posterior: Posterior) -> None:
@@ -68,5 +69,5 @@ def test_what_acts_on_the_same_channels_may_be_an_image(posterior: Posterior) ->
     (both,) = (search.fine(members) for members in search.additions(alone, 1))
     assert both.key == names
     for each in (alone, both):
-        for index in range(len(each.members)):
-            assert log_prior_of_image(each, index, posterior.leading.terms) == pytest.approx(0.0, abs=1e-6)
+        for own in gains(each):
+            assert log_prior_of_image(own, posterior.leading.terms) == pytest.approx(0.0, abs=1e-6)

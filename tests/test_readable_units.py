@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from estimators.gap import Estimate
+from estimators.gap import Cause, Estimate
+from estimators.gap.diagnosis import Closed
 from estimators.gap.readable_units import readable_unit, rms_text, two_digits
 from estimators.gap.share_words import percent
-from scenarios.gap_report.words import estimate_for_people, estimate_words
+from scenarios.gap_report.words import estimate_for_people, estimate_words, parameter_for_people
 
 
 @pytest.mark.parametrize(
@@ -37,9 +38,13 @@ def test_the_unit_of_several_numbers_suits_the_largest() -> None:
 
 
 def test_a_direction_has_no_per_cent() -> None:
-    """Three shares have, whatever their length."""
-    assert estimate_for_people(Estimate((-0.28, 0.0, 0.96), (0.1, 0.1, 0.1), "relative")) == ""
-    assert estimate_for_people(Estimate((-0.28, 0.0, 0.1), (0.1, 0.1, 0.1), "relative")).endswith(" %")
+    """Three shares have, whatever their length; a direction that is known in part has none either."""
+    std = (0.1, 0.1, 0.1)
+    for value in ((-0.28, 0.0, 0.96), (-0.28, 0.0, None)):
+        told = {name: Estimate(value, std, "relative") for name in ("direction", "share")}
+        cause = Cause("vibration", "accelerometer", 1.0, (), told, Closed(1.0, 0.9, 1.0))
+        assert parameter_for_people(cause, "direction") == ""
+        assert parameter_for_people(cause, "share").endswith(" %")
 
 
 def test_a_channels_sizes_end_at_the_second_digit_of_what_its_noise_leaves_open() -> None:

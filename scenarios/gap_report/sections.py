@@ -25,7 +25,6 @@ from scenarios.gap_report.words import (
     alike_words,
     apart_words,
     cause_title,
-    estimate_for_people,
     estimate_words,
     explanation_words,
     formula,
@@ -33,6 +32,7 @@ from scenarios.gap_report.words import (
     hidden_words,
     listed_words,
     one_of_words,
+    parameter_for_people,
     part_words,
     readable,
     rig_words,
@@ -197,7 +197,7 @@ def _cause(cause: Cause, status: str) -> str:
         (
             f"<code>{escape(name)}</code>",
             escape(estimate_words(value)),
-            escape(estimate_for_people(value)),
+            escape(parameter_for_people(cause, name)),
             escape(value.why or ""),
         )
         for name, value in cause.parameters.items()

@@ -23,7 +23,6 @@ from scenarios.gap_report.words import (
     alike_words,
     cause_title,
     closed_words,
-    estimate_for_people,
     estimate_words,
     explanation_words,
     grouped_untold,
@@ -31,6 +30,7 @@ from scenarios.gap_report.words import (
     left_words,
     listed_words,
     one_of_words,
+    parameter_for_people,
     part_words,
     place_words,
     posterior_words,
@@ -112,7 +112,8 @@ def _causes(diagnosis: Diagnosis) -> Table:
     result = table("cause", "parameters", *numbers, numbers=numbers)
     for cause in diagnosis.causes:
         parameters = [
-            f"{name} {estimate_words(value)}" + (f" = {people}" if (people := estimate_for_people(value)) else "")
+            f"{name} {estimate_words(value)}"
+            + (f" = {people}" if (people := parameter_for_people(cause, name)) else "")
             for name, value in cause.parameters.items()
         ]
         names = [cause_title(cause.effect, cause.where), f"({status_words(cause, diagnosis)})"]

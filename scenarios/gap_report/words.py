@@ -83,18 +83,18 @@ def estimate_words(estimate: Estimate) -> str:
 
 def estimate_for_people(estimate: Estimate) -> str:
     """The same in degrees, percent, milli- or microvolts; empty where there is nothing to convert."""
-    if isinstance(estimate.value, str) or not _felt(estimate) or _is_direction(estimate):
+    if isinstance(estimate.value, str) or not _felt(estimate):
         return ""
     sizes = [abs(each) for pair in _pairs(estimate) for each in pair if each is not None and math.isfinite(each)]
     factor, unit = readable_unit(estimate.unit, max(sizes))
     return "" if factor == 1.0 else f"{_numbers(estimate, factor)} {_written(unit)}"
 
 
-def _is_direction(estimate: Estimate) -> bool:
-    """Whether it is a vector of length one, of which nobody thinks in per cent."""
-    if estimate.unit != "relative" or not isinstance(estimate.value, tuple) or len(estimate.value) < 2:
-        return False
-    return math.isclose(math.hypot(*(each or 0.0 for each in estimate.value)), 1.0, rel_tol=1e-9)
+def parameter_for_people(cause: Cause, name: str) -> str:
+    """The same of a cause's parameter; of a direction nobody thinks in per cent."""
+    declared = EFFECTS[cause.effect].parameters() if cause.effect in EFFECTS else ()
+    direction = any(item.name == name and item.unit_vector for item in declared)
+    return "" if direction else estimate_for_people(cause.parameters[name])
 
 
 def _written(unit: str) -> str:

@@ -51,19 +51,19 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
     their explanation, then of each noise effect in the order of their labels: as the catalogue's effects do part of
     what it does, their own evidence is no longer one."""
     found: dict[int, tuple[float, ...]] = {}
-    known: dict[int, tuple[float, ...]] = {}
+    known: dict[int, list[tuple[float, reach.Gains]]] = {}
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
         if not each.other or probability < WAYS:
             continue
         explanation, prior = each.explanation, posterior.prior
         if id(explanation) not in known:
-            known[id(explanation)] = tuple(
+            odds = [
                 homogeneity.log_bayes_factor(explanation, index) + prior.log_single(member.drawn)
                 for index, member in enumerate(explanation.members)
-            )
+            ]
+            known[id(explanation)] = list(zip(odds, reach.gains(explanation), strict=True))
         found[number] = tuple(
-            _probability(odds - reach.log_prior_of_image(explanation, index, each.terms))
-            for index, odds in enumerate(known[id(explanation)])
+            _probability(own - reach.log_prior_of_image(gains, each.terms)) for own, gains in known[id(explanation)]
         )
         if noises := sorted(each.state.fitted, key=lambda fitted: fitted.label):
             here = explanation.on(posterior.scanner.fine.data)
@@ -73,7 +73,7 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
                 _probability(
                     homogeneity.log_bayes_factor_of_noise(fitted, lefts)
                     + prior.log_single((fitted.effect.name, (fitted.label,)))
-                    - reach.log_prior_of_image_of_noise(fitted, data.columns, each.terms)
+                    - reach.log_prior_of_image(reach.gains_of_noise(fitted, data.columns), each.terms)
                 )
                 for fitted in noises
             )

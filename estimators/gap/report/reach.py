@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,49 +20,61 @@ from rig.arrays import Array
 _SECOND: Final = float(np.log(FURTHER))
 
 
-def log_prior_of_image(explanation: Explanation, index: int, terms: Sequence[Weighed]) -> float:
-    """Log probability that a thing outside the catalogue does as much as one effect of a set where it does anything.
+class Gains(NamedTuple):
+    """How much likelier an effect is on each channel than nothing.
 
-    Where it does nothing an effect counts that gains there by itself, too: another that is an image may do anything
-    there, and what undoes that is no cause.
-
-    Args:
-        index: the effect's number in the set. terms: of the discrepancy; none: noise, which may be anywhere.
+    Attributes:
+        beside_others: (c,) beside the other effects of its set. alone: (c,) without them.
     """
-    if not terms:
-        return 0.0
+
+    beside_others: Array
+    alone: Array
+
+
+def gains(explanation: Explanation) -> list[Gains]:
+    """Of each effect of a set."""
     data, left = explanation.data, explanation.linear.left
-    alone = project(data.absorbed, data.whiten(explanation.own_change(index, data)))
     every = project(data.absorbed, data.whiten(data.change([fit.effect for fit in explanation.fits])))
-    beside_others = _gained(own_columns(explanation, index), left, len(data.columns))
-    return _log_prior(beside_others, _gained(alone, left + every - alone, len(data.columns)), terms)
+    found = []
+    for index in range(len(explanation.members)):
+        alone = project(data.absorbed, data.whiten(explanation.own_change(index, data)))
+        beside_others = _gained(own_columns(explanation, index), left, len(data.columns))
+        found.append(Gains(beside_others, _gained(alone, left + every - alone, len(data.columns))))
+    return found
 
 
-def log_prior_of_image_of_noise(fitted: FittedNoise, columns: Sequence[int], terms: Sequence[Weighed]) -> float:
-    """The same of a noise effect.
+def gains_of_noise(fitted: FittedNoise, columns: Sequence[int]) -> Gains:
+    """Of a noise effect.
 
     Args:
         columns: the channels of the data.
     """
-    if not terms:
-        return 0.0
     added = np.sum([each.added[:, list(columns)].sum(axis=0) for each in fitted.every], axis=0)
     gained = 0.5 * fitted.gain * added / max(float(added.sum()), 1e-300)
-    return _log_prior(gained, gained, terms)
+    return Gains(gained, gained)
+
+
+def log_prior_of_image(gains: Gains, terms: Sequence[Weighed]) -> float:
+    """Log probability that a thing outside the catalogue does as much as an effect where it does anything.
+
+    It explains nothing of what the effect gains where it does nothing. There an effect counts that gains by itself,
+    too: another that is an image may do anything there, and what undoes that is no cause.
+
+    Args:
+        terms: of the discrepancy; none: noise, which may be anywhere.
+    """
+    if not terms:
+        return 0.0
+    masses = np.array([one.log_mass for one in terms])
+    beyond = [~_channels(one) for one in terms]
+    outside = [max(min(float(each[own].sum()) for each in gains), 0.0) for own in beyond]
+    inside = float(np.logaddexp.reduce(masses - outside) - np.logaddexp.reduce(masses))
+    return min(float(np.logaddexp(inside, _SECOND)), 0.0)
 
 
 def _gained(along: Array, left: Array, channels: int) -> Array:
     """(c,) how much likelier what an effect does (c n,) is on each channel than nothing, from what it leaves."""
     return np.asarray(np.sum((along * (0.5 * along + left)).reshape(channels, -1), axis=1))
-
-
-def _log_prior(beside_others: Array, alone: Array, terms: Sequence[Weighed]) -> float:
-    """Each term explains nothing of what an effect gains on channels (c,) where it does nothing."""
-    masses = np.array([one.log_mass for one in terms])
-    beyond = [~_channels(one) for one in terms]
-    outside = np.array([max(min(float(beside_others[own].sum()), float(alone[own].sum())), 0.0) for own in beyond])
-    inside = float(np.logaddexp.reduce(masses - outside) - np.logaddexp.reduce(masses))
-    return min(float(np.logaddexp(inside, _SECOND)), 0.0)
 
 
 def _channels(weighed: Weighed) -> NDArray[np.bool_]:

@@ -23,7 +23,7 @@ from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beside_discrepancy import scores_beside
-from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted, key_of, without_one
+from estimators.gap.search.explanation import STRAIGHT, Explanation, Key, Member, as_fitted, key_of, without_one
 from rig.progress import Progress
 
 #: Sets of each size that are extended, additions that are fitted to each, and causes at most.
@@ -42,8 +42,8 @@ _FOLLOWED: Final = 2
 #: So many sets of each size, and of all, are fitted sample by sample; what means over neighbours change of an
 #: evidence, as a share.
 _FINE_EACH, _FINE, _ROUGHLY = 3, 6, 0.02
-#: Log odds within which rivals of the leading set are fitted themselves; what first order tells well enough.
-_CLOSE, _STRAIGHT = 6.0, 0.1
+#: Log odds within which rivals of the leading set are fitted themselves.
+_CLOSE: Final = 6.0
 
 
 @dataclass
@@ -97,7 +97,7 @@ class Search:
                 than what one more effect makes of the set, and no likelier with it, the search ends: it belongs under
                 that state.
         """
-        others: list[tuple[float, Explanation]] = []
+        elsewhere: tuple[float, Explanation] | None = None
         level = [self.fitted(())]
         for seed in seeds:
             self.fitted(seed)
@@ -123,19 +123,23 @@ class Search:
             level = [each for each in level if self.gained(each) > self.gained(best) - _PROMISING]
             if not level or (size >= _FOLLOWED and self._on_samples(level[0]) < target - _FAR):
                 break
-            if deep and under_others is not None:
-                told = self.fine(leading.members, leading)
-                others.append((under_others(told), told))
-                before = max(others, key=lambda one: one[0])
-                if size + 1 >= _FOLLOWED and self._far_behind(level[0], before[0]):
-                    self._improve(1)  # two may explain together what neither does alone
-                    level = self._of_size(size + 1)
-                if size + 1 >= _FOLLOWED and self._far_behind(self._best(), before[0]):
-                    grown_too = [self.fine(each.members, each) for each in level[:beam]]
-                    others += [(under_others(each), each) for each in grown_too]
-                    if max(others, key=lambda one: one[0]) is before:
-                        self.overtaken = before
-                        return self._refined()
+            if not deep or under_others is None:
+                continue
+            told = self.fine(leading.members, leading)
+            here = under_others(told), told
+            if elsewhere is None or here[0] > elsewhere[0]:
+                elsewhere = here
+            if size + 1 < _FOLLOWED or not self._far_behind(level[0], elsewhere[0]):
+                continue
+            self._improve(1)  # two may explain together what neither does alone
+            level = self._of_size(size + 1)
+            if self._far_behind(self._best(), elsewhere[0]):
+                grown_too = [self.fine(each.members, each) for each in level[:beam]]
+                likeliest = max(((under_others(each), each) for each in grown_too), key=lambda one: one[0])
+                if likeliest[0] <= elsewhere[0]:
+                    self.overtaken = elsewhere
+                    return self._refined()
+                elsewhere = likeliest
         if deep or self.wide:
             self._improve(1 if self.wide else 3)
         found = self._refined()
@@ -240,8 +244,9 @@ class Search:
         """The set with one more effect each, by their scores beside a discrepancy."""
         held, scanner = {member.label for member in parent.members}, self._scanner(parent)
         others = [each for each in self.candidates if each.label not in held]
-        on_means = [each for each in others if each.smooth and weighed.term.errors.means is not None]
-        on_samples = [each for each in others if each not in on_means]
+        of_means = weighed.term.errors.means is not None
+        on_means = [each for each in others if of_means and each.smooth]
+        on_samples = [each for each in others if not (of_means and each.smooth)]
         scored = scores_beside(on_means, weighed, scanner, scanner.rough, self._left(parent, self.rough))
         scored += scores_beside(on_samples, weighed, scanner, scanner.fine, self._left(parent, self.data))
         prices = [self.prior.log_single((one.candidate.effect.name, (one.candidate.label,))) for _, one in scored]
@@ -352,7 +357,7 @@ class Search:
             each
             for each in found
             if each.refitted is None and each.linear.felt
-            if each.linear.ahead > _STRAIGHT and each.log_mass + each.linear.ahead > within
+            if each.linear.ahead > STRAIGHT and each.log_mass + each.linear.ahead > within
         ]
 
     def fine(self, members: Sequence[Member], rough: Explanation | None = None) -> Explanation:

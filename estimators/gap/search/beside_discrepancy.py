@@ -25,9 +25,8 @@ def scores_beside(
         return []
     likeliest = int(np.argmax(weighed.gains))
     shrink = weighed.term.shrunk[0][likeliest]
-    taken = weighed.term.mean(explained.residual, likeliest)
-    if len(taken) < len(explained.residual):
-        taken = weighed.term.every_sample(taken[:, None])[:, 0]
+    of_look = weighed.term.of_every_sample if look is scanner.fine else weighed.term.mean
+    taken = of_look(explained.residual, likeliest)
     # where an effect is best seen
     less = replace(explained, residual=explained.residual - explained.without(taken[:, None])[:, 0])
     tests = [

@@ -22,6 +22,8 @@ Key = tuple[str, ...]
 #: near enough, and refits at most.
 _ELSEWHERE: Final = 10.0
 _THERE, _ANEW = 1.0, 3
+#: What is gained by moving, beyond which first order may be wrong by as much.
+STRAIGHT: Final = 0.1
 
 
 @dataclass(frozen=True)

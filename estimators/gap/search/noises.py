@@ -32,15 +32,13 @@ from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left
-from estimators.gap.search.explanation import Explanation, Member, as_fitted, without_one
+from estimators.gap.search.explanation import STRAIGHT, Explanation, Member, as_fitted, without_one
 from rig.arrays import Array
 
 #: Log odds by which one more part of a floor must be better.
 _BETTER: Final = 1.0
 #: The floor is moved beside so many noise effects, the likeliest of those that could be there.
 _MOVED: Final = 2
-#: What effects gain by moving, beyond which first order may be wrong by as much.
-STRAIGHT: Final = 0.1
 #: Beside so many explanations the parts of a floor that nothing shows are learned.
 _BESIDE: Final = 4
 
@@ -80,6 +78,10 @@ class Noises:
     without: Sequence[str]
     at_rest: bool
     _known: dict[tuple[int, int], tuple[Given, Explanation, list[Promise]]] = field(default_factory=dict)
+
+    def log_prior(self, state: NoiseState, members: Sequence[Member]) -> float:
+        """Of a set of effects and the noise effects of a state."""
+        return self.prior.log_set([*state.drawn, *(member.drawn for member in members)])
 
     def beyond(self, given: Given, each: Explanation) -> list[Promise]:
         """States beyond a given one, beside an explanation under that."""
@@ -134,9 +136,9 @@ class Noises:
         found = self.beyond(given, each)
         # until they are asked for; with both, so that no other has their identity
         self._known[id(given[0]), id(each)] = given, each, found
-        # either may be as large as what is left, whatever that is
-        takes_all = [one for one in found if one.state.other or one.state.name == UNSEEN]
-        return max((one.log_mass for one in found if one not in takes_all), default=-np.inf)
+        # neither noise without a name nor a floor that nothing shows: these may be as large as what is left
+        own = [one.log_mass for one in found if not one.state.other and one.state.name != UNSEEN]
+        return max(own, default=-np.inf)
 
     def moved_beside(self, promises: Sequence[Promise]) -> list[Promise]:
         """The floor moved beside the likeliest named noise: alone that explains little where the floor is not quite
@@ -213,7 +215,7 @@ class Noises:
         self, one: Promise, members: tuple[Member, ...], refitted: Refit | None = None
     ) -> tuple[Given, Explanation]:
         """Other causes, as they are or as they were refitted, beside what a state goes beyond."""
-        prior = self.prior.log_set([*one.given[0].drawn, *(member.drawn for member in members)])
+        prior = self.log_prior(one.given[0], members)
         data = one.explanation.data if refitted is None else refitted.data
         return one.given, Explanation(members, data, prior, fine=True, refitted=refitted)
 
@@ -273,7 +275,7 @@ class Noises:
         pieces, taken = pieces_of(data, linear), len(given[0].steps)
         found = []
         for state in states:
-            prior = self.prior.log_set([*state.drawn, *(member.drawn for member in each.members)])
+            prior = self.log_prior(state, each.members)
             under, determinant = under_steps(pieces, linear, state.steps[taken:])
             weight = state.log_weight + determinant
             own = replace(state, log_weight=weight)
@@ -289,8 +291,8 @@ class Noises:
             first = kept.pop(0)
             fresh = first.given[1].stepped(first.state.steps[len(first.given[0].steps) :])
             refitted = converged(first.explanation.fits, fresh.fine.data)
-            prior = self.prior.log_set([*first.state.drawn, *(member.drawn for member in first.explanation.members)])
-            own = Explanation(as_fitted(first.explanation.members, refitted), refitted.data, prior, True, refitted)
+            members = as_fitted(first.explanation.members, refitted)
+            own = Explanation(members, refitted.data, self.log_prior(first.state, members), True, refitted)
             kept.append(replace(first, log_mass=own.log_mass + first.state.log_weight, ahead=0.0))
             kept.sort(key=lambda one: -one.log_mass)
         return kept

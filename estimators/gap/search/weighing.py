@@ -142,7 +142,7 @@ class Weighing:
         """One more noise effect, with its prior."""
         each = found.explanation
         named = replace(found.state, fitted=(*found.state.fitted, fitted))
-        prior = self.noises.prior.log_set([*named.drawn, *(member.drawn for member in each.members)])
+        prior = self.noises.log_prior(named, each.members)
         return replace(found, state=named, log_mass=found.log_mass - each.log_prior + prior)
 
     def move_floor(self) -> None:
