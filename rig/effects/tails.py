@@ -15,6 +15,8 @@ from rig.arrays import Array
 _DEGREES: Final = (2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0, 16.0, 24.0)
 #: Steps to the likeliest scale, of which each halves what is left at least.
 _STEPS: Final = 20
+#: Many values tell the scale as so many means of values alike in size: to a tenth of its standard error at worst.
+_GROUPS: Final = 4096
 #: A reading's neighbours: so many on either side.
 _NEIGHBOURS: Final = 3
 #: Readings beyond so many deviations of normal noise may be spikes.
@@ -31,7 +33,8 @@ def beside_neighbours(white: Array) -> Array:
     """Whitened readings (n,) less the median of each one's neighbours: what is slow goes, single readings stay."""
     padded = np.pad(white, _NEIGHBOURS, mode="edge")
     others = np.delete(sliding_window_view(padded, 2 * _NEIGHBOURS + 1), _NEIGHBOURS, axis=1)
-    return np.asarray(white - np.median(others, axis=1))
+    others.sort(axis=1)  # many times as fast as np.median
+    return np.asarray(white - 0.5 * (others[:, _NEIGHBOURS - 1] + others[:, _NEIGHBOURS]))
 
 
 def student(values: Array) -> tuple[float, float, float]:
@@ -41,20 +44,34 @@ def student(values: Array) -> tuple[float, float, float]:
     """
     deviation = float(np.sqrt(np.mean(values**2)))
     normal = -len(values) * (float(np.log(deviation)) + 0.5 * float(np.log(2.0 * np.pi)) + 0.5)
-    ways = [(_likelihood(values, degrees, scale_of(values, degrees)), degrees) for degrees in _DEGREES]
-    likeliest, degrees = max(ways)
-    if float(np.logaddexp.reduce([value for value, _ in ways])) - np.log(len(ways)) <= normal:
+    grouped = _grouped(values**2)
+    scales = [_scale(*grouped, degrees) for degrees in _DEGREES]
+    ways = [_likelihood(values, *way) for way in zip(_DEGREES, scales, strict=True)]
+    if float(np.logaddexp.reduce(ways)) - np.log(len(ways)) <= normal:
         return np.inf, deviation, normal
-    return degrees, scale_of(values, degrees), likeliest
+    best = int(np.argmax(ways))
+    return _DEGREES[best], scales[best], ways[best]
 
 
 def scale_of(values: Array, degrees: float) -> float:
     """The likeliest scale, by reweighting (Lange, Little and Taylor, Journal of the American Statistical Association
     84, 1989)."""
-    square = float(np.median(values**2))
+    return _scale(*_grouped(values**2), degrees)
+
+
+def _scale(squares: Array, shares: Array, degrees: float) -> float:
+    square = float(squares[np.searchsorted(np.cumsum(shares), 0.5)])
     for _ in range(_STEPS):
-        square = float(np.mean((degrees + 1.0) * values**2 / (degrees + values**2 / square)))
+        square = float(shares @ ((degrees + 1.0) * squares / (degrees + squares / square)))
     return float(np.sqrt(square))
+
+
+def _grouped(squares: Array) -> tuple[Array, Array]:
+    """Means of squares (n,) that are alike in size, in order, and the share of all that each is of."""
+    ordered = np.sort(squares)
+    edges = np.unique(np.linspace(0, len(ordered), _GROUPS, endpoint=False).astype(int))
+    counts = np.diff(edges, append=len(ordered))
+    return np.add.reduceat(ordered, edges) / counts, counts / len(ordered)
 
 
 def tails_of(local: Array, degrees: float | None) -> tuple[float, float]:

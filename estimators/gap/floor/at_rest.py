@@ -80,23 +80,21 @@ def _without_spikes(own: Array, poses: Rows) -> Array:
 
 
 def _examined(name: str, own: Array, poses: Rows) -> Finding | None:
-    """What an effect shows in one channel, as the first of six: beside the mean of each pose, in deviations as
+    """What an effect shows in one channel, as if it were the first: beside the mean of each pose, in deviations as
     neighbouring readings tell them."""
-    numbers = np.unique(poses, return_inverse=True)[1]
-    expected = (np.bincount(numbers, own) / np.bincount(numbers))[numbers]
+    expected = (np.bincount(poses, own) / np.maximum(np.bincount(poses), 1))[poses]
     left = own - expected
     steps = np.quantile(np.abs(np.diff(left)), 1.0 - _LARGEST) if len(left) > 1 else 0.0
     sigma = float(steps / np.sqrt(2.0)) / float(-ndtri(0.5 * _LARGEST)) or float(left.std())
     if not sigma > 0.0:
         return None
-    first = np.arange(len(CHANNELS)) == 0
     rest = Readings(
-        np.where(first, own[:, None], np.nan),
-        np.where(first, expected[:, None], np.nan),
-        np.where(first, sigma, np.nan),
-        np.where(first, left[:, None] / sigma, 0.0),
-        np.zeros((len(own), len(CHANNELS)), dtype=bool),
-        np.zeros(len(CHANNELS)),
+        own[:, None],
+        expected[:, None],
+        np.array([sigma]),
+        left[:, None] / sigma,
+        np.zeros((len(own), 1), dtype=bool),
+        np.zeros(1),
     )
     effect = EFFECTS[name]
     return effect.examined(rest, CHANNELS[0] if CHANNELS[0] in effect.places else effect.places[0])

@@ -131,7 +131,7 @@ class Search:
                 elsewhere = here
             if size + 1 < _FOLLOWED or not self._far_behind(level[0], elsewhere[0]):
                 continue
-            self._improve(1)  # two may explain together what neither does alone
+            self._improve(3)  # two may explain together what neither does alone
             level = self._of_size(size + 1)
             if self._far_behind(self._best(), elsewhere[0]):
                 grown_too = [self.fine(each.members, each) for each in level[:beam]]
