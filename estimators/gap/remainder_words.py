@@ -51,6 +51,11 @@ def is_noise(each: Mapping[str, Any]) -> bool:
     return str(each["source"]).startswith(_NOISE)
 
 
+def is_second(each: Mapping[str, Any]) -> bool:
+    """Whether what is left over is an error beside those of which one is meant."""
+    return bool(each.get("beside"))
+
+
 def source_words(source: str) -> str:
     """What is off, in words."""
     return source.replace(_ALONE, " alone").replace("field along link", "field fixed in link")
@@ -72,17 +77,19 @@ def error_words(each: Mapping[str, Any]) -> str:
 
 
 def left_over_words(follows: Sequence[Mapping[str, Any]]) -> str:
-    """All that is left, each with its share: errors of which one is meant, and noise that is there beside it."""
-    told = [
-        [f"{error_words(each)} ({share_left(each['share'])} of the squared gap)" for each in part]
-        for part in ([each for each in follows if not is_noise(each)], [each for each in follows if is_noise(each)])
-    ]
+    """All that is left, each with its share: errors of which one is meant, and an error and noise beside it."""
+    told: tuple[list[str], list[str]] = ([], [])
+    for each in follows:
+        share = share_left(each["share"])
+        told[is_noise(each) or is_second(each)].append(f"{error_words(each)} ({share} of the squared gap)")
     return ", and ".join(filter(None, [", or ".join(told[0]), and_words(told[1])]))
 
 
 def likeliest_words(follows: Sequence[Mapping[str, Any]]) -> str:
-    """The two likeliest errors that are left, and noise that has more of the gap than these; noise where it is all."""
-    errors = [each for each in follows if not is_noise(each)][:2]
+    """The two likeliest errors that are left, the one beside them, and noise that has more of the gap than these; noise
+    where it is all."""
+    errors = [each for each in follows if not is_noise(each) and not is_second(each)][:2]
+    errors += [each for each in follows if is_second(each)]
     most = max((each["share"] for each in errors), default=0.0)
     noise = [each for each in follows if is_noise(each) and (not errors or each["share"] > most)]
     return left_over_words([*errors, *noise[:2]])

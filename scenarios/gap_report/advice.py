@@ -6,7 +6,7 @@ from typing import Final
 
 from estimators.gap.choices import and_words, parted
 from estimators.gap.diagnosis import NAMED, Diagnosis
-from estimators.gap.remainder_words import error_words, is_noise, source_words
+from estimators.gap.remainder_words import error_words, is_noise, is_second, source_words
 from estimators.gap.report.by_channel import ABSORBED
 from estimators.gap.report.separation import rivals
 from estimators.gap.share_words import chance
@@ -190,6 +190,7 @@ def _owner(source: str) -> str:
 def _looks(diagnosis: Diagnosis) -> list[str]:
     """Where on the rig to look, for what is left over: for errors, one of which is meant, and for noise."""
     found: list[str] = []
+    looked: set[str] = set()
     noisy = [each for each in diagnosis.remainder.follows if is_noise(each)]
     for each in diagnosis.remainder.follows:
         source = str(each["source"])
@@ -197,10 +198,14 @@ def _looks(diagnosis: Diagnosis) -> list[str]:
         if words is not None:
             look = words.format(source=_owner(source))
             like = f"acts like {readable(error_words(each))}"
-            found.append(
-                f"{look[0].upper()}{look[1:]}: what is left {like}." if not found else f"Or {look}: it also {like}."
-            )
-    found = list(dict.fromkeys(found))[:3]
+            if is_second(each):
+                if look not in looked:
+                    found.append(f"Beside that, {look}: more of what is left {like}.")
+            else:
+                upper = f"{look[0].upper()}{look[1:]}"
+                found.append(f"{upper}: what is left {like}." if not found else f"Or {look}: it also {like}.")
+            looked.add(look)
+    found = list(dict.fromkeys(found))[:4]
     if noisy:
         bands = and_words([f"{source_words(str(each['source']))} ({each['course']})" for each in noisy])
         these = "that channel's" if len(noisy) == 1 else "these channels'"

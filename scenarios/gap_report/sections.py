@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from estimators.gap.diagnosis import Cause, Diagnosis
 from estimators.gap.readable_units import rms_text
-from estimators.gap.remainder_words import is_noise, share_left, source_words, variable_words
+from estimators.gap.remainder_words import is_noise, is_second, share_left, source_words, variable_words
 from estimators.gap.share_words import chance, elsewhere_words
 from rig.effects import EFFECTS, Kind
 from rig.recording import Recording
@@ -312,11 +312,14 @@ def remainder(diagnosis: Diagnosis) -> str:
 
 
 def _left(follows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What is left over: errors of the rig, one of which is meant, and noise that is there beside it."""
-    errors, noise = ([each for each in follows if is_noise(each) == wanted] for wanted in (False, True))
+    """What is left over: errors of the rig, one of which is meant, an error beside it, and noise beside both."""
+    noise = [each for each in follows if is_noise(each)]
+    second = [each for each in follows if is_second(each)]
+    errors = [each for each in follows if not is_noise(each) and not is_second(each)]
     parts = []
     for told, words, changes in (
         (errors, "More than noise. It acts like an error of the rig, the likeliest first:", "changes with"),
+        (second, "And, beside that, like a second error:", "changes with"),
         (noise, "More noise than the floor" + (", beside that" if errors else "") + ":", "at frequencies of"),
     ):
         rows = [

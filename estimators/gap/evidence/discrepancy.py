@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.data.projection import side_by_side
+from estimators.gap.data.projection import project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
@@ -172,6 +172,16 @@ def weighed(
     every = [(each, 1.0 - OTHER_FORM) for each in found] + [(each, OTHER_FORM / len(changes)) for each in forms]
     shared = [Weighed(one.term, one.gains, log(part)) for one, part in every]
     return sorted(shared, key=lambda each: -each.log_mass)
+
+
+def left_beside(linear: Linear, first: Weighed, discrepancies: Discrepancies) -> Linear:
+    """A set of effects beside what a discrepancy is most likely to leave.
+
+    Args:
+        first: the discrepancy's term, as it was weighed beside the set.
+    """
+    made = first.term.of_every_sample(linear.left, int(np.argmax(first.gains)))
+    return replace(linear, left=linear.left - project(discrepancies.means.fine.absorbed, made))
 
 
 def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:

@@ -65,7 +65,7 @@ def of_causes(
             left = float(linear.left @ linear.left) - floor.size + floor.absorbed.rank
             apart = shapes_apart(each.explanation, floor)
             way = closure.Way(float(probability), floor.whitened - linear.left, linear, each.moments, apart=apart)
-            if each.state.other:
+            if each.state.other or each.second:
                 way = replace(way, nameless=max(left - _added(each.state.fitted), 0.0))
             elif each.terms and not each.state.steps:
                 way = replace(way, terms=each.terms)

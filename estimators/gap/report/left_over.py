@@ -11,7 +11,7 @@ from estimators.gap.data.defects import Defect
 from estimators.gap.data.stack import Stack
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Remainder
-from estimators.gap.evidence.discrepancy import Weighed, weighed
+from estimators.gap.evidence.discrepancy import Weighed, left_beside, weighed
 from estimators.gap.evidence.laplace import linearised
 from estimators.gap.evidence.refine import at
 from estimators.gap.evidence.terms import every_along
@@ -23,6 +23,9 @@ from rig.channels import CHANNELS
 
 #: What may be left is told of where it is so likely.
 _TOLD: Final = 0.1
+
+#: Source, course and squares.
+_Left = tuple[str, str, float]
 
 
 def follows(posterior: Posterior, gap: float) -> tuple[dict[str, object], ...]:
@@ -60,32 +63,43 @@ def remainder(
     """What is left: single readings without a name, of ``unnamed`` squares; errors of the rig, one of which is meant;
     noise of channels. Of the squared gap, which is no smaller than what is left."""
     hidden = closure.could_hide(posterior.discrepancies, rng)
-    left: list[tuple[str, str, float]] = [
-        ("single readings", f"{each.effect}-like", unnamed / len(nameless)) for each in nameless
-    ]
+    beside: list[_Left] = []
+    left: list[_Left] = [("single readings", f"{each.effect}-like", unnamed / len(nameless)) for each in nameless]
     if other:
-        errors, noise = _errors(posterior, leading), _nameless_noise(posterior)
-        gap = max(gap, sum(added for *_, added in noise) + max((taken for *_, taken in errors), default=0.0))
-        left += [*errors, *noise]
+        errors, beside = _errors(posterior, leading)
+        noise = _nameless_noise(posterior)
+        of_error = max((taken for *_, taken in errors), default=0.0)
+        gap = max(gap, of_error + sum(added for *_, added in [*beside, *noise]))
+        left += [*errors, *beside, *noise]
     gap = max(gap, *(square for *_, square in left), 1.0)
-    each_left = tuple({"source": source, "course": course, "share": square / gap} for source, course, square in left)
+    each_left = tuple(
+        {"source": each[0], "course": each[1], "share": each[2] / gap} | ({"beside": True} if each in beside else {})
+        for each in left
+    )
     return Remainder("structured" if other or nameless else "noise", each_left, float(hidden))
 
 
-def _errors(posterior: Posterior, leading: Hypothesis) -> list[tuple[str, str, float]]:
-    """Source, course and squares of what a discrepancy may be, the likeliest first; none where it is unlikely."""
+def _errors(posterior: Posterior, leading: Hypothesis) -> tuple[list[_Left], list[_Left]]:
+    """What a discrepancy may be, the likeliest first, and what a second one is beside it; none where it is unlikely."""
     first = leading if leading.terms else next((each for each in posterior.hypotheses if each.terms), None)
     likely = sum(p for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if each.terms)
     if first is None or likely < _TOLD:
-        return []
+        return [], []
     near = [each for each in first.terms if each.log_mass > first.terms[0].log_mass - 3.0]
     of_source = {each.term.source: each for each in reversed(near)}  # of each source the likeliest
     told = sorted(of_source.values(), key=lambda each: -each.log_mass)[:3]
-    taken = _taken(told, first.explanation.linear.left)
-    return [(each.term.source, each.term.course, square) for each, square in zip(told, taken, strict=True)]
+    linear = first.explanation.linear
+    beside = first.second[:1]
+    less = left_beside(linear, first.terms[0], posterior.discrepancies).left if beside else linear.left
+    return _described(told, linear.left), _described(beside, less)
 
 
-def _nameless_noise(posterior: Posterior) -> list[tuple[str, str, float]]:
+def _described(every: Sequence[Weighed], residual: Array) -> list[_Left]:
+    taken = _taken(every, residual)
+    return [(each.term.source, each.term.course, square) for each, square in zip(every, taken, strict=True)]
+
+
+def _nameless_noise(posterior: Posterior) -> list[_Left]:
     """Source, band and squares of noise without a name, channel by channel; none where that is unlikely."""
     first = next((each for each in posterior.hypotheses if each.state.other), None)
     likely = sum(p for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if each.state.other)

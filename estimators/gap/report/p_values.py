@@ -52,6 +52,7 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
     what it does, their own evidence is no longer one."""
     found: dict[int, tuple[float, ...]] = {}
     known: dict[int, list[tuple[float, reach.Gains]]] = {}
+    second = any(each.second for each in posterior.hypotheses)
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
         if not each.other or probability < WAYS:
             continue
@@ -63,7 +64,7 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
             ]
             known[id(explanation)] = list(zip(odds, reach.gains(explanation), strict=True))
         found[number] = tuple(
-            _probability(own - reach.log_prior_of_image(gains, each.terms)) for own, gains in known[id(explanation)]
+            _probability(own - reach.log_prior_of_image(gains, each, second)) for own, gains in known[id(explanation)]
         )
         if noises := sorted(each.state.fitted, key=lambda fitted: fitted.label):
             here = explanation.on(posterior.scanner.fine.data)
@@ -73,7 +74,7 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
                 _probability(
                     homogeneity.log_bayes_factor_of_noise(fitted, lefts)
                     + prior.log_single((fitted.effect.name, (fitted.label,)))
-                    - reach.log_prior_of_image(reach.gains_of_noise(fitted, data.columns), each.terms)
+                    - reach.log_prior_of_image(reach.gains_of_noise(fitted, data.columns), each, second=False)
                 )
                 for fitted in noises
             )

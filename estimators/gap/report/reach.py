@@ -14,6 +14,7 @@ from estimators.gap.hypotheses.prior import FURTHER
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report.homogeneity import own_columns
 from estimators.gap.search.explanation import Explanation
+from estimators.gap.search.hypothesis import Hypothesis
 from rig.arrays import Array
 
 #: Log prior of a second thing outside the catalogue, of which the effect may be an image: things are rarely alone.
@@ -54,22 +55,25 @@ def gains_of_noise(fitted: FittedNoise, columns: Sequence[int]) -> Gains:
     return Gains(gained, gained)
 
 
-def log_prior_of_image(gains: Gains, terms: Sequence[Weighed]) -> float:
+def log_prior_of_image(gains: Gains, hypothesis: Hypothesis, second: bool) -> float:
     """Log probability that a thing outside the catalogue does as much as an effect where it does anything.
 
     It explains nothing of what the effect gains where it does nothing. There an effect counts that gains by itself,
-    too: another that is an image may do anything there, and what undoes that is no cause.
+    too: another that is an image may do anything there, and what undoes that is no cause. What a second such thing may
+    do there is a hypothesis of its own, or, where none was weighed, as likely as that things are rarely alone.
 
     Args:
-        terms: of the discrepancy; none: noise, which may be anywhere.
+        hypothesis: that holds both; one without a discrepancy: noise, which may be anywhere.
+        second: whether hypotheses with a second discrepancy were weighed in the effect's place.
     """
-    if not terms:
+    if not hypothesis.terms:
         return 0.0
-    masses = np.array([one.log_mass for one in terms])
-    beyond = [~_channels(one) for one in terms]
+    masses = np.array([one.log_mass for one in hypothesis.terms])
+    also = _channels(hypothesis.second[0]) if hypothesis.second else np.zeros(len(gains.alone), dtype=bool)
+    beyond = [~(_channels(one) | also) for one in hypothesis.terms]
     outside = [max(min(float(each[own].sum()) for each in gains), 0.0) for own in beyond]
     inside = float(np.logaddexp.reduce(masses - outside) - np.logaddexp.reduce(masses))
-    return min(float(np.logaddexp(inside, _SECOND)), 0.0)
+    return min(inside if second else float(np.logaddexp(inside, _SECOND)), 0.0)
 
 
 def _gained(along: Array, left: Array, channels: int) -> Array:

@@ -20,12 +20,14 @@ class Hypothesis:
         explanation: the mean effects. state: the noise.
         terms: the discrepancy's terms, the likeliest first; empty without one.
         log_mass: unnormalised.
+        second: terms of a second discrepancy, beside the first, the likeliest first; empty without one.
     """
 
     explanation: Explanation
     state: NoiseState
     terms: tuple[Weighed, ...]
     log_mass: float
+    second: tuple[Weighed, ...] = ()
 
     @property
     def other(self) -> bool:

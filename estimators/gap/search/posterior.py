@@ -142,6 +142,7 @@ def explain(
             break
     assert work.discrepancies is not None
     work.move_floor()
+    work.weigh_second()
     weighed_all = tuple(sorted(work.hypotheses.values(), key=lambda one: -one.log_mass))
     return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
 

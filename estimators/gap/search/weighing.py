@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 
 from estimators.gap.evidence.common import CommonNoise, beside, beside_other
-from estimators.gap.evidence.discrepancy import Discrepancies, total, weighed
+from estimators.gap.evidence.discrepancy import Discrepancies, left_beside, total, weighed
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.candidates import Candidate
-from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
+from estimators.gap.hypotheses.prior import FURTHER, OTHER, OTHER_NOISE
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from estimators.gap.search.beam import Search
@@ -31,6 +31,10 @@ NEAR: Final = 6.0
 _HARDLY: Final = 1.0
 #: Log probability of something without a name that is no noise.
 _UNKNOWN: Final = float(np.log(OTHER * (1.0 - OTHER_NOISE)))
+#: Log probability of a second such thing: things are rarely alone.
+_SECOND: Final = float(np.log(FURTHER))
+#: Log odds against the leading hypothesis within which a discrepancy may have a second one beside it.
+_DOUBTED: Final = 3.0
 #: Searches under common noise, each beside what the last one found.
 _OUTWARDS: Final = 2
 #: So many explanations of a state are weighed beside discrepancies, and beside other noise.
@@ -58,7 +62,7 @@ class Weighing:
     progress: Progress | None
     common: Sequence[CommonNoise] = ()
     discrepancies: Discrepancies | None = None
-    hypotheses: dict[tuple[tuple[str, ...], str, bool, bool], Hypothesis] = field(default_factory=dict)
+    hypotheses: dict[tuple[tuple[str, ...], str, bool, bool, bool], Hypothesis] = field(default_factory=dict)
     overtaken: list[tuple[NoiseState, float]] = field(default_factory=list)
     gains: list[tuple[NoiseState, Key, float]] = field(default_factory=list)
 
@@ -102,7 +106,8 @@ class Weighing:
 
     def enter(self, hypothesis: Hypothesis) -> None:
         """A hypothesis, where none of its kind is likelier."""
-        key = hypothesis.labels, hypothesis.state.name, bool(hypothesis.terms), hypothesis.state.other
+        unknown = bool(hypothesis.terms), hypothesis.state.other, bool(hypothesis.second)
+        key = hypothesis.labels, hypothesis.state.name, *unknown
         if key not in self.hypotheses or self.hypotheses[key].log_mass < hypothesis.log_mass:
             self.hypotheses[key] = hypothesis
 
@@ -110,8 +115,8 @@ class Weighing:
         """A state of the noise beside the explanation that it was learned beside."""
         self.enter(Hypothesis(one.explanation, one.state, (), one.log_mass + _nothing_else(one.state)))
 
-    def enter_nameless(self, each: Explanation, state: NoiseState, discrepancies: Discrepancies) -> None:
-        """An explanation beside discrepancies."""
+    def enter_nameless(self, each: Explanation, state: NoiseState, discrepancies: Discrepancies) -> Hypothesis | None:
+        """An explanation beside discrepancies, which is given where any is worth weighing."""
         changes = {
             (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
             for index, member in enumerate(each.members)
@@ -120,14 +125,16 @@ class Weighing:
         terms = weighed(each.linear, discrepancies, changes, self.best_under(state) - FAR - nameless)
         gained = total([term.log_mass for term in terms])
         self.gains.append((state, each.key, _UNKNOWN + max(gained, 0.0)))
-        if terms:
-            found = Hypothesis(each, state, tuple(terms[:_KEPT]), nameless + gained)
-            self.enter(found)
-            # noise of all channels is what changes from sample to sample, too: it is weighed beside what does not
-            slow = [term for term in terms if term.term.edges is None]
-            if slow:
-                for log_mass, fitted, both in beside_other(each.linear, self.common, each.data.absorbed, slow):
-                    self.enter(self._with(replace(found, terms=tuple(both), log_mass=nameless + log_mass), fitted))
+        if not terms:
+            return None
+        found = Hypothesis(each, state, tuple(terms[:_KEPT]), nameless + gained)
+        self.enter(found)
+        # noise of all channels is what changes from sample to sample, too: it is weighed beside what does not
+        slow = [term for term in terms if term.term.edges is None]
+        if slow:
+            for log_mass, fitted, both in beside_other(each.linear, self.common, each.data.absorbed, slow):
+                self.enter(self._with(replace(found, terms=tuple(both), log_mass=nameless + log_mass), fitted))
+        return found
 
     def enter_common(self, found: Hypothesis) -> None:
         """A hypothesis beside each noise effect that all channels share."""
@@ -239,7 +246,7 @@ class Weighing:
                 return
             below, given = scanner.stepped(common.steps(data)), tuple(leading.state.drawn)
             search = Search(below, self.candidates, self.noises.prior, self.progress, given=given)
-            alone = self.hypotheses.get((leading.state.labels, floor.name, False, False))
+            alone = self.hypotheses.get((leading.state.labels, floor.name, False, False, False))
             target = -np.inf if alone is None else leading.log_mass - alone.log_mass
             for each in search.run(leading.explanation.seeds, False, target)[:_BESIDE]:
                 prior = self.noises.prior.log_set([member.drawn for member in each.members])
@@ -252,7 +259,7 @@ class Weighing:
     def _common(self) -> FittedNoise | None:
         """Noise that all channels share, where that is far likelier than none."""
         fitted = self.leading.state.fitted
-        return fitted[-1] if fitted and fitted[-1].part == EVERY and 0.5 * fitted[-1].gain > FAR else None
+        return fitted[-1] if _of_all_channels(self.leading.state) and 0.5 * fitted[-1].gain > FAR else None
 
     def move_floor_under_common(self, floor: NoiseState) -> None:
         """The same beside other floors: as it was learned, the floor was judged beside nothing else."""
@@ -296,11 +303,37 @@ class Weighing:
                     self.enter(self.alone(one, state))
         return added
 
+    def weigh_second(self) -> None:
+        """Where something without a name is likely, a second such thing beside it: in what the first leaves, and in the
+        place of each cause that was found beside it.
+
+        What both could explain is the first one's alone: the second is rather too unlikely than too likely.
+        """
+        nameless = [one for one in self.hypotheses.values() if one.terms and not _of_all_channels(one.state)]
+        leading = max(nameless, key=lambda one: one.log_mass, default=None)
+        if leading is None or leading.log_mass < self.best - _DOUBTED:
+            return
+        state, scanner = leading.state, self.scanner.stepped(leading.state.steps)
+        search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
+        discrepancies = self._discrepancies_under(state, search)
+        for each in [leading.explanation, *search.without_one(leading.explanation)]:
+            if (found := self.enter_nameless(each, state, discrepancies)) is None:
+                continue
+            least = self.best - FAR - found.log_mass - _SECOND
+            if second := weighed(left_beside(each.linear, found.terms[0], discrepancies), discrepancies, least=least):
+                log_mass = found.log_mass + _SECOND + total([one.log_mass for one in second])
+                self.enter(replace(found, log_mass=log_mass, second=tuple(second[:_KEPT])))
+
     def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
         """Whether a set beside a discrepancy is far from likely: that gains no more beside a set than beside less."""
         held = Counter(each.key)
         own = [gain for under, fewer, gain in self.gains if under is state and Counter(fewer) <= held]
         return bool(own) and self.known(each, state) + min(own) < self.best - NEAR
+
+
+def _of_all_channels(state: NoiseState) -> bool:
+    """Whether its noise is one that all channels share."""
+    return bool(state.fitted) and state.fitted[-1].part == EVERY
 
 
 def _nothing_else(state: NoiseState) -> float:
