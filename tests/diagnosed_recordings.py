@@ -49,6 +49,7 @@ def by_hand(
     name: str = "small",
     other: bool | None = None,
     rivals: tuple[tuple[tuple[str, str], ...], ...] = (),
+    first: float | None = None,
 ) -> Diagnosis:
     """A diagnosis with every field filled, as the verdict would have it.
 
@@ -56,11 +57,12 @@ def by_hand(
         causes: of the likeliest explanation.
         other: whether something outside the catalogue is part of that; by default of partly and unknown.
         rivals: further explanations, which share what the likeliest leaves.
+        first: the probability of the likeliest; by default one that suits the verdict.
     """
     own = replace(BY_HAND, probability=0.7) if verdict == "unknown" else BY_HAND
     found = (own,) if causes is None else causes
     there = verdict in ("partly", "unknown") if other is None else other
-    first = LEADING[verdict]
+    first = LEADING[verdict] if first is None else first
     leading = Hypothesis(tuple((cause.effect, cause.where) for cause in found), there, first)
     each = (0.98 - first) / max(len(rivals), 1)
     latency = ("latency", "accelerometer")

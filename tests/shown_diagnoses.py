@@ -10,6 +10,8 @@ from io import StringIO
 from diagnosed_recordings import by_hand, cause
 from rich.console import Console
 
+from estimators.gap.diagnosis import Hypothesis
+
 OFFSET = cause("joint_offset", "joint5", probability=0.6, offset_rad=(0.01, 1e-4, "rad"))
 TWIN = {"effect": "joint_offset", "where": "joint2", "probability": 0.3}
 TWINS = replace(OFFSET, probability=0.98, equivalent=(TWIN,))
@@ -36,10 +38,17 @@ SHOWN = {
     "unknown": by_hand("unknown"),
     "unknown, no cause": by_hand("unknown", ()),
     "unknown, many fit": by_hand(
-        "unknown", (IRON,), other=False, rivals=tuple((("joint_scale", f"joint{n}"),) for n in range(1, 7))
+        "unknown", (IRON,), other=False, rivals=tuple((("joint_scale", f"joint{n}"),) for n in range(1, 7)), first=0.4
     ),
+    "unknown, one is likely": by_hand("unknown", (IRON,), other=False, first=0.8),
     "no-gap": by_hand("no-gap", ()),
 }
+LIKELY = SHOWN["unknown, one is likely"]
+SHOWN["unknown, one is likely"] = replace(
+    LIKELY,
+    hypotheses=(LIKELY.hypotheses[0], Hypothesis((), True, 0.18)),
+    posterior={"nothing": 0.0, "known": 0.82, "other": 0.18},
+)
 SHOWN["unknown, many fit"] = replace(
     SHOWN["unknown, many fit"], causes=(IRON, LISTED), floor="estimated from the recording itself"
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +18,14 @@ from estimators.gap.evidence.terms import smooth_terms
 from estimators.gap.hypotheses.prior import FORM, OTHER, OTHER_NOISE, VISIBLE
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.stochastic import FittedNoise
-from estimators.gap.report.closed_shares import by_cause, of_noise, of_whole, out_of_form
+from estimators.gap.report.closed_shares import (
+    by_cause,
+    of_noise,
+    of_noise_by_channel,
+    of_whole,
+    out_of_form,
+    where_left,
+)
 from estimators.gap.report.closure import Way, could_hide, drawn, held_out, share
 from rig.channels import CHANNELS
 from rig.effects import make_effect
@@ -162,6 +170,27 @@ def test_the_shares_of_noise_are_of_the_whole_gap_and_add_up() -> None:
         told.append(of_whole(before - after, whole))
     assert [each.value for each in told] == pytest.approx([0.25, 0.25], abs=1e-4)
     assert by_cause(0, None, None, np.full(400, 2.0 * size), whole, rng).value == pytest.approx(0.5)  # type: ignore[arg-type]
+
+
+def test_each_channel_keeps_what_its_own_noise_is_unsure_of() -> None:
+    """Known to a tenth and to two tenths, of a half-normal error: the median of the squares is .45 of theirs."""
+    noise = noise_of("magnetometer", (0.1, 0.3, 0.2))
+    noise = replace(noise, spread=np.array([0.1, 0.2, 1e-6]) * np.square(noise.effect.sigma_V))  # type: ignore[attr-defined]
+    after, before = of_noise_by_channel([noise], [], SimpleNamespace(parts=[]), np.random.default_rng(0))  # type: ignore[arg-type]
+    assert before[0] == pytest.approx(np.array([0.0, 0.0, 0.0, 0.1, 0.3, 0.2]) * ROWS)
+    left = np.median(after, axis=0)[3:] / before[0, 3:]
+    assert left == pytest.approx([0.455 * 0.1**2, 0.455 * 0.2**2, 0.0], rel=0.5, abs=1e-9)
+
+
+def test_what_is_left_of_a_cause_lies_where_its_parameters_are_unsure() -> None:
+    """Two strengths, each of one channel; the second's width makes three quarters of what may be left."""
+    tangent = np.zeros((20, 2))
+    tangent[:10, 0] = tangent[10:, 1] = 1.0
+    linear = SimpleNamespace(owner=np.array([0, 0]), tangent=tangent)
+    explanation = SimpleNamespace(linear=linear, data=SimpleNamespace(columns=[0, 1]))
+    told = SimpleNamespace(explanation=explanation, moments=(np.zeros(2), np.diag([1.0, 3.0])))
+    assert where_left(told, [0]) == pytest.approx([0.25, 0.75])  # type: ignore[arg-type]
+    assert where_left(told, [1]) == pytest.approx([0.0, 0.0])  # type: ignore[arg-type]
 
 
 def test_a_cause_takes_no_more_than_the_gap() -> None:

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnosed_recordings import scenario as small
+from scipy.spatial.transform import Rotation
 
 import estimators
 import scenarios
@@ -24,6 +25,7 @@ from estimators.gap.hypotheses.alike import alike
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.score import Explained, evidence
 from estimators.gap.report.by_channel import MAY_BE_FLOOR
+from rig.arm import Arm
 from rig.effects import EFFECTS, make_effect
 from rig.errors import RefusedFit, RigError
 from rig.maneuver import LockedPoses
@@ -259,3 +261,16 @@ def test_noise_that_may_be_the_floor_is_said_not_to_be_told() -> None:
     for rest, expected in ((None, {"noise_coloured", "noise_excess"}), (rig.simulate_locked(0), set())):
         found = estimators.diagnose(rig.simulate(0), locked=rest, without=few)
         assert {each["effect"] for each in found.cannot_tell if each["why"] == MAY_BE_FLOOR} == expected
+
+
+def test_what_lacks_joint_angles_is_not_told_at_any_joint(arm: Arm) -> None:
+    """A log of the tool's poses says nothing of joints and links: no effect of theirs was looked for."""
+    few = [name for name in EFFECTS if name not in ("backlash", "link_hard_iron", "sensor_lag")]
+    run = small().simulate(0)
+    turns = Rotation.from_matrix(run.rotations(arm).reshape(-1, 3, 3)).as_quat(scalar_first=True)
+    posed = replace(run, q=None, tool_quaternion=turns)
+    found = estimators.diagnose(posed, without=few)
+    assert {(each["effect"], each["where"]) for each in found.cannot_tell} >= {
+        ("backlash", "joints"),
+        ("link_hard_iron", "links"),
+    }

@@ -296,6 +296,29 @@ def test_hysteresis_of_any_form_is_an_offset_that_follows_its_history(
     assert best.log_mass > 0.5 * 0.75 * 20.0**2 - 40.0
 
 
+def test_bumps_along_a_joint_are_told_place_by_place(data: WhitenedData, discrepancies: Discrepancies) -> None:
+    """A worn track under one channel's contact: three bumps a tenth of a turn wide, which three harmonics hold little
+    of. Of 40 standard deviations the places hold nine tenths of the square."""
+    assert data.base.q_encoder is not None
+    angle = data.base.q_encoder[:, 0]
+    bumps = sum(size * np.exp(-0.5 * ((angle - at) / 0.15) ** 2) for at, size in ((-1.1, 1.0), (0.3, -0.8), (0.9, 0.7)))
+    change = np.zeros((data.count, 6))
+    change[:, 1] = bumps
+    change = project(data.absorbed, data.whiten(change))
+    noise = project(data.absorbed, np.random.default_rng(6).standard_normal(data.size))
+    best = weighed(unexplained(noise + 40.0 * change / np.linalg.norm(change)), discrepancies)[0]
+    assert (best.term.source, best.term.course) == ("the offset of accel2", "the angle of joint1, place by place")
+    assert best.log_mass > 0.5 * 0.9 * 40.0**2 - 100.0
+
+
+def test_a_joint_that_turns_far_from_mean_to_mean_has_no_places(data: WhitenedData) -> None:
+    places = {each.name for each, _ in courses(data) if each.name.endswith("place by place")}
+    assert "the angle of joint1, place by place" in places
+    assert data.base.q_encoder is not None
+    step = np.quantile(np.abs(np.diff(np.unwrap(data.base.q_encoder[:, 5]))), 0.9)
+    assert ("the angle of joint6, place by place" in places) == bool(step < 2.0 / 4.0)
+
+
 def test_how_fast_the_tool_turns_holds_what_any_lever_feels(arm: Arm) -> None:
     """A lever's acceleration is linear in the angular acceleration and in products of rates: what is left of it comes
     from differences over two samples, a sixth of the squared turn of one, and of the reversals between them."""

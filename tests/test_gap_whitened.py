@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnosed_recordings import scenario as small
 from scipy.signal import lfilter
 from whitened_examples import data, recorded, unexplained  # noqa: F401
 
@@ -103,6 +104,17 @@ def test_a_tone_faster_than_the_means_is_found_in_the_samples(arm: Arm) -> None:
     assert (cause.effect, cause.where) == ("vibration", "accelerometer")
     resolution = 1.0 / float(run.t[-1] - run.t[0])
     assert abs(cause.parameters["freq_Hz"].value - frequency) < 0.5 * resolution
+
+
+@pytest.mark.parametrize("frequency", [20.45, 20.33, 30.7])
+def test_a_tone_is_found_among_the_rates_of_the_joints(frequency: float) -> None:
+    """Sampled at 10 Hz it appears between the first and third harmonic of the fastest joint's .246 Hz. In two draws of
+    each it alone was named."""
+    few = [name for name in EFFECTS if name not in ("vibration", "mains_hum", "joint_scale", "joint_eccentricity")]
+    shaken = {"where": "accelerometer", "amplitude_m_s2": 0.12, "freq_Hz": frequency, "direction": (1.0, 1.0, 0.0)}
+    run = small().with_effects([make_effect("vibration", shaken)]).simulate(0)
+    found = estimators.diagnose(run, small().simulate_locked(0), without=few)
+    assert [cause.effect for cause in found.established] == ["vibration"]
 
 
 def test_each_channel_closes_by_what_is_left_of_it(arm: Arm) -> None:

@@ -148,7 +148,8 @@ def test_instants_and_phases_move_to_a_clock_that_starts_with_the_recording() ->
 
 def test_comments_say_what_the_scenario_is_not() -> None:
     run, locked = recorded(backlash())
-    twin = cause("backlash", "joint5", ({"effect": "latency", "where": "acquisition"},), width_rad=(0.05, 1e-3, "rad"))
+    same = {"effect": "latency", "where": "acquisition", "probability": 0.4}
+    twin = cause("backlash", "joint5", (same,), width_rad=(0.05, 1e-3, "rad"))
     diagnosis = by_hand("partly", (twin,))
     text = improved_rig(diagnosis, gap_residuals(run, diagnosis, locked), locked).to_toml()
     comments = " ".join(line.removeprefix("# ") for line in text.splitlines() if line.startswith("#"))

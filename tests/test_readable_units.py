@@ -7,6 +7,7 @@ import pytest
 from estimators.gap import Cause, Estimate
 from estimators.gap.diagnosis import Closed
 from estimators.gap.readable_units import readable_unit, rms_text, two_digits
+from estimators.gap.remainder_words import share_left
 from estimators.gap.share_words import percent
 from scenarios.gap_report.words import estimate_for_people, estimate_words, parameter_for_people
 
@@ -63,5 +64,18 @@ def test_ratios_have_two_digits_and_no_exponent() -> None:
 def test_a_share_that_rounds_to_nothing_is_not_called_nothing() -> None:
     assert percent(0.002, 0.0, 0.004) == "< 1 %"
     assert percent(0.002, 0.0, 0.03) == "< 1 % (0-3)"
-    assert percent(0.0) == "0 %"
+    assert percent(0.0) == "< 1 %"  # one form for what is not touched
     assert percent(-0.001) == "< 1 %"
+
+
+def test_a_share_that_rounds_to_everything_is_not_called_everything() -> None:
+    assert percent(0.9997) == "> 99.9 %"
+    assert percent(0.9997, 0.998, 1.0) == "> 99.9 % (99.8-100)"
+    assert percent(0.9998, 0.9996, 1.0) == "> 99.9 %"
+    assert percent(1.0) == "100 %"
+    assert [share_left(each) for each in (0.002, 0.25, 0.9997, 1.0)] == [
+        "less than 1 %",
+        "25 %",
+        "more than 99.9 %",
+        "100 %",
+    ]

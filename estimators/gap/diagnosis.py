@@ -8,14 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from estimators.gap.choices import and_words, cause_name, choice_words, sigmas_words
-from estimators.gap.readable_units import readable_unit
-from estimators.gap.remainder_words import likeliest_words
-from estimators.gap.share_words import chance, elsewhere_words, percent
+from estimators.gap.choices import NOTHING, OTHER
+from estimators.gap.verdict_words import consequence_words, told_words
 from rig.documents import plain
 from rig.errors import in_short
 from rig.files import write_text
-from rig.number_text import with_std
 
 if TYPE_CHECKING:
     from estimators.calibration import Calibration
@@ -82,6 +79,11 @@ class Hypothesis:
     causes: tuple[tuple[str, str], ...]
     other: bool
     probability: float
+
+    @property
+    def parts(self) -> tuple[tuple[str, str], ...]:
+        """Its causes and something outside the catalogue, if that is part of it; or that there is nothing."""
+        return (*self.causes, *([OTHER] if self.other else [])) or (NOTHING,)
 
 
 @dataclass(frozen=True)
@@ -210,6 +212,21 @@ class Diagnosis:
                 found.append(one)
         return tuple(found)
 
+    @property
+    def likeliest(self) -> tuple[Hypothesis, ...]:
+        """Explanations of every kind, the likeliest first: as many as together would be named, five at most."""
+        found: list[Hypothesis] = []
+        for one in sorted(self.hypotheses, key=lambda each: -each.probability)[:MOST_TOLD]:
+            if sum(each.probability for each in found) < NAMED:
+                found.append(one)
+        return tuple(found)
+
+    @property
+    def likely(self) -> Hypothesis | None:
+        """The explanation by known causes that is likelier than all others together; None where there is none."""
+        known = [one for one in self.likeliest[:1] if one.causes and not one.other and one.probability >= 0.5]
+        return known[0] if known else None
+
     def to_json(self) -> dict[str, Any]:
         """The contract's object."""
         document: dict[str, Any] = plain(
@@ -284,61 +301,15 @@ class Diagnosis:
 
     def sentence(self) -> str:
         """The verdict in words that a person can act on."""
-        if self.verdict == "no-gap":
-            return f"no gap: what the model leaves is the noise floor (probability {chance(self.posterior['nothing'])})"
-        if self.verdict == "named":
-            named = " and ".join(describe(cause) for cause in self.leading)
-            return f"named: {named}, probability {chance(self.hypotheses[0].probability)}{self._consequences()}"
-        if self.verdict == "ambiguous":
-            return f"ambiguous: {self._alternatives()}{self._consequences()}"
-        left = self._left()
-        if self.verdict == "partly":
-            named = " and ".join(describe(cause) for cause in self.established)
-            return f"partly: {named} {'is' if len(self.established) == 1 else 'are'} established; {left}"
-        return f"unknown: {left}"
-
-    def _alternatives(self) -> str:
-        sets = self.alternatives[:_SETS]
-        return choice_words([one.causes for one in sets], chances=[chance(one.probability) for one in sets])
-
-    def _left(self) -> str:
-        other = self.posterior["other"]
-        follows = likeliest_words(self.remainder.follows)
-        if other >= 0.5:
-            text = f"something outside the catalogue is there (probability {chance(other)})"
-            return text + (f": it acts like {follows}" if follows else "") + self._one_of()
-        return f"no explanation stands out: {self._alternatives() or 'none fits'}"
-
-    def _one_of(self) -> str:
-        named = (", ".join(cause_name(*each) for each in one.causes) for one in self.at_least_one)
-        return "".join(f"; at least one of {names} is there" for names in named)
-
-    def _consequences(self) -> str:
-        parts = []
-        if self.closed.value is not None:
-            share = percent(self.closed.value, self.closed.low, self.closed.high)
-            parts.append(f"closes {share} of the squared gap")
-            if self.closed_elsewhere is not None:
-                parts[-1] += f"; {elsewhere_words(self.closed_elsewhere)}"
-        ratios = {name: channel.gap_before / channel.noise_floor for name, channel in self.channels.items()}
-        worst = sorted(ratios, key=lambda name: -ratios[name])
-        most = [name for name in worst[:2] if ratios[name] > 0.5 * ratios[worst[0]]]  # the second, where it is near
-        if most:
-            parts.append(f"relative to the noise floor, the gap is largest in {' and '.join(most)}")
-        if self.calibration_shift:
-            name, shift = max(self.calibration_shift.items(), key=lambda item: abs(item[1]["sigmas"]))
-            if abs(shift["sigmas"]) >= 1.0:
-                parts.append(f"not modelled, it shifts {name} by {sigmas_words(shift['sigmas'])} standard deviations")
-        if self.remainder.verdict == "noise":
-            parts.append("nothing is left above the noise floor")
-        return ": " + "; ".join(parts)
+        return ": ".join(filter(None, (self.verdict.replace("-", " "), told_words(self), consequence_words(self))))
 
 
 #: Probabilities from which on an explanation is named, a cause is established, and there is no gap.
 NAMED: Final = 0.9
 ESTABLISHED: Final = 0.95
 NO_GAP: Final = 0.5
-_SETS: Final = 5
+#: So many explanations at most are told of in a sentence, and share the probability of an ambiguous verdict.
+MOST_TOLD: Final = 5
 
 
 def verdict_of(posterior: Mapping[str, float], hypotheses: Sequence[Hypothesis], causes: Sequence[Cause]) -> Verdict:
@@ -348,30 +319,6 @@ def verdict_of(posterior: Mapping[str, float], hypotheses: Sequence[Hypothesis],
     sets = [one.probability for one in hypotheses if one.causes and not one.other]
     if sets and sets[0] >= NAMED:
         return "named"
-    if sum(sets[:_SETS]) >= NAMED:
+    if sum(sets[:MOST_TOLD]) >= NAMED:
         return "ambiguous"
     return "partly" if any(cause.probability >= ESTABLISHED for cause in causes) else "unknown"
-
-
-def describe(cause: Cause) -> str:
-    """One cause in words, with what the data cannot split from it."""
-    sizes = [text for name, estimate in cause.parameters.items() if (text := _size(name, estimate))]
-    text = cause_name(cause.effect, cause.where) + (f" ({', '.join(sizes[:3])})" if sizes else "")
-    if cause.equivalent:
-        others = [cause_name(each["effect"], each["where"]) for each in cause.equivalent]
-        text += f" (the same here: {and_words(others)})"
-    return text
-
-
-def _size(name: str, estimate: Estimate) -> str:
-    if (
-        isinstance(estimate.value, tuple | str)
-        or estimate.value is None
-        or estimate.std is None
-        or isinstance(estimate.std, tuple)
-    ):
-        return ""
-    scale, unit = readable_unit(estimate.unit, max(abs(estimate.value), estimate.std))
-    unit = "Hz as sampled" if unit == "Hz" else unit
-    size = " +- ".join(with_std(scale * estimate.value, scale * estimate.std))
-    return f"{'' if unit == 'deg' else f'{name} '}{size} {unit}".rstrip()

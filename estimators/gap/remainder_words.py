@@ -7,10 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from estimators.gap.choices import and_words
+from estimators.gap.share_words import percent
 
 #: How the name of a noise that is left over begins, and what else its name holds.
 _NOISE: Final = "noise of "
 _ALONE: Final = " by itself"
+#: How the name of an error begins that is in the form of a cause: in the catalogue it has one strength throughout.
+STRENGTH: Final = "the strength of "
+#: What has less of the squared gap is told, but is no reason to look at the rig.
+WORTH_A_LOOK: Final = 0.01
 #: A discrepancy's course, where its name alone would not say enough -> the variable in words.
 _VARIABLES: Final = {
     "orientation": "orientation of the tool",
@@ -58,38 +63,63 @@ def is_second(each: Mapping[str, Any]) -> bool:
 
 def source_words(source: str) -> str:
     """What is off, in words."""
+    if source.startswith(STRENGTH):
+        return f"the form of {source.removeprefix(STRENGTH)}"
     return source.replace(_ALONE, " alone").replace("field along link", "field fixed in link")
 
 
+def noisy_channel(source: str) -> str:
+    """The channel of a noise that is left over."""
+    return source.removeprefix(_NOISE).partition(_ALONE)[0]
+
+
 def share_left(share: float) -> str:
-    """A share of the squared gap; what rounds to nothing is not called nothing."""
-    return "less than 1 %" if not math.isfinite(share) or share < 0.005 else f"{100.0 * min(share, 1.0):.0f} %"
+    """A share of the squared gap; what rounds to nothing is not called nothing, nor all what rounds to all."""
+    if not math.isfinite(share):
+        return "less than 1 %"
+    return percent(min(max(share, 0.0), 1.0)).replace("< ", "less than ").replace("> ", "more than ")
+
+
+def by_share(follows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """What is left over, the largest share first."""
+    return sorted(follows, key=lambda each: -each["share"] if math.isfinite(each["share"]) else 0.0)
+
+
+def grouped(follows: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], ...]:
+    """Errors of which one is meant, errors beside these, and noise; of each the largest share first."""
+    groups: tuple[list[Mapping[str, Any]], ...] = ([], [], [])
+    for each in by_share(follows):
+        groups[2 if is_noise(each) else 1 if is_second(each) else 0].append(each)
+    return groups
 
 
 def error_words(each: Mapping[str, Any]) -> str:
     """One thing that is left: "an error of the clock that changes with time"."""
-    source, course = source_words(str(each["source"])), str(each["course"])
+    name, course = str(each["source"]), str(each["course"])
+    source = source_words(name)
     if is_noise(each):
         return f"{source}, {course}"
     if course.endswith("-like"):
         return f"{source} like {course.removesuffix('-like')}"
+    if name.startswith(STRENGTH):
+        cause, how = name.removeprefix(STRENGTH), course_words(course).removeprefix("that ")
+        return f"{'an' if cause[0] in 'aeio' else 'a'} {cause} that is not quite of the catalogue's form and {how}"
     return f"{f'an error of {source}' if source.startswith('the ') else source} {course_words(course)}"
 
 
 def left_over_words(follows: Sequence[Mapping[str, Any]]) -> str:
     """All that is left, each with its share: errors of which one is meant, and an error and noise beside it."""
-    told: tuple[list[str], list[str]] = ([], [])
-    for each in follows:
-        share = share_left(each["share"])
-        told[is_noise(each) or is_second(each)].append(f"{error_words(each)} ({share} of the squared gap)")
-    return ", and ".join(filter(None, [", or ".join(told[0]), and_words(told[1])]))
+    errors, second, noise = (
+        [f"{error_words(each)} ({share_left(each['share'])} of the squared gap)" for each in group]
+        for group in grouped(follows)
+    )
+    return ", and ".join(filter(None, [", or ".join(errors), and_words([*second, *noise])]))
 
 
-def likeliest_words(follows: Sequence[Mapping[str, Any]]) -> str:
-    """The two likeliest errors that are left, the one beside them, and noise that has more of the gap than these; noise
+def largest_words(follows: Sequence[Mapping[str, Any]]) -> str:
+    """The two largest errors that are left, those beside them, and noise that has more of the gap than these; noise
     where it is all."""
-    errors = [each for each in follows if not is_noise(each) and not is_second(each)][:2]
-    errors += [each for each in follows if is_second(each)]
-    most = max((each["share"] for each in errors), default=0.0)
-    noise = [each for each in follows if is_noise(each) and (not errors or each["share"] > most)]
-    return left_over_words([*errors, *noise[:2]])
+    errors, second, noise = grouped(follows)
+    told = [*errors[:2], *second]
+    most = max((each["share"] for each in told), default=0.0)
+    return left_over_words([*told, *[each for each in noise if not told or each["share"] > most][:2]])

@@ -16,14 +16,19 @@ def chance(probability: float) -> str:
 
 
 def percent(share: float | None, low: float | None = None, high: float | None = None) -> str:
-    """A share in percent, to a tenth close to everything, with its interval where that says more: "97 % (95-99)"; what
-    rounds to nothing is not called nothing."""
+    """A share in percent, to a tenth close to everything, with its interval where that says more: "97 % (95-99)".
+
+    What rounds to nothing is "< 1 %", what rounds to everything and is not "> 99.9 %".
+    """
     value, *ends = (_hundredths(each) for each in (share, low, high))
-    if value == "–":
-        return value
-    if value == "0" and share:
+    if share is None or value == "–":
+        return "–"
+    if value == "0":
         value = "< 1"
         ends = ["–"] if ends == ["0", "0"] else ends
+    elif value == "100" and share < 1.0:
+        value = "> 99.9"
+        ends = ["–"] if ends[0] == "100" else ends
     between = " to " if low is not None and low < 0.0 else "-"  # a dash beside a minus sign cannot be read
     return f"{value} %" if "–" in ends or ends == [value, value] else f"{value} % ({ends[0]}{between}{ends[1]})"
 

@@ -30,7 +30,8 @@ def with_volts(signals: Signals, columns: slice, change: Array) -> Signals:
 @register
 @dataclass(frozen=True)
 class BiasWarmup(Effect):
-    """The offset settles after power is switched on: V + c exp(-t/tau), one c an axis, t since the first sample.
+    """The offset settles after power is switched on: V + c exp(-t/tau), one coefficient c an axis, tau the time
+    constant, t since the first sample.
 
     Minutes; 1-10 mV; a guess.
     """
@@ -54,7 +55,7 @@ class BiasWarmup(Effect):
 @register
 @dataclass(frozen=True)
 class BiasTemperature(Effect):
-    """The offset follows the temperature: V + c (T - 25 degC), one coefficient an axis.
+    """The offset follows the temperature: V + c (T - 25 degC), one coefficient c an axis.
 
     0.5-1 mg/degC (ADXL330 data sheet: 1 mg/degC), times the sensitivity.
     """
@@ -75,7 +76,7 @@ class BiasTemperature(Effect):
 @register
 @dataclass(frozen=True)
 class ScaleTemperature(Effect):
-    """The sensitivity follows the temperature: S (1 + c (T - 25 degC)), one coefficient an axis.
+    """The sensitivity follows the temperature: S (1 + c (T - 25 degC)), one coefficient c an axis.
 
     0.015 %/degC (ADXL330 data sheet) to -0.3 %/degC (HMC1001 data sheet, at constant voltage).
     """

@@ -37,7 +37,7 @@ _COSINES: Final = 24
 @register
 @dataclass(frozen=True)
 class SupplyRatiometric(Effect):
-    """The supply drifts, and every reading with it: V (1 + e(t)), e slow.
+    """The supply drifts, and every reading with it: V (1 + e(t)), e a slow waveform and the recorded supply.
 
     e(t) = supply_V (U(t)/mean U - 1) + sum_k w_k cos(pi k (t - t0)/(t1 - t0)), k = 1 to 24: the recorded supply U,
     followed in full where supply_V is 1 (one that was not recorded counts as constant); and a smooth waveform over the
@@ -66,7 +66,7 @@ class SupplyRatiometric(Effect):
 @register
 @dataclass(frozen=True)
 class ChannelCrosstalk(Effect):
-    """A neighbouring wire couples in: V_i + c (V_j - m), i the channel that is disturbed and j the source.
+    """A neighbouring wire couples in: V_i + c (V_j - m), c the coefficient, i the channel disturbed, j the source.
 
     m is the middle of j's scale: 2.5 V where its readings lie within 0 to 5 V, else their mean. 0.1-1 %; a guess.
     """
@@ -95,7 +95,8 @@ class ChannelCrosstalk(Effect):
 @register
 @dataclass(frozen=True)
 class MainsHum(Effect):
-    """The mains couple into every channel: V_k + A_k sin(2 pi f t + p_k), f near 50 or 60 Hz.
+    """The mains couple into every channel: V_k + A_k sin(2 pi f t + p_k), A the amplitude, p the phase, f the
+    frequency, near 50 or 60 Hz.
 
     The frequency of a sampled signal is known only modulo the sampling rate. It lies within 2 %, as EN 50160 allows a
     supply that stands alone. Millivolts; a guess.

@@ -40,7 +40,8 @@ def motor_link(joint: int) -> int:
 @register
 @dataclass(frozen=True)
 class FieldGradient(Effect):
-    """The field changes along the path: B(p) = B0 + G p, G symmetric and traceless, hence curl- and divergence-free.
+    """The field changes along the path: B(p) = B0 + G p, G the gradient, symmetric and traceless: without curl and
+    divergence.
 
     The five numbers are G_xx, G_yy, G_xy, G_xz, G_yz, relative to the stated magnitude; G_zz = -G_xx - G_yy.
     1-10 %/m in a laboratory; a guess.
@@ -68,7 +69,7 @@ class FieldGradient(Effect):
 @register
 @dataclass(frozen=True)
 class BaseDipole(Effect):
-    """A piece of steel or a motor near the arm, seen from afar: a dipole m at r0, both in the base frame.
+    """A piece of steel or a motor near the arm, seen from afar: a dipole of moment m at position r0, in the base frame.
 
     B + (3 u (u . m) - m) / d^3, with d u the way from r0 to the sensor; m [m^3] is the moment over the stated
     magnitude: 1e-3 makes 1.6-3.1 % of the field at 0.4 m, and is a magnet of 0.5 A m^2 in the Earth's field
@@ -120,7 +121,8 @@ def _thinned(signals: Signals) -> Array:
 @register
 @dataclass(frozen=True)
 class LinkHardIron(Effect):
-    """A constant field fixed in link j: B + R_base_link h, h relative to the stated magnitude, in the link's frame.
+    """A constant field fixed in link j: B + R_base_link h, h the field relative to the stated magnitude, in the
+    link's frame.
 
     0.1-5 % of the field; a guess. With joints 2 to 4 locked, links 1 to 4 are one body.
     """
@@ -141,7 +143,8 @@ class LinkHardIron(Effect):
 @register
 @dataclass(frozen=True)
 class LinkSoftIron(Effect):
-    """Iron in link j that the field itself magnetises: B + R_base_link X R_base_link^T B, X symmetric.
+    """Iron in link j that the field itself magnetises: B + R_base_link X R_base_link^T B, X the susceptibility,
+    symmetric.
 
     The six numbers are X_xx, X_yy, X_zz, X_xy, X_xz, X_yz, in the link's frame. 0.1-5 %; a guess.
     """
@@ -171,7 +174,7 @@ class LinkSoftIron(Effect):
 @register
 @dataclass(frozen=True)
 class MotorCurrentField(Effect):
-    """A joint's motor makes a field as it pulls: B + R_base_link h s, h fixed in the link that carries the motor.
+    """A joint's motor makes a field as it pulls: B + R_base_link h s, h the field, fixed in the link of the motor.
 
     That is the link before the joint (4, 5 for joints 5, 6), and link 1 for joint 1. s is the logged current [A] where
     there is one, h then per ampere; else the smooth sign of the joint's velocity, as friction makes most of a slow

@@ -49,7 +49,7 @@ def twist_axis(signals: Signals, joint: int) -> Array:
 @register
 @dataclass(frozen=True)
 class AxisMisalignment(Effect):
-    """The next joint's axis is not quite where it should be: the Denavit-Hartenberg twist is alpha_j + c.
+    """The next joint's axis is not quite where it should be: the Denavit-Hartenberg angle is alpha_j + c, c the twist.
 
     R_0j' = R_0j Rx(c): everything beyond link j turns by c about the link's x axis, the sensor's position too. Where a
     model's links have other axes, x is the common normal of the joint's axis and the next one's, or, where these are
@@ -85,7 +85,8 @@ class AxisMisalignment(Effect):
 @register
 @dataclass(frozen=True)
 class BaseRocking(Effect):
-    """The base tilts with the arm's azimuth: by the angle a cos(q1 - p) about (-sin p, cos p, 0), p the soft direction.
+    """The base tilts with the arm's azimuth: by the angle a cos(q1 - p) about (-sin p, cos p, 0), a the tilt, p
+    the phase: the soft direction.
 
     An arm that reaches along p tips down along p. 0.1-5 mrad; a guess.
     """
@@ -121,7 +122,7 @@ def _turn(rotation_rad: tuple[float, ...]) -> Array:
 @register
 @dataclass(frozen=True)
 class MountingSlip(Effect):
-    """The sensor slips on its mount at one instant: R_base_tool exp([r]x) from at_s on, r in frame 6.
+    """The sensor slips on its mount at one instant: R_base_tool exp([r]x) from at_s on, r the rotation in frame 6.
 
     1 mrad; a guess. The sensor's place on the tool stays as it was.
     """

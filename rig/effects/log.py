@@ -28,7 +28,8 @@ _TURN = 1e-6
 @register
 @dataclass(frozen=True)
 class PoseInterpolation(Effect):
-    """Poses logged at a lower rate and filled in by straight lines: what moves faster is missing.
+    """Poses logged every node_interval_s, give or take jitter_s, and filled in by straight lines: what moves faster is
+    missing.
 
     The poses are read every node_interval_s, stamped as they arrive, off by jitter_s, and interpolated linearly. The
     kinks of the log show its nodes, T apart; the true path is taken as the cubic spline through them at the times that
@@ -99,7 +100,8 @@ class PoseInterpolation(Effect):
 @register
 @dataclass(frozen=True)
 class PoseNoise(Effect):
-    """The logged pose errs by a small rotation: R exp([e]x), e in frame 6, each component normal with sigma_rad.
+    """The logged pose errs by a small rotation: R exp([e]x), e in frame 6, each component normal with
+    sigma_rad and forgotten over tau_s.
 
     With tau_s zero the errors are independent; else they forget as exp(-|lag|/tau_s). All channels of both sensors see
     the same turn: k moves by S_k P_k . (R^T f x e), f the field.

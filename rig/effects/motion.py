@@ -17,7 +17,8 @@ from rig.signals import Signals
 @register
 @dataclass(frozen=True)
 class MotionAcceleration(Effect):
-    """The quasi-static assumption dropped: the reading is S P . R^T (g - a) + delta, a the site's acceleration.
+    """The quasi-static assumption dropped: the reading is S P . R^T (g - a) + delta, a the acceleration of the
+    site, which lies a lever from where the model has it.
 
     The site lies a lever arm l (frame 6) from where the model has it: a = d^2/dt^2 (p + R_base_tool l), by a parabola
     fitted to the samples around each (``CURVATURE_SPAN``); of logged poses that were interpolated by the smooth path
@@ -54,7 +55,8 @@ class MotionAcceleration(Effect):
 @register
 @dataclass(frozen=True)
 class Vibration(Effect):
-    """The sensor shakes: a(t) = d sin(2 pi f t + p) is added to its acceleration.
+    """The sensor shakes: a(t) = d sin(2 pi f t + p) is added to its acceleration, d the amplitude along a direction, f
+    the frequency, p the phase.
 
     d = amplitude_m_s2 times the unit vector along ``direction``, resolved in ``frame``, in which it is fixed: the base,
     link 1 or the tool. The frequency of a sampled signal is known only modulo the sampling rate.

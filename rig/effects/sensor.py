@@ -25,7 +25,7 @@ def with_inputs(signals: Signals, columns: slice, values: Array) -> Signals:
 @register
 @dataclass(frozen=True)
 class ScaleQuadratic(Effect):
-    """The axis is nonlinear, unlike for either sign: x + a x^2 / X, X the channel's full reference.
+    """The axis is nonlinear, unlike for either sign: x + a x^2 / X, a the error at full scale, X the full reference.
 
     0.1-1 % of full scale: 0.3 % (ADXL330 data sheet), 0.1-0.5 % (HMC1001 data sheet).
     """
@@ -45,7 +45,7 @@ class ScaleQuadratic(Effect):
 @register
 @dataclass(frozen=True)
 class ScaleCubic(Effect):
-    """The axis is nonlinear, alike for either sign: x + a x^3 / X^2, X the channel's full reference.
+    """The axis is nonlinear, alike for either sign: x + a x^3 / X^2, a the error at full scale, X the full reference.
 
     0.1-1 % of full scale: 0.3 % (ADXL330 data sheet), 0.1-0.5 % (HMC1001 data sheet).
     """
@@ -94,7 +94,7 @@ class Hysteresis(Effect):
 @register
 @dataclass(frozen=True)
 class SensorLag(Effect):
-    """The board's filter smooths the readings: tau V' + V = the ideal reading, settled at the first sample.
+    """The board's filter smooths the readings: tau V' + V = the ideal reading, tau the time constant, settled at first.
 
     The ideal reading between samples is their cubic spline, so that the effect is the same at any sampling rate.
     tau = 1 / (2 pi bandwidth): 0.3 ms at 500 Hz to 0.3 s at 0.5 Hz, the range of the ADXL330 (data sheet).

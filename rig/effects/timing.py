@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @register
 @dataclass(frozen=True)
 class Latency(Effect):
-    """The reading at t belongs to the pose at t - delay_s: x(t) -> x(t - d), one delay for the channels of its place.
+    """The reading at t belongs to the pose at t - delay_s: x(t) -> x(t - d), one delay d for the channels of its place.
 
     The inputs are shifted by a cubic spline through the samples; beyond the ends of the recording they hold.
     1-100 ms for a board with a buffer; a guess.

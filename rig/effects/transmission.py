@@ -47,7 +47,7 @@ def turn_joint(signals: Signals, column: int, change: Array | float) -> Signals:
 @register
 @dataclass(frozen=True)
 class JointOffset(Effect):
-    """The encoder's zero is off: q = qe + c.
+    """The encoder's zero is off: q = qe + c, c the offset.
 
     Home repeatability, 0.1-1 deg; a guess.
     """
@@ -67,7 +67,7 @@ class JointOffset(Effect):
 @register
 @dataclass(frozen=True)
 class JointScale(Effect):
-    """The encoder's scale is off, by a wrong gear ratio or a belt: q = (1 + s) qe.
+    """The encoder's scale is off, by a wrong gear ratio or a belt: q = (1 + s) qe, s the error of scale.
 
     1e-3; a guess. On a joint that rolls on it grows with every turn: 1e-3 of 64 turns is 23 deg.
     """
@@ -88,7 +88,8 @@ class JointScale(Effect):
 @register
 @dataclass(frozen=True)
 class JointEccentricity(Effect):
-    """The encoder's disc or the gear's wheel sits off its axis: q = qe + A sin(qe + p), once a turn of the joint.
+    """The encoder's disc or the gear's wheel sits off its axis: q = qe + A sin(qe + p), once a turn of the
+    joint, A the amplitude, p the phase.
 
     A is 0.01-0.3 deg; a guess.
     """
@@ -111,7 +112,8 @@ class JointEccentricity(Effect):
 @register
 @dataclass(frozen=True)
 class HarmonicDriveError(Effect):
-    """The harmonic drive's kinematic error, twice a turn of its wave generator: q = qe + A sin(2 N qe + p).
+    """The harmonic drive's kinematic error, twice a turn of its wave generator: q = qe + A sin(2 N qe + p), A the
+    amplitude, p the phase, 2 N the order.
 
     N is the gear ratio, 100 for joints 1 and 5, 101 for joint 6 (PyPI ctu_crs 1.0.6), and the default of ``order`` is
     2 N; as another source has other ratios, and those of other arms are not known, 196 to 206 are tried. 1-1.5 arcmin
@@ -151,7 +153,7 @@ class HarmonicDriveError(Effect):
 @register
 @dataclass(frozen=True)
 class Backlash(Effect):
-    """The joint trails the encoder by half the lash: q = qe - (w/2) s, s the side on which the play lies.
+    """The joint trails the encoder by half the lash: q = qe - (w/2) s, w the width, s the side of the play.
 
     That is the sign of the motion, and at rest of the last one: there a play operator of a narrow width on the
     encoder's angle, so that neither its jitter nor a stop turns it over. A recording starts on the side of its first
@@ -184,7 +186,7 @@ class Backlash(Effect):
 @register
 @dataclass(frozen=True)
 class JointCompliance(Effect):
-    """The joint droops under the arm's weight: q = qe - c tau_g(q) / max tau_g.
+    """The joint droops under the arm's weight: q = qe - c tau_g(q) / max tau_g, c the droop.
 
     tau_g is the torque that holds the joint against gravity, from the arm's MuJoCo model at rest, and max tau_g the
     largest that any pose asks for, limits aside: c is the droop there, a property of the arm and not of the maneuver.

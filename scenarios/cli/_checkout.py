@@ -52,3 +52,4 @@ PAPER: Final = CheckoutCommand("paper", "papers", "Every table of both papers be
 GAP: Final = CheckoutCommand("gap", "papers", "A rig whose gap looks like the paper's.")
 LOOP: Final = CheckoutCommand("loop", "loop", "Does what the diagnosis proposes end in the right name?")
 GATE: Final = CheckoutCommand("gate", "gate", "Is a fitted rig called better only where it is?")
+NUMBERS: Final = CheckoutCommand("numbers", "numbers", "What do the constants of a diagnosis sway?")

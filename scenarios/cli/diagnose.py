@@ -27,6 +27,7 @@ from scenarios.cli._options import (
 )
 
 if TYPE_CHECKING:
+    from estimators.gap.diagnosis import Diagnosis
     from scenarios.diagnosing.batch import Outcome, Task
     from scenarios.diagnosing.fleet import Entry
     from scenarios.diagnosing.task import About
@@ -286,12 +287,20 @@ def _tell(outcome: Outcome, out: Path, saved: Path | None) -> None:
     show(diagnosis_tables(outcome.diagnosis, outcome.units))
     click.echo(f"\n{page}, {document}: written")
     if outcome.diagnosis.calibration is not None:
-        what = "the calibration with the causes in place" if outcome.diagnosis.leading else "the calibration"
-        click.echo(f"{calibration}: written, {what}, for rig apply")
+        click.echo(f"{calibration}: written, {_calibrated(outcome.diagnosis)}")
     if outcome.next is not None:
         click.echo(f"{proposal}: written; rig sweep {proposal} -o RUN.parquet simulates it")
     if saved is not None and outcome.scenario is not None:
         click.echo(f"{saved}: written; rig sweep {saved} -o RUN.parquet simulates it")
+
+
+def _calibrated(diagnosis: Diagnosis) -> str:
+    """What the corrected calibration is: of an unknown gap it rests on causes that may not be there."""
+    if not diagnosis.leading:
+        return "the calibration, for rig apply"
+    if diagnosis.verdict == "unknown":
+        return "a calibration with what is likeliest in place; its covariance is over all explanations"
+    return "the calibration with the causes in place, for rig apply"
 
 
 def _document(entry: Entry) -> dict[str, Any]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from estimators.gap.choices import and_words, parted
+from estimators.gap.cause_words import naming
+from estimators.gap.choices import and_words, cause_names, count_words, parted
 from estimators.gap.diagnosis import NAMED, Diagnosis
-from estimators.gap.remainder_words import error_words, is_noise, is_second, source_words
-from estimators.gap.report.by_channel import ABSORBED
+from estimators.gap.remainder_words import STRENGTH, WORTH_A_LOOK, error_words, grouped, noisy_channel, source_words
 from estimators.gap.report.separation import rivals
 from estimators.gap.share_words import chance
 from scenarios.gap_report.maneuver_words import decides
+from scenarios.gap_report.untold import another_maneuver_tells
 from scenarios.gap_report.words import cause_title, explanation_words, readable
 
 #: What is left over acts like an error; how its name begins -> what to look at on the rig.
@@ -18,7 +19,7 @@ _LOOK: Final = {
     "the angle of ": "look at {source} (its encoder, gears, bearing and cable, and whether the arm bends there)",
     "the clock": "see when the poses and the readings are time-stamped, and whether samples are lost",
     "a turn of the tool": "look at the mount of the sensors and the last link (screws, adhesive, bending)",
-    "a turn of link": "see whether that link bends, and look at the bearings at its ends",
+    "a turn of link": "see whether {source} bends, and look at the bearings at its ends",
     "a turn of the base": "see whether the table under the arm is level, gives way or moves",
     "the acceleration": "look for what shakes or accelerates the sensor: motors, fans, fast moves",
     "the magnetic field": "look for iron, magnets and currents near the arm, and in it",
@@ -27,10 +28,12 @@ _LOOK: Final = {
     "the offset": "look at the supply, temperature and wiring of {source}",
     "the gain of all": "look at the converter's reference and the supply",
     "the gain": "look at the amplifier, reference voltage and range of {source}",
-    "the strength of ": "see what changes {source} during the maneuver",
+    STRENGTH: "look at what makes {source}: its error may not be of the simple form that the catalogue has",
     "single readings": "look at the cable, the connector and the converter's range",
 }
 
+#: So many errors at most are looked for.
+_LOOKS: Final = 4
 #: Where another maneuver speaks against the causes.
 _REFUTED: Final = (
     "Do not rely on what is named: the other maneuver speaks against it. Diagnose both with rig diagnose RUN OTHER "
@@ -70,12 +73,12 @@ def _no_gap(diagnosis: Diagnosis) -> list[str]:
     likely = [one for one in diagnosis.hypotheses if one.causes or one.other]
     if diagnosis.posterior["nothing"] < NAMED and likely:
         steps.append(
-            f"Record for longer to be sure: {explanation_words(likely[0])} may be there (probability "
+            f"Record for longer to be sure: {explanation_words(likely[0], diagnosis.causes)} may be there (probability "
             f"{chance(likely[0].probability)}), too weak for this recording to show."
         )
     elif diagnosis.remainder.could_hide_snr is not None:
         steps.append("If gaps matter that are too small for this recording to show, record for longer.")
-    if any(each["why"] == ABSORBED for each in diagnosis.cannot_tell):
+    if another_maneuver_tells(diagnosis):
         steps.append(
             "If an effect that the calibration absorbs is likely on the rig (see what this recording cannot tell), "
             "record a maneuver that moves other joints."
@@ -95,7 +98,7 @@ def _named(diagnosis: Diagnosis) -> list[str]:
     repair = "repair it on the rig, record again and diagnose that: the verdict should be no gap."
     if rivals(diagnosis):
         return [
-            f"{simulate} On this maneuver that is right whichever of the causes that do the same it is.",
+            f"{simulate} On this maneuver that is right whichever of those that do the same is there.",
             _alike(diagnosis) + _maneuver(diagnosis),
             f"Then {repair}",
         ]
@@ -119,12 +122,13 @@ def _alike(diagnosis: Diagnosis) -> str:
 
 
 def _ambiguous(diagnosis: Diagnosis) -> list[str]:
-    shared, _ = parted([one.causes for one in diagnosis.alternatives])
+    sets = diagnosis.alternatives
+    shared, _ = parted([one.causes for one in sets])
     established = [(cause.effect, cause.where) for cause in diagnosis.established]
-    sure = [cause_title(*cause) for cause in shared if cause in established]
+    sure = cause_names([cause for cause in shared if cause in established], naming(diagnosis.causes, cause_title))
     first = (
-        f"Repair only what all explanations have ({and_words(sure)}): the recording does not tell which of the rest is "
-        "there. "
+        f"Repair only what the {count_words(len(sets))} likeliest explanations by known causes all have "
+        f"({and_words(sure)}): the recording does not tell which of the rest is there. "
         if sure
         else "Do not repair anything yet: several explanations fit, and the recording does not decide between them. "
     )
@@ -148,37 +152,53 @@ def _maneuver(diagnosis: Diagnosis) -> str:
 
 
 def _partly(diagnosis: Diagnosis) -> list[str]:
-    names = and_words([cause_title(cause.effect, cause.where) for cause in diagnosis.established])
+    name = naming(diagnosis.causes, cause_title)
+    names = and_words(cause_names([(cause.effect, cause.where) for cause in diagnosis.established], name))
     steps = [
         f"Repair what is established ({names}), or put it into the simulator, and record again: the rest is easier to "
         "tell once this is gone.",
         *_looks(diagnosis),
     ]
     if diagnosis.posterior["other"] < 0.5:
-        steps.append("For the rest, record longer, or a maneuver that moves other joints: more than one thing fits it.")
+        steps.append("To see what else is there, if anything, record longer, or a maneuver that moves other joints.")
     if len(diagnosis.established) < len(diagnosis.causes):
-        steps.append("Do not trust the causes with a probability below .95: they may stand in for something else.")
+        steps.append("Do not trust any single cause with a probability below .95: it may stand in for something else.")
     return steps
 
 
 def _unknown(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.posterior["other"] < 0.5:
-        return [
-            "Record longer, or a maneuver that moves other joints, and diagnose that: many explanations fit this "
-            "recording, and none stands out.",
-            "Do not repair or simulate any of the causes yet.",
-        ]
+        more = "Record longer, or a maneuver that moves other joints, and diagnose that: "
+        if diagnosis.likely is None:
+            return [
+                more + "many explanations fit this recording, and none stands out.",
+                "Do not repair or simulate any of the causes yet.",
+            ]
+        likely = explanation_words(diagnosis.likely, diagnosis.causes)
+        return [f"{more}{likely} is likely, but not certain.", "Do not repair or simulate it yet."]
     return [
         *(
             _looks(diagnosis)
             or ["Look at the maps and spectra of this recording's page for what the gap repeats with."]
         ),
         "Change one thing on the rig at a time, record the same maneuver again, and see whether the gap changes.",
-    ] + (
-        ["Do not simulate the causes that are listed: they may stand in for something outside the catalogue."]
-        if diagnosis.causes
-        else []
-    )
+        *_not_to_simulate(diagnosis),
+    ]
+
+
+def _not_to_simulate(diagnosis: Diagnosis) -> list[str]:
+    """Beside something outside the catalogue: which causes are no part of a simulator, and why."""
+    if not diagnosis.causes:
+        return []
+    name = naming(diagnosis.causes, cause_title, chances=False)
+    groups = [and_words([name(*each) for each in one.causes]) for one in diagnosis.at_least_one]
+    if not groups:
+        return ["Do not simulate the causes that are listed: they may stand in for something outside the catalogue."]
+    there = "".join(f"at least one of {names} is there, but which is not known; " for names in groups)
+    return [
+        f"Do not simulate the causes that are listed: {there}any single one may stand in for something outside the "
+        "catalogue."
+    ]
 
 
 def _owner(source: str) -> str:
@@ -188,26 +208,37 @@ def _owner(source: str) -> str:
 
 
 def _looks(diagnosis: Diagnosis) -> list[str]:
-    """Where on the rig to look, for what is left over: for errors, one of which is meant, and for noise."""
+    """Where on the rig to look, for what is left over: for errors, one of which is meant, and for noise.
+
+    The largest share first; what has next to none of the gap is no reason to look anywhere.
+    """
+    errors, second, noise = (
+        [each for each in group if each["share"] >= WORTH_A_LOOK] for group in grouped(diagnosis.remainder.follows)
+    )
+    owners = {_owner(str(each["source"])) for each in errors if not str(each["source"]).startswith(STRENGTH)}
     found: list[str] = []
     looked: set[str] = set()
-    noisy = [each for each in diagnosis.remainder.follows if is_noise(each)]
-    for each in diagnosis.remainder.follows:
+    for each in [*errors, *second]:
         source = str(each["source"])
         words = next((words for start, words in _LOOK.items() if source.startswith(start)), None)
-        if words is not None:
-            look = words.format(source=_owner(source))
-            like = f"acts like {readable(error_words(each))}"
-            if is_second(each):
-                if look not in looked:
-                    found.append(f"Beside that, {look}: more of what is left {like}.")
-            else:
-                upper = f"{look[0].upper()}{look[1:]}"
-                found.append(f"{upper}: what is left {like}." if not found else f"Or {look}: it also {like}.")
-            looked.add(look)
-    found = list(dict.fromkeys(found))[:4]
-    if noisy:
-        bands = and_words([f"{source_words(str(each['source']))} ({each['course']})" for each in noisy])
-        these = "that channel's" if len(noisy) == 1 else "these channels'"
-        found.append(f"Look at {these} wiring, shielding and supply while the arm moves: what is left has {bands}.")
-    return found
+        look = "" if words is None else words.format(source=_owner(source))
+        # a joint that another entry has is looked at whole
+        again = source.startswith(STRENGTH) and readable(source.rpartition(" at ")[2]) in owners
+        if not look or look in looked or again:
+            continue
+        looked.add(look)
+        like = f"acts like {readable(error_words(each))}"
+        if not found:
+            found.append(f"{look[0].upper()}{look[1:]}: what is left {like}.")
+        elif each in second:
+            found.append(f"Beside that, {look}: more of what is left {like}.")
+        else:
+            found.append(f"Or {look}: it also {like}.")
+    found = found[:_LOOKS]
+    if not noise:
+        return found
+    bands = and_words([f"{source_words(str(each['source']))} ({each['course']})" for each in noise])
+    channels = and_words(list(dict.fromkeys(noisy_channel(str(each["source"])) for each in noise)))
+    look = f"Look at the wiring, shielding and supply of {channels} while the arm moves: what is left has {bands}."
+    largest = max((each["share"] for each in [*errors, *second]), default=0.0)
+    return [look, *found] if noise[0]["share"] > largest else [*found, look]

@@ -93,13 +93,15 @@ def gap_residuals(
     clean, left_out = _without_defects(data, causes, locked)
     known = _recalibrated(recording, clean, causes, floor, left_out) if causes else clean
     after = known.residual - known.change(mean_effects(causes)) if causes else None
+    # long tails are drawn in as they are after: what single readings are off by stays
+    before = np.where(left_out, data.residual, relieved(data).residual)
     return GapResiduals(
         recording=recording,
         floor=floor,
-        before=data.residual,
+        before=before,
         after=after,
         left_out=left_out,
-        white_before=whitened(data, data.residual),
+        white_before=whitened(data, before),
         white_after=None if after is None else whitened(with_noise(known, causes, after), after),
         causes=causes,
         data=data,

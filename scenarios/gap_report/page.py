@@ -9,9 +9,10 @@ from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.readable_units import two_digits
 from estimators.gap.share_words import chance
 from scenarios.gap_report import html, sections
+from scenarios.gap_report.cause_section import which
 from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.own_names import in_own_names
-from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline
+from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline, noise_words
 from scenarios.version import package_version
 
 
@@ -32,7 +33,7 @@ def page(diagnosis: Diagnosis, residuals: GapResiduals | Sequence[GapResiduals],
         sections.next_step(diagnosis),
         sections.recordings(diagnosis),
         *(sections.where(diagnosis, each) for each in every),
-        sections.which(diagnosis),
+        which(diagnosis),
         sections.how_far(diagnosis, every),
         sections.calibration(diagnosis, every[0].recording),
         sections.remainder(diagnosis),
@@ -84,8 +85,11 @@ def _tiles(diagnosis: Diagnosis) -> str:
         share, _, interval = closed_words(diagnosis).partition(" (")
         note = f"95 % interval: {interval.removesuffix(')')}" if interval else "by the likeliest explanation"
         tiles.append(("Squared gap closed", share, note))
-    left = "nothing seen above the floor" if diagnosis.remainder.verdict == "noise" else "more than noise"
-    tiles.append(("Left over", diagnosis.remainder.verdict, left))
+    if diagnosis.remainder.verdict == "noise":
+        left, _, condition = noise_words(diagnosis).partition(", ")
+        tiles.append(("Left over", left, condition or "nothing seen above the floor"))
+    else:
+        tiles.append(("Left over", diagnosis.remainder.verdict, "more than noise"))
     return html.tiles(tiles)
 
 
@@ -110,8 +114,9 @@ def _probability(diagnosis: Diagnosis) -> tuple[str, str, str]:
 
 def _foot(diagnosis: Diagnosis) -> str:
     lines: Iterable[str] = (
-        "<b>Floor</b>: the RMS of a channel's noise at rest. <b>Gap</b>: what the ideal rig with its best calibration "
-        "misses beyond the floor, RMS. <b>Before</b>: that rig. <b>After</b>: the same rig with the causes in the "
+        "<b>Floor</b>: the RMS of a channel's noise, as it is at rest, over a recording as long as this. "
+        "<b>Gap</b>: the RMS of what the ideal rig with its best calibration misses, which the causes take or which is "
+        "left beyond the floor. <b>Before</b>: that rig. <b>After</b>: the same rig with the causes in the "
         "simulator and the calibration refitted. <b>Closed</b>: 1 − (gap after / gap before)². <b>Probability</b>: "
         "after this recording, from 0 to 1, of all explanations that were weighed.",
         f"Diagnosed by torusrig {escape(package_version())} in {diagnosis.seconds:.1f} s. All numbers: "
@@ -119,7 +124,7 @@ def _foot(diagnosis: Diagnosis) -> str:
         + (
             " To simulate a rig with the causes of the likeliest explanation: <code>rig sweep SCENARIO --with "
             f"{escape(diagnosis.name)}.diagnosis.json -o RUN.parquet</code>"
-            if diagnosis.leading
+            if diagnosis.leading and diagnosis.verdict != "unknown"
             else ""
         ),
     )

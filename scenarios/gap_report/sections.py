@@ -1,4 +1,4 @@
-"""The sections of the page: explanations, what to do next, where, which, how far, what is left, what is not told."""
+"""The sections of the page: explanations, what to do next, where, how far, what is left, what is not told."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from estimators.gap.diagnosis import Cause, Diagnosis
 from estimators.gap.readable_units import rms_text
-from estimators.gap.remainder_words import is_noise, is_second, share_left, source_words, variable_words
+from estimators.gap.remainder_words import grouped, share_left, source_words, variable_words
 from estimators.gap.share_words import chance, elsewhere_words
 from rig.effects import EFFECTS, Kind
 from rig.recording import Recording
@@ -17,45 +17,40 @@ from scenarios.gap_report import charts, curves, html, maps
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.maneuver_words import interval_words
+from scenarios.gap_report.untold import grouped_untold
 from scenarios.gap_report.words import (
-    ITS_SHARE,
+    LISTED,
     MEANINGS,
     RIG_COLUMNS,
     VERDICTS,
-    alike_words,
     apart_words,
     cause_title,
-    estimate_words,
     explanation_words,
-    formula,
-    grouped_untold,
     hidden_words,
     listed_words,
+    noise_words,
     one_of_words,
-    parameter_for_people,
     part_words,
     readable,
     rig_words,
-    share_words,
-    status_words,
+    worth_shifts,
 )
 from scenarios.shown_units import parameter_unit, shown_units
 
-_EXPLANATIONS = 10
 _SHIFTS = 12
+#: Where causes do the same to the recording.
+_EITHER: Final = "“Either … or”: one of these is meant; they do the same to the recording, each has its probability. "
 #: Of noise and of single readings.
 _NOT_TAKEN_OUT: Final = (
     "The RMS after still has the noise and the single readings that are named: a simulator makes their like, it does "
     "not take them out of a recording. The gap after does not have them."
 )
-#: A calibration parameter that moved by less is not worth a bar.
-_WORTH_SIGMAS = 0.5
 
 
 def explanations(diagnosis: Diagnosis) -> str:
     """What could explain the recording, each with its probability."""
-    shown = diagnosis.hypotheses[:_EXPLANATIONS]
-    rows = [(escape(explanation_words(one)), chance(one.probability)) for one in shown]
+    shown = diagnosis.hypotheses[:LISTED]
+    rows = [(escape(explanation_words(one, diagnosis.causes)), chance(one.probability)) for one in shown]
     if rest := listed_words(diagnosis, len(shown)):
         words, _, probability = rest.partition(": ")
         rows.append((f"<i>{escape(words)}</i>", escape(probability)))
@@ -66,8 +61,9 @@ def explanations(diagnosis: Diagnosis) -> str:
             html.figure(charts.posterior_bars(diagnosis), "Probability of each answer; the three add up to one."),
             html.table(("explanation", "probability"), rows, numbers=(1,)),
             *(f"<p>{escape(_sentence(words))}</p>" for words in one_of_words(diagnosis)),
-            '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. Of what is '
-            "said with a probability of .9, nine in ten should be true.</p>",
+            '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. '
+            f"{_EITHER if any(cause.equivalent for cause in diagnosis.causes) else ''}"
+            "Of what is said with a probability of .9, nine in ten should be true.</p>",
         ]
     )
 
@@ -164,70 +160,6 @@ def where(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     return "\n".join(parts)
 
 
-def which(diagnosis: Diagnosis) -> str:
-    """The causes, each with its parameters, its probability and what does the same to the recording."""
-    heading = "<h2>Which effect causes it</h2>"
-    if not diagnosis.causes:
-        none = (
-            "No effect is needed: the ideal rig with its best calibration leaves noise."
-            if diagnosis.verdict == "no-gap"
-            else "No effect of the catalogue is likely."
-        )
-        return f"{heading}\n<p>{none}</p>"
-    parts = [heading]
-    if diagnosis.posterior["other"] >= 0.5:
-        parts.append(
-            '<p class="warning">Something outside the catalogue is there as well, and may imitate these causes '
-            "or bend their parameters. Trust those that are established.</p>"
-        )
-    elif diagnosis.verdict in ("unknown", "partly"):
-        parts.append('<p class="warning">No explanation stands out. Trust those causes only that are established.</p>')
-    parts.append(
-        '<p class="soft">The probability of a cause is that of all explanations that have it, or what does the same in '
-        "its place. Established: .95 or more; likely: .5 or more; possible: less. “Not felt”: this recording says "
-        f"nothing about that number. Its share: {ITS_SHARE}; two causes that do a part of the same have shares that "
-        "do not add up. The pictures and the improved rig have the causes of the likeliest explanation.</p>"
-    )
-    parts += [_cause(cause, status_words(cause, diagnosis)) for cause in diagnosis.causes]
-    return "\n".join(parts)
-
-
-def _cause(cause: Cause, status: str) -> str:
-    rows = [
-        (
-            f"<code>{escape(name)}</code>",
-            escape(estimate_words(value)),
-            escape(parameter_for_people(cause, name)),
-            escape(value.why or ""),
-        )
-        for name, value in cause.parameters.items()
-    ]
-    facts = [
-        ("probability", chance(cause.probability)),
-        ("status", status),
-        (
-            "its share",
-            f"{share_words(cause.closed)} of the squared gap" if cause.closed.value is not None else "–",
-        ),
-        ("in the catalogue", f"{cause.effect}, {cause.where}"),
-    ]
-    listed = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
-    titles = ("parameter", "value ± standard deviation", "in other units", "remark")
-    filled = [index for index in range(len(titles)) if index < 2 or any(row[index] for row in rows)]
-    title = cause_title(cause.effect, cause.where)
-    parts = [
-        f'<section class="cause"><h3>{escape(title[:1].upper() + title[1:])}</h3>',
-        f'<p class="soft">{escape(formula(cause.effect))}</p>',
-        f'<dl class="facts">{listed}</dl>',
-        html.table([titles[index] for index in filled], [[row[index] for index in filled] for row in rows]),
-    ]
-    if cause.equivalent:
-        parts.append(
-            f"<p>The same to this recording, with a share of that probability: <b>{escape(alike_words(cause))}</b>.</p>"
-        )
-    return "".join(parts) + "</section>"
-
-
 def _stays(cause: Cause) -> bool:
     """Whether what a cause does is in the residual with it in the simulator, too."""
     return cause.effect in EFFECTS and EFFECTS[cause.effect].kind is not Kind.MEAN
@@ -262,14 +194,12 @@ def how_far(diagnosis: Diagnosis, residuals: Sequence[GapResiduals]) -> str:
 
 def calibration(diagnosis: Diagnosis, recording: Recording) -> str:
     """What the gap does to the calibration, the largest shift first."""
-    shifts = sorted(diagnosis.calibration_shift.items(), key=lambda item: -abs(item[1]["sigmas"]))
-    if not shifts:
-        return ""
+    shifts, none = worth_shifts(diagnosis)
     heading = "<h2>What it does to the calibration</h2>"
-    shown = [item for item in shifts if abs(item[1]["sigmas"]) >= _WORTH_SIGMAS][:_SHIFTS]
-    rest = len(shifts) - len(shown)
-    if not shown:
-        return f"{heading}\n<p>Nothing: all {rest} parameters stay within {_WORTH_SIGMAS:g} standard deviations.</p>"
+    if not shifts:
+        return f"{heading}\n<p>{_sentence(none)}</p>" if none else ""
+    shown = shifts[:_SHIFTS]
+    rest = len(diagnosis.calibration_shift) - len(shown)
     rows = []
     for name, shift in shown:
         difference = shift["before"] - shift["after"]
@@ -301,7 +231,7 @@ def remainder(diagnosis: Diagnosis) -> str:
     """What is left after the likeliest explanation, and what could still hide."""
     parts = ["<h2>What is left</h2>"]
     if diagnosis.remainder.verdict == "noise":
-        parts.append("<p>Noise: most likely the likeliest explanation leaves nothing else.</p>")
+        parts.append(f"<p>{_sentence(noise_words(diagnosis))}</p>")
     elif not diagnosis.remainder.follows:
         parts.append("<p>More than noise, without a pattern that could be told.</p>")
     else:
@@ -313,12 +243,10 @@ def remainder(diagnosis: Diagnosis) -> str:
 
 def _left(follows: Sequence[Mapping[str, Any]]) -> list[str]:
     """What is left over: errors of the rig, one of which is meant, an error beside it, and noise beside both."""
-    noise = [each for each in follows if is_noise(each)]
-    second = [each for each in follows if is_second(each)]
-    errors = [each for each in follows if not is_noise(each) and not is_second(each)]
+    errors, second, noise = grouped(follows)
     parts = []
     for told, words, changes in (
-        (errors, "More than noise. It acts like an error of the rig, the likeliest first:", "changes with"),
+        (errors, "More than noise. It acts like one of these errors of the rig:", "changes with"),
         (second, "And, beside that, like a second error:", "changes with"),
         (noise, "More noise than the floor" + (", beside that" if errors else "") + ":", "at frequencies of"),
     ):
@@ -340,7 +268,7 @@ def untold(diagnosis: Diagnosis) -> str:
     """The effects that this recording cannot show, by the reason."""
     if not diagnosis.cannot_tell:
         return ""
-    groups = grouped_untold(diagnosis.cannot_tell)
+    groups = grouped_untold(diagnosis)
     listed = "".join(
         f"<dt>{escape(why[:1].upper() + why[1:])}</dt><dd>{escape(', '.join(effects))}</dd>"
         for why, effects in groups.items()

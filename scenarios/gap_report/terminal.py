@@ -11,24 +11,27 @@ from rich.text import Text
 
 from estimators.gap.choices import sigmas_words
 from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.parameter_words import parameter_name, told_parameters
 from estimators.gap.readable_units import rms_text, two_digits
 from estimators.gap.remainder_words import variable_words
 from estimators.gap.share_words import chance, percent
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.own_names import in_own_names
+from scenarios.gap_report.untold import grouped_untold
 from scenarios.gap_report.words import (
     ITS_SHARE,
+    LISTED,
     RIG_COLUMNS,
     VERDICTS,
-    alike_words,
+    alike_title,
     cause_title,
     closed_words,
     estimate_words,
     explanation_words,
-    grouped_untold,
     hidden_words,
     left_words,
     listed_words,
+    noise_words,
     one_of_words,
     parameter_for_people,
     part_words,
@@ -38,6 +41,7 @@ from scenarios.gap_report.words import (
     sentence,
     share_words,
     status_words,
+    worth_shifts,
 )
 from scenarios.shown_units import shown_units
 from scenarios.terminal.tables import table
@@ -50,7 +54,6 @@ _COLOURS = {
     "unknown": "bold red",
 }
 _SHIFTS = 3
-_EXPLANATIONS = 5
 
 
 def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
@@ -88,9 +91,9 @@ def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
 
 def _explanations(diagnosis: Diagnosis) -> Table:
     result = table("explanation", "probability", numbers=("probability",))
-    shown = diagnosis.hypotheses[:_EXPLANATIONS]
+    shown = diagnosis.hypotheses[:LISTED]
     for one in shown:
-        result.add_row(Text(explanation_words(one)), chance(one.probability))
+        result.add_row(Text(explanation_words(one, diagnosis.causes)), chance(one.probability))
     if rest := listed_words(diagnosis, len(shown)):
         words, _, probability = rest.partition(": ")
         result.add_row(Text(words, style="dim"), probability)
@@ -112,13 +115,13 @@ def _causes(diagnosis: Diagnosis) -> Table:
     result = table("cause", "parameters", *numbers, numbers=numbers)
     for cause in diagnosis.causes:
         parameters = [
-            f"{name} {estimate_words(value)}"
+            f"{parameter_name(name)} {estimate_words(value)}"
             + (f" = {people}" if (people := parameter_for_people(cause, name)) else "")
-            for name, value in cause.parameters.items()
+            for name, value in told_parameters(cause).items()
         ]
-        names = [cause_title(cause.effect, cause.where), f"({status_words(cause, diagnosis)})"]
+        names = [alike_title(cause), f"({status_words(cause, diagnosis)})"]
         if cause.equivalent:
-            names.append(f"the same here: {alike_words(cause)}")
+            names.append("(parameters of the first)")
         sizes = (chance(cause.probability), share_words(cause.closed))
         result.add_row(*map(Text, ("\n".join(names), "\n".join(parameters), *sizes)))
     return result
@@ -164,16 +167,19 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.closed.value is not None:
         judged = "held-out blocks and on the other maneuver" if diagnosis.closed_on == "both" else diagnosis.closed_on
         lines.append(f"closes       {closed_words(diagnosis)} of the squared gap, judged on {judged}")
-    shifts = sorted(diagnosis.calibration_shift.items(), key=lambda item: -abs(item[1]["sigmas"]))[:_SHIFTS]
+    shifts, none = worth_shifts(diagnosis)
     if shifts:
-        sizes = [f"{name} by {sigmas_words(shift['sigmas'])}" for name, shift in shifts]
+        sizes = [f"{name} by {sigmas_words(shift['sigmas'])}" for name, shift in shifts[:_SHIFTS]]
         lines.append("shifts       " + ", ".join([f"{sizes[0]} standard deviations", *sizes[1:]]))
+    elif none:
+        lines.append(f"shifts       {none}")
     if len(diagnosis.causes) > 1:
         lines.append(f"its share    of a cause: {ITS_SHARE}")
     left = left_words(diagnosis)
-    lines.append(f"left over    {diagnosis.remainder.verdict}" + (f": {left}" if left else ""))
+    kind = noise_words(diagnosis) if diagnosis.remainder.verdict == "noise" else diagnosis.remainder.verdict
+    lines.append(f"left over    {kind}" + (f": {left}" if left else ""))
     if hidden := hidden_words(diagnosis):
         lines.append(f"hidden       {hidden}")
-    for why, effects in grouped_untold(diagnosis.cannot_tell).items():
+    for why, effects in grouped_untold(diagnosis).items():
         lines.append(f"cannot tell  {', '.join(effects)}: {why}")
     return lines

@@ -5,16 +5,19 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Mapping, Sequence
-from typing import Final
+from collections.abc import Sequence
+from typing import Any, Final
 
-from estimators.gap.choices import Causes, and_words, cause_name, choice_words, parted
+from estimators.gap.cause_words import alike, causes_words, either_words, naming
+from estimators.gap.choices import Causes, and_words, cause_name, cause_names, choice_words, or_words, parted, plural
 from estimators.gap.diagnosis import ESTABLISHED, Cause, Closed, Diagnosis, Estimate, Hypothesis
+from estimators.gap.parameter_words import pairs, sizes_words, told_parameters
 from estimators.gap.readable_units import readable_unit, two_digits
 from estimators.gap.remainder_words import left_over_words
 from estimators.gap.share_words import chance, percent
+from estimators.gap.verdict_words import consequence_words, told_words
 from rig.effects import EFFECTS
-from scenarios.terminal.tables import plus_minus, shortened
+from scenarios.terminal.tables import plus_minus
 
 #: A parameter of more numbers is not written out.
 _MOST_NUMBERS: Final = 6
@@ -35,7 +38,7 @@ MEANINGS: Final = {
     "no-gap": "The model with its best calibration leaves noise, and nothing else that could be seen.",
     "named": "One explanation has a probability of .9 or more.",
     "ambiguous": "At most five explanations share a probability of .9; which of them is right is open.",
-    "partly": "At least one cause is established, with a probability of .95 or more; the rest has no name yet.",
+    "partly": "At least one cause is established, with a probability of .95 or more; what else is there is open.",
     "unknown": "No explanation by known causes is likely enough to be named.",
 }
 
@@ -51,7 +54,13 @@ ITS_SHARE: Final = "what comes back of the squared gap where it alone is taken o
 NOT_FELT: Final = "not felt"
 #: Of a frequency: a faster one looks the same at this sampling rate.
 SAMPLED: Final = " as sampled"
-_EFFECT: Final = re.compile("|".join(rf"\b{name}\b" for name in EFFECTS))
+#: So many explanations are listed, on the terminal and on the page; the file has more.
+LISTED: Final = 5
+#: A calibration parameter that moved by fewer standard deviations is not worth a line.
+WORTH_SIGMAS: Final = 0.5
+#: From this probability on something outside the catalogue is not negligible.
+_NOT_NEGLIGIBLE: Final = 0.1
+_EFFECT: Final = re.compile("|".join(rf"\b{name}\b" for effect in EFFECTS for name in (effect, plural(effect))))
 
 
 def place_words(where: str) -> str:
@@ -85,7 +94,7 @@ def estimate_for_people(estimate: Estimate) -> str:
     """The same in degrees, percent, milli- or microvolts; empty where there is nothing to convert."""
     if isinstance(estimate.value, str) or not _felt(estimate):
         return ""
-    sizes = [abs(each) for pair in _pairs(estimate) for each in pair if each is not None and math.isfinite(each)]
+    sizes = [abs(each) for pair in pairs(estimate) for each in pair if each is not None and math.isfinite(each)]
     factor, unit = readable_unit(estimate.unit, max(sizes))
     return "" if factor == 1.0 else f"{_numbers(estimate, factor)} {_written(unit)}"
 
@@ -94,7 +103,7 @@ def parameter_for_people(cause: Cause, name: str) -> str:
     """The same of a cause's parameter; of a direction nobody thinks in per cent."""
     declared = EFFECTS[cause.effect].parameters() if cause.effect in EFFECTS else ()
     direction = any(item.name == name and item.unit_vector for item in declared)
-    return "" if direction else estimate_for_people(cause.parameters[name])
+    return "" if direction else estimate_for_people(told_parameters(cause)[name])
 
 
 def _written(unit: str) -> str:
@@ -111,24 +120,17 @@ def _felt(estimate: Estimate) -> bool:
 
 
 def _numbers(estimate: Estimate, factor: float) -> str:
-    pairs = [
+    sizes = [
         (None if value is None else factor * value, None if std is None else factor * std)
-        for value, std in _pairs(estimate)
+        for value, std in pairs(estimate)
     ]
-    if len(pairs) > _MOST_NUMBERS:
-        known = [value for value, _ in pairs if value is not None]
+    if len(sizes) > _MOST_NUMBERS:
+        known = [value for value, _ in sizes if value is not None]
         rms = math.sqrt(sum(value**2 for value in known) / len(known))
-        lacking = len(pairs) - len(known)
-        return f"{len(pairs)} numbers, RMS {rms:.3g}" + (f", {lacking} of them {NOT_FELT}" if lacking else "")
-    numbers = [NOT_FELT if value is None else _number(value, std).replace("-", "−") for value, std in pairs]
+        lacking = len(sizes) - len(known)
+        return f"{len(sizes)} numbers, RMS {rms:.3g}" + (f", {lacking} of them {NOT_FELT}" if lacking else "")
+    numbers = [NOT_FELT if value is None else _number(value, std).replace("-", "−") for value, std in sizes]
     return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
-
-
-def _pairs(estimate: Estimate) -> list[tuple[float | None, float | None]]:
-    assert not isinstance(estimate.value, str)
-    values = estimate.value if isinstance(estimate.value, tuple) else (estimate.value,)
-    stds = estimate.std if isinstance(estimate.std, tuple) else (estimate.std,) * len(values)
-    return list(zip(values, stds, strict=True))
 
 
 def _number(value: float, std: float | None) -> str:
@@ -137,48 +139,54 @@ def _number(value: float, std: float | None) -> str:
 
 
 def cause_words(cause: Cause) -> str:
-    """A cause in one phrase: place, effect and its strengths."""
-    sizes = [
-        estimate_for_people(value) or estimate_words(value)
-        for value in cause.parameters.values()
-        if value.std is not None and value.value is not None and not isinstance(value.value, tuple)
-    ]
-    return cause_title(cause.effect, cause.where) + (f", {', '.join(sizes[:2])}" if sizes else "")
+    """A cause in one phrase: effect, place and its sizes."""
+    sizes = sizes_words(cause)
+    return on_paper(cause_title(cause.effect, cause.where) + (f", {sizes}" if sizes else ""))
+
+
+def cause_or_alike(cause: Cause) -> str:
+    """The same where nothing else does the same; otherwise which of several it is, each with its probability."""
+    if not cause.equivalent:
+        return cause_words(cause)
+    return on_paper(either_words(cause, cause_title, beside=sizes_words(cause)))
+
+
+def alike_title(cause: Cause) -> str:
+    """A cause's name without sizes, with the names and probabilities of all that does the same."""
+    return either_words(cause, cause_title, most=len(cause.equivalent) + 1)
 
 
 def status_words(cause: Cause, diagnosis: Diagnosis) -> str:
     """How sure one may be of a cause, and whether the likeliest explanation has it."""
     sure = "established" if cause.probability >= ESTABLISHED else "likely" if cause.probability >= 0.5 else "possible"
     if cause.equivalent:
-        sure += ", it or what does the same"
+        sure += ", as one of these"
     return sure if cause in diagnosis.leading else f"{sure}, not in the likeliest explanation"
 
 
 def alike_words(cause: Cause) -> str:
-    """What does the same as a cause to this recording."""
-    return and_words([cause_title(each["effect"], each["where"]) for each in cause.equivalent])
+    """What does the same as a cause to this recording, each with its probability."""
+    return or_words([f"{cause_title(*name)} ({chance(probability)})" for *name, probability in alike(cause)[1:]])
 
 
 def apart_words(one: Causes, other: Causes) -> tuple[str, str]:
     """Two sets of causes without what they share; whole where one has nothing else."""
     _, own = parted((one, other))
-    first, second = (and_words([cause_title(*cause) for cause in each]) for each in (own if all(own) else (one, other)))
+    first, second = (and_words(cause_names(each, cause_title)) for each in (own if all(own) else (one, other)))
     return first, second
 
 
-def explanation_words(hypothesis: Hypothesis) -> str:
-    """An explanation in words."""
-    causes = [cause_title(*cause) for cause in hypothesis.causes]
-    if hypothesis.other:
-        causes.append(ANSWERS["other"])
-    return and_words(causes) or ANSWERS["nothing"]
+def explanation_words(hypothesis: Hypothesis, causes: Sequence[Cause] = ()) -> str:
+    """An explanation in words; ``causes``: those that are told of, of which some have others that do the same."""
+    return and_words(cause_names(hypothesis.parts, naming(causes, cause_title)))
 
 
 def one_of_words(diagnosis: Diagnosis) -> list[str]:
     """Of which causes one at least is there, each a sentence without its stop."""
+    name = naming(diagnosis.causes, cause_title)
     return [
-        f"at least one of these is there, probability {chance(one.probability)}: "
-        + ", ".join(cause_title(*cause) for cause in one.causes)
+        f"at least one of {and_words([name(*cause) for cause in one.causes])} is there, probability "
+        f"{chance(one.probability)}"
         for one in diagnosis.at_least_one
     ]
 
@@ -202,10 +210,12 @@ def hidden_words(diagnosis: Diagnosis) -> str:
     size = diagnosis.remainder.could_hide_snr
     if size is None:
         return ""
+    together = "" if len(diagnosis.recordings) == 1 else "s together"
     return (
         "A further gap could still hide in the noise: of the errors of one joint, mount, field, clock or channel, the "
         "hardest to see is missed more often than once in twenty with a signal-to-noise ratio of up to "
-        f"{two_digits(size)} over the whole recording."
+        f"{two_digits(size)} over the whole recording{together}: for an error of one channel all along, about "
+        f"{two_digits(size / math.sqrt(max(diagnosis.samples, 1)))} of its noise."
     )
 
 
@@ -217,6 +227,20 @@ def readable(words: str) -> str:
 def left_words(diagnosis: Diagnosis) -> str:
     """What is left over acts like: errors, one of which is meant, and noise beside it, each with its share."""
     return readable(left_over_words(diagnosis.remainder.follows))
+
+
+def noise_words(diagnosis: Diagnosis) -> str:
+    """What is left where that is noise: for certain only where nothing outside the catalogue may be there."""
+    sure = diagnosis.posterior["other"] < _NOT_NEGLIGIBLE
+    return "noise" if sure else "noise, if the likeliest explanation holds"
+
+
+def worth_shifts(diagnosis: Diagnosis) -> tuple[list[tuple[str, Any]], str]:
+    """The calibration parameters that moved enough to speak of, the largest shift first; in words, where none did."""
+    shifts = sorted(diagnosis.calibration_shift.items(), key=lambda item: -abs(item[1]["sigmas"]))
+    shown = [item for item in shifts if abs(item[1]["sigmas"]) >= WORTH_SIGMAS]
+    none = f"nothing: all {len(shifts)} parameters stay within {WORTH_SIGMAS:g} standard deviations"
+    return shown, none if shifts and not shown else ""
 
 
 def closed_words(diagnosis: Diagnosis) -> str:
@@ -239,10 +263,20 @@ def share_words(closed: Closed) -> str:
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The diagnosis' own sentence without the verdict's name before it, as a sentence on paper."""
-    words = str(diagnosis.sentence()).removeprefix(f"{diagnosis.verdict}: ")
+    words = ": ".join(filter(None, (told_words(diagnosis), consequence_words(diagnosis))))
+    return _as_sentence(on_paper(f"no gap: {words}" if diagnosis.verdict == "no-gap" else words))
+
+
+def consequences(diagnosis: Diagnosis) -> str:
+    """What follows from what the headline says; the whole sentence where nothing does."""
+    words = consequence_words(diagnosis)
+    return _as_sentence(on_paper(words)) if words else sentence(diagnosis)
+
+
+def on_paper(words: str) -> str:
+    """Words of a diagnosis with a printed text's signs and units, and with names as a person reads them."""
     words = re.sub(r"\(([\d.]+)-([\d.]+)\)", r"(\1–\2)", words.replace("+-", "±"))
-    words = re.sub(r"(?<=[( ])-(?=\d)", "−", words)
-    return _as_sentence(readable(words))
+    return readable(_written(re.sub(r"(?<=[( ])-(?=\d)", "−", words)))
 
 
 #: The figures of a fitted rig, channel by channel, and what they are called.
@@ -276,33 +310,22 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "no-gap":
         return "No gap: the model leaves noise"
     if diagnosis.verdict == "named":
-        return _capital(" and ".join(cause_words(cause) + _alike(cause) for cause in diagnosis.leading))
+        return _capital(_found(diagnosis.leading))
     if diagnosis.verdict == "ambiguous":
-        return _capital(choice_words([one.causes for one in diagnosis.alternatives], cause_title))
+        name = naming(diagnosis.causes, cause_title, chances=False)
+        return _capital(choice_words([one.causes for one in diagnosis.alternatives], name))
     other = diagnosis.posterior["other"] >= 0.5
     if diagnosis.verdict == "partly":
-        rest = "something outside the catalogue" if other else "more, for which no explanation stands out"
-        return (
-            _capital(and_words([cause_words(cause) + _alike(cause) for cause in diagnosis.established]))
-            + f", and {rest}"
-        )
-    return "Something outside the catalogue" if other else "No explanation stands out"
+        rest = ANSWERS["other"] if other else "perhaps more"
+        return _capital(f"{_found(diagnosis.established)}, and {rest}")
+    if not other and diagnosis.likely is not None:
+        return _capital(f"{explanation_words(diagnosis.likely, diagnosis.causes)} is likely, but not certain")
+    return _capital(ANSWERS["other"]) if other else "No explanation stands out"
 
 
-def _alike(cause: Cause) -> str:
-    """What does the same here as a cause: by name where it is one, by number where they are several."""
-    if not cause.equivalent:
-        return ""
-    if len(cause.equivalent) > 1:
-        return f" (or one of {len(cause.equivalent)} that do the same here)"
-    return f" (or {alike_words(cause)}, which does the same here)"
-
-
-def consequences(diagnosis: Diagnosis) -> str:
-    """What the diagnosis' sentence says after the causes; all of it where that is not set apart."""
-    words = sentence(diagnosis)
-    _, apart, rest = words.partition(": ")
-    return _as_sentence(rest) if apart and diagnosis.verdict in ("named", "ambiguous") else words
+def _found(causes: Sequence[Cause]) -> str:
+    """Causes with their sizes: of one alone these follow it, of several they stand in brackets."""
+    return cause_or_alike(causes[0]) if len(causes) == 1 else on_paper(causes_words(causes, cause_title))
 
 
 def _capital(words: str) -> str:
@@ -311,15 +334,3 @@ def _capital(words: str) -> str:
 
 def _as_sentence(words: str) -> str:
     return _capital(words) + ("" if words.endswith(".") else ".")
-
-
-def grouped_untold(untold: Sequence[Mapping[str, str]]) -> dict[str, list[str]]:
-    """What the recording cannot tell, by the reason: effects each with their places."""
-    found: dict[str, dict[str, list[str]]] = {}
-    for each in untold:
-        places = found.setdefault(each["why"], {}).setdefault(each["effect"], [])
-        if each["where"] not in places:
-            places.append(each["where"])
-    return {
-        why: [f"{effect} ({shortened(places)})" for effect, places in effects.items()] for why, effects in found.items()
-    }

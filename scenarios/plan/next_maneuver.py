@@ -46,8 +46,8 @@ _NOISIER: Final = 2.0
 #: By how much another room's temperature differs [degC]: as much as a window or a heater does.
 _ANOTHER_ROOM: Final = 5.0
 _NONE: Final = (
-    "No maneuver that was tried tells the explanations apart in this time: allow more of it (--minutes M), or repair "
-    "one cause and see whether the gap changes."
+    "No maneuver that was tried tells them apart in this time: allow more of it (--minutes M), or repair one cause and "
+    "see whether the gap changes."
 )
 #: Rounds of refinement, with ever smaller steps.
 _STEPS: Final = (1.0, 0.4)
@@ -102,7 +102,7 @@ class NextManeuver:
             words += " So fast an arm makes an acceleration of its own as well, which the model leaves out."
         if self.warmer_degC:
             words = (
-                f"No other maneuver tells the explanations apart; the same one does with the room {self.warmer_degC:g} "
+                f"No other maneuver tells them apart; the same one does with the room {self.warmer_degC:g} "
                 f"°C warmer or colder, both recordings diagnosed together. {words}"
             )
         return words

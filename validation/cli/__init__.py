@@ -5,12 +5,12 @@ from __future__ import annotations
 import click
 
 from scenarios.cli._app import SETTINGS, Group
-from scenarios.cli._checkout import BLIND, GAP, GATE, LOOP, PAPER
+from scenarios.cli._checkout import BLIND, GAP, GATE, LOOP, NUMBERS, PAPER
 
 
 @click.group(cls=Group, context_settings=SETTINGS)
 def validation() -> None:
-    """Hold the rig against sealed truths (blind, loop, gate) and against what two papers publish (paper, gap).
+    """Hold the rig against sealed truths (blind, loop, gate), its own numbers (numbers), and two papers (paper, gap).
 
     \b
     Example:
@@ -19,5 +19,5 @@ def validation() -> None:
     """
 
 
-for _command in (BLIND, PAPER, GAP, LOOP, GATE):
+for _command in (BLIND, PAPER, GAP, LOOP, GATE, NUMBERS):
     validation.add_command(_command)

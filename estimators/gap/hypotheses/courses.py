@@ -20,6 +20,8 @@ LOCKED: Final = 0.05
 #: Cosines of time, and harmonics of a joint's angle.
 COSINES: Final = 96
 _ORDERS: Final = 3
+#: Harmonics of it where an error is one of a place: a track that is worn, a tooth, a bump. Alike to about this order.
+_FINE, _ALIKE = 32, 8.0
 #: Half-widths of plays, as shares of the range of what they follow.
 _WIDTHS: Final = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
 #: Poses further apart [rad] than this are single ones, and so are fewer than this of them: they tell no speed.
@@ -57,6 +59,8 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
             weight = np.repeat(1.0 / np.arange(1.0, _ORDERS + 1.0), 2)
             yield Course(f"the angle of joint{joint + 1}, once a turn", waves[:, :2], np.ones(2)), every
             yield Course(f"the angle of joint{joint + 1}", waves, weight), every
+            if (orders := _orders_seen(q[:, joint])) > _ORDERS:
+                yield Course(f"the angle of joint{joint + 1}, place by place", *_places(q[:, joint], orders)), every
             direction = smooth_sign(base.joint_velocity[:, [joint]])
             if np.std(direction) > 0.1:
                 both = direction * np.column_stack([np.ones(len(q)), waves[:, :2]])
@@ -94,6 +98,20 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
     if base.temperature is not None and np.ptp(base.temperature) > 0:
         warm = (base.temperature - base.temperature.mean()) / np.std(base.temperature)
         yield Course("temperature", np.column_stack([warm, warm**2]), np.array([1.0, 0.3])), every
+
+
+def _orders_seen(angle: Array) -> int:
+    """Harmonics of a joint's angle (n,) that outlive the means, of which each is over what the joint turns till the
+    next one."""
+    step = float(np.quantile(np.abs(np.diff(np.unwrap(angle))), 0.9)) if len(angle) > 1 else np.inf
+    return int(min(_FINE, 2.0 / max(step, 1e-9)))
+
+
+def _places(angle: Array, most: int) -> tuple[Array, Array]:
+    """(n, 2 most) harmonics of a joint's angle (n,), and their weights: a process of short memory along it."""
+    orders = np.arange(1.0, most + 1.0)
+    turned = np.outer(angle, orders)
+    return np.column_stack([np.cos(turned), np.sin(turned)]), np.tile(1.0 / (1.0 + (orders / _ALIKE) ** 2), 2)
 
 
 def _slope(data: WhitenedData, values: Array) -> Array:

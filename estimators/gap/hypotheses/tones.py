@@ -13,14 +13,14 @@ from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.score import Explained, Score, evidence
 from rig.arrays import Array
 
-#: A tone is searched above this many times the fastest joint's rate: below, the arm's own motion fills the spectrum.
-_HARMONICS: Final = 3.0
 #: So many peaks of a spectrum are scored exactly.
 _PEAKS: Final = 3
 #: A tone slower than this many cycles a recording is a drift.
 _DRIFT: Final = 1.5
-#: A tone of a known band is not looked for so near, in cycles a recording, to so many harmonics of a joint's rate.
-_WIDTH, _ORDERS = 1.5, 2
+#: A tone is not looked for so near, in cycles a recording, to so many harmonics of a joint's rate.
+_WIDTH, _ORDERS = 1.5, 3
+#: Where joints are not known, their motion may fill the spectrum up to this share of the sampling rate.
+_UNKNOWN: Final = 0.15
 #: Sums that a wave is polished on.
 _SUMS: Final = 64
 
@@ -95,28 +95,20 @@ def polished(seen: Array, inverse: Array, t: Array, frequency: float) -> tuple[f
 def _allowed(candidate: Candidate, data: WhitenedData, frequency: Array) -> NDArray[np.bool_]:
     """Where a tone may appear in the sampled signal: its bands folded by the sampling."""
     resolution = 1.0 / (data.count * data.interval_s)
-    if not candidate.effect.bands:
-        return (frequency > _HARMONICS * _fastest_turn(data)) & (frequency < 0.5 / data.interval_s - resolution)
+    arm = np.zeros(len(frequency), dtype=bool)
     if data.base.q_encoder is not None:  # a turning joint makes sines of its own
         rates = _turns(data)
         own = np.concatenate([rates[rates > resolution] * order for order in range(1, _ORDERS + 1)])
         arm = np.abs(frequency[:, None] - own).min(axis=1, initial=np.inf) < _WIDTH * resolution
-    else:
-        arm = np.zeros(len(frequency), dtype=bool)
+    elif not candidate.effect.bands:
+        arm = frequency <= _UNKNOWN / data.interval_s
     allowed = np.zeros(len(frequency), dtype=bool)
-    for low, high in candidate.effect.bands:
+    for low, high in candidate.effect.bands or ((0.0, 0.5 / data.interval_s - resolution),):
         high = min(high, low + 1.0 / data.interval_s)  # folded, the rest of the band is the same once more
         fine = np.arange(low, high, 0.25 * resolution) * data.interval_s
         folded = np.abs(fine - np.round(fine)) / data.interval_s
         allowed[np.unique(np.clip(np.round(folded / frequency[1]).astype(int), 0, len(frequency) - 1))] = True
     return np.asarray(allowed & (frequency > _DRIFT * resolution) & ~arm)
-
-
-def _fastest_turn(data: WhitenedData) -> float:
-    """[Hz] the rate of the fastest joint; one tenth of the band where joints are not known."""
-    if data.base.q_encoder is None:
-        return 0.05 / data.interval_s
-    return float(_turns(data).max())
 
 
 def _turns(data: WhitenedData) -> Array:

@@ -36,24 +36,27 @@ def channels(
     floors: Sequence[tuple[ChannelNoise, ...]],
     quiet: bool,
     other: bool,
-    after: Array,
-    noise_left: float,
+    left_of: Array,
+    noise_left: Array,
 ) -> list[dict[str, Channel]]:
     """Of each recording the gap of each channel, before and after; never above the root mean square of its residual.
 
     Args:
         defects, floors: of each recording.
-        after: (d,) draws of the squares that are left of mean effects. noise_left: share left of noise and defects.
+        left_of: (c,) whitened squares that are left of mean effects in each channel that is there.
+        noise_left: (6,) shares left of noise and defects.
     """
     change = settled.change(effects) if effects else np.zeros_like(data.residual)
     gap = settled.left_over(change) if effects else change
     left = settled.left_over(settled.residual - change) if effects else data.residual
-    whole = 0.0
+    columns, whole = data.columns, np.zeros(len(CHANNELS))
     for part, rows in zip(data.parts, data.single, strict=False):
         sigma = [part.whiteners[column].sigma for column in part.columns]
         squares = np.mean(np.square(gap[rows][:, part.columns] / sigma), axis=0)
-        whole += float(squares.sum()) * part.count / max(part.samples, 1)
-    ratio = float(np.median(after)) / max(whole, 1e-12) if effects else 0.0
+        whole[part.columns] += squares * part.count / max(part.samples, 1)
+    ratio = np.zeros(len(CHANNELS))
+    if effects:
+        ratio[columns] = np.minimum(left_of / np.maximum(whole[columns], 1e-12), 1.0)
     found = []
     for number, (part, rows) in enumerate(zip(data.parts, data.single, strict=False)):
         own_gaps = [defect.gap for defect in defects[number]]
@@ -65,7 +68,15 @@ def channels(
             named = float(sum(each[column] ** 2 for each in own_gaps))
             before, fitted, rest = (float(np.mean(values[rows, column] ** 2)) for values in (data.residual, gap, left))
             own[CHANNELS[column]] = _channel(
-                sigma_V, before + tails, fitted, rest + tails, named, (ratio, noise_left), quiet, other, bool(effects)
+                sigma_V,
+                before + tails,
+                fitted,
+                rest + tails,
+                named,
+                (float(ratio[column]), float(noise_left[column])),
+                quiet,
+                other,
+                bool(effects),
             )
         found.append(own)
     return found
@@ -86,7 +97,7 @@ def _channel(
     the shares that are left of the gap and of these."""
     rms_before, rms_after = math.sqrt(before), math.sqrt(rest)
     # what has no name is in some channels and not in others: what is left of each says in which
-    remains = max(rest - sigma**2 - named, 0.0) if other else fitted * min(left[0], 1.0) + named * left[1]
+    remains = max(rest - sigma**2 - named, 0.0) if other else fitted * left[0] + named * left[1]
     gap_before = 0.0 if quiet else min(math.sqrt(fitted + named + (remains if other else 0.0)), rms_before)
     gap_after = 0.0 if quiet else min(math.sqrt(remains), rms_after)
     told = gap_before > 1e-3 * sigma
@@ -119,7 +130,7 @@ def cannot_tell(
         if lacking := data.lacking(effect):
             found += [
                 {"effect": effect.name, "where": where, "why": f"the recording lacks {lacking}"}
-                for where in effect.places_on(data.base)
+                for where in effect.places_on(data.base) or (f"{effect.numbered()}s",)
             ]
         elif not at_rest and effect.kind is Kind.NOISE and not is_common(effect) and effect.name not in named:
             found += [

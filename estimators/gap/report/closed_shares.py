@@ -78,6 +78,15 @@ def of_causes(
     return after, before
 
 
+def where_left(told: Hypothesis, reported: Sequence[int]) -> Array:
+    """(c,) shares of the channels in what reported causes leave, as their parameters' widths have it."""
+    linear, channels = told.explanation.linear, len(told.explanation.data.columns)
+    own = np.isin(linear.owner, reported)
+    tangent, covariance = linear.tangent[:, own], told.moments[1][np.ix_(own, own)]
+    left = np.sum((tangent @ covariance) * tangent, axis=1).reshape(channels, -1).sum(axis=1)
+    return np.asarray(left / max(float(left.sum()), 1e-300))
+
+
 def out_of_form(before: Array, rng: np.random.Generator) -> Array:
     """Draws (d,) of the squares that are left as real causes are not quite of the catalogue's form, too small to see.
 
@@ -105,23 +114,30 @@ def of_noise(
     noises: Sequence[FittedNoise], defects: Sequence[tuple[Defect, int]], data: WhitenedData, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """The same of noise and defects: squares that stay wrong of those that they add."""
-    after, before = np.zeros(1), np.zeros(1)
+    after, before = of_noise_by_channel(noises, defects, data, rng)
+    return after.sum(axis=1), before.sum(axis=1)
+
+
+def of_noise_by_channel(
+    noises: Sequence[FittedNoise], defects: Sequence[tuple[Defect, int]], data: WhitenedData, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """The same of each channel: (d, 6) and (1, 6)."""
+    after, before = np.zeros((1, len(CHANNELS))), np.zeros((1, len(CHANNELS)))
     for fitted in [each for one in noises for each in one.every]:
         strengths = np.atleast_1d(np.asarray(_strength(fitted), dtype=float))
         columns = range(len(CHANNELS))[fitted.effect.columns]
         for index, spread in enumerate(fitted.spread):
-            added = fitted.added if len(fitted.spread) == 1 else fitted.added[:, columns[index]]
-            size = float(np.nansum(added))
+            own = np.ones(len(CHANNELS)) if len(fitted.spread) == 1 else np.arange(len(CHANNELS)) == columns[index]
+            size = np.nansum(fitted.added, axis=0) * own
             wrong = closure.of_noise(max(strengths[index] ** 2, 1e-300), float(spread), rng)
-            after = after + size * np.minimum(wrong, 1.0) ** 2
+            after = after + np.outer(np.minimum(wrong, 1.0) ** 2, size)
             before = before + size
     for defect, number in defects:
         part = data.parts[number]
-        sigma = sigmas(part.whiteners)
-        size = float(np.nansum((defect.gap / sigma) ** 2)) * part.count
+        size = np.nan_to_num((defect.gap / sigmas(part.whiteners)) ** 2) * part.count
         many = int(defect.affected.sum())
         wrong = closure.of_noise(1.0, float(1.0 / np.sqrt(many)) if many else 1e-3, rng)
-        after = after + size * np.minimum(wrong, 1.0) ** 2
+        after = after + np.outer(np.minimum(wrong, 1.0) ** 2, size)
         before = before + size
     return after, before
 

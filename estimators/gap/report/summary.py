@@ -84,9 +84,10 @@ def conclude(
     fits = [fit for index, fit in enumerate(_at_every_sample(leading, data)) if index in reported]
     after, before = closed_shares.of_causes(posterior, leading, reported, rng)
     effects = [fit.effect for fit in fits]
-    noise_after, noise_before = closed_shares.of_noise(
+    of_noise = closed_shares.of_noise_by_channel(
         noises, [one for one in named if certain[one[0].effect, one[0].where] >= _REPORTED], data, rng
     )
+    noise_after, noise_before = (each.sum(axis=1) for each in of_noise)
     no_name = [(each, number) for number, own in enumerate(defects) for each in own if each.effect in without]
     unnamed = closed_shares.of_noise((), no_name, data, rng)[1]
     whole = before + noise_before + unnamed
@@ -108,8 +109,9 @@ def conclude(
     remainder = left_over.remainder(
         posterior, leading, [each for each, _ in no_name], float(unnamed[0]), other, gap, rng
     )
-    noise_left = float(np.median(noise_after)) / max(float(np.median(noise_before)), 1e-12)
-    channels = by_channel.channels(data, settled, effects, noises, defects, floors, quiet, other, after, noise_left)
+    noise_left = np.median(of_noise[0], axis=0) / np.maximum(of_noise[1][0], 1e-12)
+    left_of = float(np.median(after)) * closed_shares.where_left(leading, reported)
+    channels = by_channel.channels(data, settled, effects, noises, defects, floors, quiet, other, left_of, noise_left)
     counts = [len(recording) for recording in recordings]
     names = [recording.name for recording in recordings]
     estimated = [name for name, source in zip(names, sources, strict=True) if source != "locked recording"]
