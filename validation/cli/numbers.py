@@ -20,7 +20,7 @@ from validation.cli._options import MOST_SAMPLES
 @workers_options
 @json_option
 def numbers(output: Path, samples: int, seed: int, workers: int | None, cluster: str | None, as_json: bool) -> None:
-    """List every constant of the diagnosis with its reason, double and halve it, and diagnose three recordings anew.
+    """List every constant of the diagnosis with its reason, double it, and diagnose three recordings anew.
 
     FOLDER/numbers.md tells how far each moves a probability; the same command goes on with a study that was ended.
 
