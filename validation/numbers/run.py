@@ -140,8 +140,10 @@ def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
     moved = {(row.module, row.name, row.factor): row.told for row in rows}
     every = numbers()
     sways = {each: tuple(sway(base, moved[each.module, each.name, factor]) for factor in FACTORS) for each in every}
-    strong = [each for each in every if max(part[0] for part in sways[each]) > _SWAYED]
-    other = [each for each in every if any(part[1] for part in sways[each])]
+    furthest = {each: max(moved for moved, _ in parts) for each, parts in sways.items()}
+    fixed = [each for each in every if np.isinf(furthest[each])]
+    strong = [each for each in every if _SWAYED < furthest[each] < np.inf]
+    other = [each for each in every if any(changed for _, changed in sways[each]) and each not in fixed]
     yield (
         f"<!-- Written by `python -m validation numbers -o docs --samples {settings.samples} --seed {settings.seed}`; "
         "do not edit. -->"
@@ -157,12 +159,14 @@ def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
         "recordings did not come to it, or only time depends on it."
     )
     yield ""
-    yield (
-        f"- {len(every) - len(strong)} of {len(every)} move no probability by more than {_SWAYED:g}; {len(other)} "
-        "change a verdict."
-    )
+    calm = len(every) - len(strong) - len(fixed)
+    yield f"- {calm} of {len(every)} move no probability by more than {_SWAYED:g}; {len(other)} change a verdict."
+    if strong:
+        yield f"- More sway {_named(strong)}."
     if other:
-        yield f"- A verdict changes with {', '.join(f'`{each.name}` ({each.room})' for each in other)}."
+        yield f"- A verdict changes with {_named(other)}."
+    if fixed:
+        yield f"- Nothing is diagnosed with another {_named(fixed)}: that is no matter of choice."
     yield ""
     for room in ROOMS:
         own = [each for each in every if each.room == room]
@@ -173,6 +177,10 @@ def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
                 ("number", "value", "reason", *(_CALLED[factor] for factor in FACTORS)),
                 [_row(each, sways[each]) for each in own],
             )
+
+
+def _named(some: Sequence[Number]) -> str:
+    return and_words([f"`{each.name}` ({each.room})" for each in some])
 
 
 def _row(number: Number, sways: Sequence[tuple[float, bool]]) -> tuple[str, ...]:
