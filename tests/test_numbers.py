@@ -15,7 +15,7 @@ from estimators.gap.search import weighing
 from scenarios.workers import Workers
 from validation.numbers import run
 from validation.numbers.listed import ROOMS, Number, numbers
-from validation.numbers.run import FACTORS, Row, Settings, make_numbers, sway
+from validation.numbers.run import FACTOR, Row, Settings, make_numbers, sway
 from validation.numbers.swayed import with_number
 
 PRIOR = "estimators.gap.hypotheses.prior"
@@ -30,7 +30,7 @@ def test_every_number_has_its_reason() -> None:
     assert further.reason.startswith("The factor for each further cause")
     lengths = next(each for each in every if (each.module, each.name) == (PRIOR, "LENGTHS"))
     assert lengths.values == prior.LENGTHS
-    assert not [each for each in every if each.name == "_SECOND"]  # made of another
+    assert not [each for each in every if each.name == "SECOND"]  # made of another
 
 
 def test_a_share_stays_one_and_a_count_a_count() -> None:
@@ -43,14 +43,14 @@ def test_a_number_moves_with_all_that_is_made_of_it_and_back() -> None:
     number = next(each for each in numbers() if (each.module, each.name) == (PRIOR, "FURTHER"))
     with with_number(number, (0.7,)):
         from estimators.gap.hypotheses.prior import FURTHER
-        from estimators.gap.search.weighing import _SECOND
+        from estimators.gap.search.weighing import SECOND
 
         assert FURTHER == 0.7
-        assert pytest.approx(math.log(0.7)) == _SECOND
+        assert pytest.approx(math.log(0.7)) == SECOND
     from estimators.gap.search import weighing as after
 
     assert after is weighing
-    assert pytest.approx(math.log(prior.FURTHER)) == weighing._SECOND
+    assert pytest.approx(math.log(prior.FURTHER)) == weighing.SECOND
 
 
 def test_of_several_in_a_line_one_moves() -> None:
@@ -74,14 +74,14 @@ def test_the_page_has_every_number(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     few = numbers()[:3]
 
     def trial(settings: Settings, number: int) -> pa.Table:
-        each, factor = few[max(number - 1, 0) // len(FACTORS)], FACTORS[(number - 1) % len(FACTORS)]
-        row = Row(each.module, each.name, factor, json.dumps([{**told, "nothing": 0.7 if number == 2 else 0.9}]))
+        each = few[max(number - 1, 0)]
+        row = Row(each.module, each.name, FACTOR, json.dumps([{**told, "nothing": 0.7 if number == 2 else 0.9}]))
         return pa.Table.from_pylist([vars(row)])
 
     monkeypatch.setattr(run, "trial", trial)
     monkeypatch.setattr(run, "numbers", lambda: few)
     page, rows = make_numbers(tmp_path, Settings(), Workers(0, None))
-    assert len(rows) == 1 + len(FACTORS) * len(few)
+    assert len(rows) == 1 + len(few)
     text = page.read_text(encoding="utf-8")
     assert all(f"`{each.name}` in {each.module.rsplit('.', 1)[1]}" in text for each in few)
     assert "2 of 3 move no probability by more than 0.05; 0 change a verdict." in text

@@ -29,12 +29,17 @@ def cause_name(effect: str, where: str) -> str:
 def and_words(names: Sequence[str]) -> str:
     """Names in a row: "a", "a and b", "a, b and c"; a choice among them ends at a comma: "either a or b, and c"."""
     comma = "," if any(" or " in name for name in names[:-1]) else ""
-    return f"{comma} and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+    return _row(names, f"{comma} and ")
 
 
 def or_words(names: Sequence[str]) -> str:
     """Names of which one is meant: "a", "a or b", "a, b or c"."""
-    return " or ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+    return _row(names, " or ")
+
+
+def _row(names: Sequence[str], last: str) -> str:
+    """Names with commas, and something else before the last one."""
+    return last.join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
 def sigmas_words(size: float) -> str:

@@ -206,20 +206,12 @@ class Diagnosis:
     @property
     def alternatives(self) -> tuple[Hypothesis, ...]:
         """Explanations by known causes alone, the likeliest first: as many as it takes to name one of them."""
-        found: list[Hypothesis] = []
-        for one in self.hypotheses:
-            if one.causes and not one.other and sum(each.probability for each in found) < NAMED:
-                found.append(one)
-        return tuple(found)
+        return _to_name_one([one for one in self.hypotheses if one.causes and not one.other])
 
     @property
     def likeliest(self) -> tuple[Hypothesis, ...]:
         """Explanations of every kind, the likeliest first: as many as together would be named, five at most."""
-        found: list[Hypothesis] = []
-        for one in sorted(self.hypotheses, key=lambda each: -each.probability)[:MOST_TOLD]:
-            if sum(each.probability for each in found) < NAMED:
-                found.append(one)
-        return tuple(found)
+        return _to_name_one(sorted(self.hypotheses, key=lambda each: -each.probability)[:MOST_TOLD])
 
     @property
     def likely(self) -> Hypothesis | None:
@@ -310,6 +302,15 @@ ESTABLISHED: Final = 0.95
 NO_GAP: Final = 0.5
 #: So many explanations at most are told of in a sentence, and share the probability of an ambiguous verdict.
 MOST_TOLD: Final = 5
+
+
+def _to_name_one(explanations: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """As many, from the first on, as it takes to name one of them."""
+    found: list[Hypothesis] = []
+    for one in explanations:
+        if sum(each.probability for each in found) < NAMED:
+            found.append(one)
+    return tuple(found)
 
 
 def verdict_of(posterior: Mapping[str, float], hypotheses: Sequence[Hypothesis], causes: Sequence[Cause]) -> Verdict:

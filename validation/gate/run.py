@@ -5,27 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 import pyarrow as pa
 
 from estimators.gap.diagnose import diagnose, examined
 from estimators.gap.report.fitted_rig import FittedRig, known_to
-from rig.files import child, made_folder, write_text
 from rig.progress import Progress
 from rig.threads import one_blas_thread
 from scenarios.gap_report.words import cause_title
-from scenarios.studies.store import StudyFolder
-from scenarios.studies.table_files import fitting_together, rows_of
 from scenarios.workers import Workers
 from validation.blind.intervals import Rate
 from validation.gate.forced import LEFT, forced_rig
 from validation.loop.rigs import STRENGTHS
 from validation.paper.markdown import markdown
-
-PAGE: Final = "gate.md"
-_FOLDER: Final = "gate"
+from validation.study_page import make_page
 
 
 @dataclass(frozen=True)
@@ -103,13 +97,7 @@ def make_gate(
     Raises:
         RigError: the folder holds another study or cannot be written to, or as of ``Workers.completed``.
     """
-    with made_folder(folder / _FOLDER, linked=False) as beside:
-        study = StudyFolder.begin(child(beside, "study", str(beside)), "gate", settings)
-        table = study.fill(trial, settings, settings.rigs, workers, progress)
-        with fitting_together(study.path):
-            rows = tuple(rows_of(Row, table))
-    write_text(folder / PAGE, "\n".join(_lines(settings, rows)) + "\n")
-    return folder / PAGE, rows
+    return make_page(folder, "gate", settings, trial, settings.rigs, Row, _lines, workers, progress)
 
 
 def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:

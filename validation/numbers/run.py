@@ -14,12 +14,9 @@ import pyarrow as pa
 
 from estimators.gap.choices import and_words
 from rig.effects import Effect
-from rig.files import child, made_folder, write_text
 from rig.progress import Progress
 from rig.recording import Recording
 from rig.threads import one_blas_thread
-from scenarios.studies.store import StudyFolder
-from scenarios.studies.table_files import fitting_together, rows_of
 from scenarios.workers import Workers
 from validation.blind.draws import draw_effect
 from validation.blind.outside import OUTSIDE
@@ -29,12 +26,10 @@ from validation.loop.rigs import rigs_with_a_cause
 from validation.numbers.listed import ROOMS, Number, numbers
 from validation.numbers.swayed import with_number
 from validation.paper.markdown import markdown
+from validation.study_page import make_page
 
-PAGE: Final = "numbers.md"
-_FOLDER: Final = "numbers"
-#: By what each number is moved, and how that is called.
-FACTORS: Final = (2.0,)
-_CALLED: Final = {2.0: "doubled", 0.5: "halved"}
+#: Each number is doubled.
+FACTOR: Final = 2.0
 #: What is in the recordings: nothing, two effects of the catalogue, and a thing that is in none.
 _WHAT: Final = ((), ("backlash", "bias_warmup"), ("moving_magnet",))
 _SNR: Final = 40.0
@@ -75,9 +70,9 @@ def trial(settings: Settings, number: int) -> pa.Table:
 
         row = Row("", "", 1.0, _told(gap, settings))
     else:
-        each, factor = numbers()[(number - 1) // len(FACTORS)], FACTORS[(number - 1) % len(FACTORS)]
-        with with_number(each, each.moved(factor)) as moved:
-            row = Row(each.module, each.name, factor, _told(moved, settings))
+        each = numbers()[number - 1]
+        with with_number(each, each.moved(FACTOR)) as moved:
+            row = Row(each.module, each.name, FACTOR, _told(moved, settings))
     return pa.Table.from_pylist([vars(row)])
 
 
@@ -89,14 +84,7 @@ def make_numbers(
     Raises:
         RigError: the folder holds another study or cannot be written to, or as of ``Workers.completed``.
     """
-    count = 1 + len(FACTORS) * len(numbers())
-    with made_folder(folder / _FOLDER, linked=False) as beside:
-        study = StudyFolder.begin(child(beside, "study", str(beside)), "numbers", settings)
-        table = study.fill(trial, settings, count, workers, progress)
-        with fitting_together(study.path):
-            rows = tuple(rows_of(Row, table))
-    write_text(folder / PAGE, "\n".join(_lines(settings, rows)) + "\n")
-    return folder / PAGE, rows
+    return make_page(folder, "numbers", settings, trial, 1 + len(numbers()), Row, _lines, workers, progress)
 
 
 @lru_cache(maxsize=1)
@@ -137,13 +125,12 @@ def _told(gap: Any, settings: Settings) -> str:
 
 def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
     base = json.loads(rows[0].told)
-    moved = {(row.module, row.name, row.factor): row.told for row in rows}
+    doubled = {(row.module, row.name): row.told for row in rows}
     every = numbers()
-    sways = {each: tuple(sway(base, moved[each.module, each.name, factor]) for factor in FACTORS) for each in every}
-    furthest = {each: max(moved for moved, _ in parts) for each, parts in sways.items()}
-    fixed = [each for each in every if np.isinf(furthest[each])]
-    strong = [each for each in every if _SWAYED < furthest[each] < np.inf]
-    other = [each for each in every if any(changed for _, changed in sways[each]) and each not in fixed]
+    sways = {each: sway(base, doubled[each.module, each.name]) for each in every}
+    fixed = [each for each in every if np.isinf(sways[each][0])]
+    strong = [each for each in every if _SWAYED < sways[each][0] < np.inf]
+    other = [each for each in every if sways[each][1] and each not in fixed]
     yield (
         f"<!-- Written by `python -m validation numbers -o docs --samples {settings.samples} --seed {settings.seed}`; "
         "do not edit. -->"
@@ -152,7 +139,7 @@ def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
     yield ""
     yield (
         f"The {len(every)} constants of the diagnosis, from its source, with their reasons. Each was "
-        f"{and_words([_CALLED[factor] for factor in FACTORS])} (of a share the odds were, a count stays a count) and "
+        "doubled (of a share the odds were, a count stays a count) and "
         "three recordings diagnosed anew: with nothing, with two causes, and with something outside the catalogue, "
         f"each of {settings.samples} samples and a signal-to-noise of {_SNR:g}. On the right stands the furthest that "
         "a probability of nothing, of something unknown, or of any cause moved. Where a number moves none, these "
@@ -173,23 +160,17 @@ def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
         if own:
             yield f"## {room}"
             yield ""
-            yield from markdown(
-                ("number", "value", "reason", *(_CALLED[factor] for factor in FACTORS)),
-                [_row(each, sways[each]) for each in own],
-            )
+            yield from markdown(("number", "value", "reason", "doubled"), [_row(each, *sways[each]) for each in own])
 
 
 def _named(some: Sequence[Number]) -> str:
     return and_words([f"`{each.name}` ({each.room})" for each in some])
 
 
-def _row(number: Number, sways: Sequence[tuple[float, bool]]) -> tuple[str, ...]:
+def _row(number: Number, moved: float, changed: bool) -> tuple[str, ...]:
     where = number.module.rsplit(".", 1)[1]
-    cells = [
-        f"{moved:.2f}{', another verdict' if changed else ''}" if np.isfinite(moved) else "fails"
-        for moved, changed in sways
-    ]
-    return f"`{number.name}` in {where}", number.text, number.reason, *cells
+    told = f"{moved:.2f}{', another verdict' if changed else ''}" if np.isfinite(moved) else "fails"
+    return f"`{number.name}` in {where}", number.text, number.reason, told
 
 
 def sway(base: Sequence[dict[str, Any]], told: str) -> tuple[float, bool]:

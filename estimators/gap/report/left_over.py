@@ -63,20 +63,21 @@ def remainder(
     """What is left: single readings without a name, of ``unnamed`` squares; errors of the rig, one of which is meant;
     noise of channels. Of the squared gap, which is no smaller than what is left."""
     hidden = closure.could_hide(posterior.discrepancies, rng)
-    beside: list[_Left] = []
+    beside, noise = list[_Left](), list[_Left]()
     left: list[_Left] = [("single readings", f"{each.effect}-like", unnamed / len(nameless)) for each in nameless]
     if other:
         errors, beside = _errors(posterior, leading)
         noise = _nameless_noise(posterior)
         of_error = max((taken for *_, taken in errors), default=0.0)
         gap = max(gap, of_error + sum(added for *_, added in [*beside, *noise]))
-        left += [*errors, *beside, *noise]
-    gap = max(gap, *(square for *_, square in left), 1.0)
-    each_left = tuple(
-        {"source": each[0], "course": each[1], "share": each[2] / gap} | ({"beside": True} if each in beside else {})
-        for each in left
-    )
-    return Remainder("structured" if other or nameless else "noise", each_left, float(hidden))
+        left += errors
+    gap = max(gap, *(square for *_, square in [*left, *beside, *noise]), 1.0)
+    told = [
+        {"source": source, "course": course, "share": square / gap} | also
+        for group, also in ((left, {}), (beside, {"beside": True}), (noise, {}))
+        for source, course, square in group
+    ]
+    return Remainder("structured" if other or nameless else "noise", tuple(told), float(hidden))
 
 
 def _errors(posterior: Posterior, leading: Hypothesis) -> tuple[list[_Left], list[_Left]]:

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.evidence.discrepancy import Weighed
-from estimators.gap.hypotheses.prior import FURTHER
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report.homogeneity import own_columns
 from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.weighing import SECOND
 from rig.arrays import Array
-
-#: Log prior of a second thing outside the catalogue, of which the effect may be an image: things are rarely alone.
-_SECOND: Final = float(np.log(FURTHER))
 
 
 class Gains(NamedTuple):
@@ -73,7 +70,7 @@ def log_prior_of_image(gains: Gains, hypothesis: Hypothesis, second: bool) -> fl
     beyond = [~(_channels(one) | also) for one in hypothesis.terms]
     outside = [max(min(float(each[own].sum()) for each in gains), 0.0) for own in beyond]
     inside = float(np.logaddexp.reduce(masses - outside) - np.logaddexp.reduce(masses))
-    return min(inside if second else float(np.logaddexp(inside, _SECOND)), 0.0)
+    return min(inside if second else float(np.logaddexp(inside, SECOND)), 0.0)
 
 
 def _gained(along: Array, left: Array, channels: int) -> Array:

@@ -32,7 +32,7 @@ _HARDLY: Final = 1.0
 #: Log probability of something without a name that is no noise.
 _UNKNOWN: Final = float(np.log(OTHER * (1.0 - OTHER_NOISE)))
 #: Log probability of a second such thing: things are rarely alone.
-_SECOND: Final = float(np.log(FURTHER))
+SECOND: Final = float(np.log(FURTHER))
 #: Log odds against the leading hypothesis within which a discrepancy may have a second one beside it.
 _DOUBTED: Final = 3.0
 #: Searches under common noise, each beside what the last one found.
@@ -168,7 +168,7 @@ class Weighing:
         scanner = self.scanner.stepped(floor.steps)
         moved = each.explanation.on(scanner.fine.data)
         self.enter(self.alone(moved, floor))
-        self.enter_nameless(moved, floor, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without))
+        self.enter_nameless(moved, floor, self._discrepancies_under(floor, scanner))
 
     def weigh(
         self,
@@ -186,7 +186,7 @@ class Weighing:
         search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
         given, target = (state, scanner), -np.inf
         if first := self.discrepancies is None:
-            self.discrepancies = Discrepancies.of(search.data, search.rough, self.noises.without)
+            self.discrepancies = self._discrepancies_under(state, scanner)
             self._beside([search.fine(())], state, search, self.discrepancies)
         if not state.steps:
             target = self._without_effects(state, search)
@@ -203,7 +203,7 @@ class Weighing:
             there, belongs = search.overtaken
             self.overtaken.append((state, there + state.log_weight))
             some = [belongs, *_leading_and_less(found[:1], found)]
-            return found + self._beside(some, state, search, self._discrepancies_under(state, search))
+            return found + self._beside(some, state, search, self._discrepancies_under(state, scanner))
         # where something without a name leads by far, causes can be there beside it, if not without it
         near = self.known(found[0], state) > self.best_under(state) - FAR
         near = near or bool(self.leading.terms and self.leading.state is state)
@@ -211,13 +211,13 @@ class Weighing:
             near = self.known(found[0], state) + self._gained_by_unknown > self.best - NEAR
         if near or first:  # of a floor that is far off, what leads: something else may be beside it
             some = _leading_and_less(near_leading(found) if near else found[:1], found if near else [])
-            found += self._beside(some, state, search, self._discrepancies_under(state, search))
+            found += self._beside(some, state, search, self._discrepancies_under(state, scanner))
         return found
 
-    def _discrepancies_under(self, state: NoiseState, search: Search) -> Discrepancies:
+    def _discrepancies_under(self, state: NoiseState, scanner: Scanner) -> Discrepancies:
         if self.discrepancies is not None and not state.steps:
             return self.discrepancies
-        return Discrepancies.of(search.data, search.rough, self.noises.without)
+        return Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without)
 
     def _without_effects(self, state: NoiseState, search: Search) -> float:
         """Log mass of the likeliest without effects, beyond that of nothing at all: so far sets are followed."""
@@ -270,8 +270,7 @@ class Weighing:
             scanner = self.scanner.stepped(state.steps)
             self.enter_common(self.alone(leading.explanation.on(scanner.fine.data), state))
             if self.leading.state.name == state.name:
-                discrepancies = Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without)
-                self._under_common(state, scanner, discrepancies)
+                self._under_common(state, scanner, self._discrepancies_under(state, scanner))
 
     def _beside(
         self, some: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
@@ -315,13 +314,13 @@ class Weighing:
             return
         state, scanner = leading.state, self.scanner.stepped(leading.state.steps)
         search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
-        discrepancies = self._discrepancies_under(state, search)
-        for each in [leading.explanation, *search.without_one(leading.explanation)]:
-            if (found := self.enter_nameless(each, state, discrepancies)) is None:
-                continue
-            least = self.best - FAR - found.log_mass - _SECOND
-            if second := weighed(left_beside(each.linear, found.terms[0], discrepancies), discrepancies, least=least):
-                log_mass = found.log_mass + _SECOND + total([one.log_mass for one in second])
+        discrepancies = self._discrepancies_under(state, scanner)
+        rests = search.without_one(leading.explanation)
+        for found in [leading, *filter(None, (self.enter_nameless(rest, state, discrepancies) for rest in rests))]:
+            least = self.best - FAR - found.log_mass - SECOND
+            less = left_beside(found.explanation.linear, found.terms[0], discrepancies)
+            if second := weighed(less, discrepancies, least=least):
+                log_mass = found.log_mass + SECOND + total([one.log_mass for one in second])
                 self.enter(replace(found, log_mass=log_mass, second=tuple(second[:_KEPT])))
 
     def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
