@@ -14,7 +14,7 @@ from rig.effects.base import Effect
 from rig.signals import Signals
 from validation.blind.draws import ABSORBED, BY_BEING_THERE, draw_effect
 from validation.blind.floors import Colour, Floor
-from validation.blind.forms import FORMS
+from validation.blind.forms import FORMS, SecondOrderLag
 from validation.blind.laboratories import LABORATORIES
 from validation.blind.likeness import in_band, likenesses
 from validation.blind.outside import JOINTED, OUTSIDE
@@ -170,6 +170,14 @@ def test_a_twin_is_found_and_a_stranger_is_not(setting: Setting) -> None:
         assert found["joint_offset", where] < 0.2
     assert ("bias_step", "accel1") not in found
     assert ("joint_offset", "joint1") not in found
+
+
+def test_a_lag_of_second_order_is_a_delay(setting: Setting) -> None:
+    """1 / (1 + sqrt(2) s + s^2) is exp(-sqrt(2) s) to second order in s = i w tau: at 30 standard deviations nothing
+    is left but the third, while a multiple of a short delay leaves the second."""
+    lag, _ = strength_for(lambda s: SecondOrderLag("accelerometer", 0.05 * s), 30.0, setting)
+    found = {(each.effect, each.where): each.left for each in likenesses(setting.change((lag,)), setting)}
+    assert found["latency", "accelerometer"] < 1.0
 
 
 def test_a_tone_is_compared_within_its_band_only(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,6 +39,8 @@ def course_words(course: str) -> str:
         return "that is constant"
     if course == "time, steadily":
         return "that drifts steadily with time"
+    if start == "time" and rest == "between two levels":
+        return "that switches between two levels"
     if start == "time" and rest.endswith("jumps"):
         return f"that changes in {rest.removeprefix('in ').replace('1 jumps', '1 jump')}"
     if start == "time" and rest.endswith("pieces"):

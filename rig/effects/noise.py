@@ -51,7 +51,7 @@ class NoiseColoured(Effect):
     kind = Kind.NOISE
     places = SENSORS
 
-    sigma_V: tuple[float, ...] = parameter("V", 5e-3, lower=0.0, size=3)
+    sigma_V: tuple[float, ...] = parameter("V", 5e-3, lower=0.0, size=3, by_axis=True)
     tau_s: float = parameter("s", 1.0, lower=1e-6, upper=1e6, strength=False, grid=(0.25, 0.5, 1.0, 2.0, 4.0, 8.0))
 
     @override
@@ -77,7 +77,7 @@ class BiasRandomWalk(Effect):
     kind = Kind.NOISE
     places = SENSORS
 
-    rate: tuple[float, ...] = parameter("V/sqrt(s)", 3e-4, lower=0.0, size=3)
+    rate: tuple[float, ...] = parameter("V/sqrt(s)", 3e-4, lower=0.0, size=3, by_axis=True)
 
     @override
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
@@ -30,6 +30,7 @@ _STEP: Final = 1e-3  # of the typical strength, for derivatives
 _THINNED: Final = 8  # every so many samples
 _WITH_MEMORY: Final = ("latency", "sensor_lag", "hysteresis", "motion_acceleration")
 _REFINED: Final = {"base_dipole": "position_m", "bias_warmup": "tau_s"}
+_BENT: Final = {"latency": "delay_s", "sensor_lag": "tau_s"}  # strengths that the readings are not straight in
 _ITERATIONS: Final = 80
 
 
@@ -108,6 +109,23 @@ class _Thinned:
         explained = ((vectors[:, kept].T @ (design.T @ target)) ** 2 / values[kept]).sum()
         return float(np.sqrt(max(float(target @ target) - float(explained), 0.0)))
 
+    def bent(self, effect: type[Effect], fixed: dict[str, str], target: Array) -> float:
+        """The norm of what the candidate leaves at its best strength, with its change there: a delay of half a second
+        is no multiple of a short one."""
+        item = next(each for each in effect.parameters() if each.name == _BENT[effect.name])
+
+        def left(value: float) -> float:
+            change = self.change(effect.from_mapping({**fixed, item.name: value}))
+            return float(np.linalg.norm(target - self.projection(change)))
+
+        design = self.projection(self.columns(effect, fixed))[:, 0]
+        start = _STEP * item.typical * float(design @ target) / max(float(design @ design), 1e-300)
+        low, high = sorted((0.5 * start, 1.5 * start))
+        bounds = max(low, item.lower), min(high, item.upper)
+        if bounds[0] >= bounds[1]:
+            return float(np.linalg.norm(target))
+        return float(minimize_scalar(left, bounds=bounds, method="bounded").fun)
+
     def refined(self, effect: type[Effect], fixed: dict[str, str], start: dict[str, Any], target: Array) -> float:
         """The same with the shape moved off its grid, by the simplex of Nelder and Mead."""
         name = _REFINED[effect.name]
@@ -145,6 +163,8 @@ def likenesses(change: Array, setting: Setting, tone_Hz: float | None = None) ->
         left = lefts[best]
         if effect.name in _REFINED and scale * left > ALIKE:
             left = thinned.refined(effect, fixed, shapes[best], target)
+        if effect.name in _BENT and scale * left > TWIN:
+            left = min(left, thinned.bent(effect, fixed, target))
         label = (effect.name, fixed["where"])
         found[label] = min(scale * left, found.get(label, np.inf))
     ordered = sorted(found.items(), key=lambda item: item[1])

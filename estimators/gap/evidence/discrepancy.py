@@ -22,6 +22,7 @@ from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.sines import Sines
+from estimators.gap.evidence.telegraph import Telegraphs
 from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms, terms_along
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import Course, courses, history_course, level_courses
@@ -35,7 +36,7 @@ Changed = Callable[[], tuple[Array, Array]]
 BLOCKS: Final = (128, 512)
 #: A term that could not gain this much, its prior counted, is not weighed.
 _HOPELESS: Final = -9.0
-#: Log odds against the likeliest term beyond which sines and jumps are not weighed.
+#: Log odds against the likeliest term beyond which sines, jumps and telegraphs are not weighed.
 _NOTHING: Final = 8.0
 
 
@@ -44,13 +45,14 @@ class Discrepancies:
     """All terms.
 
     Attributes:
-        terms: of every source. sines, jumps: what sources are along those that fit a residual best.
+        terms: of every source. sines, jumps, telegraphs: what sources are along those that fit a residual best.
         means: the sums over neighbouring samples that slow terms are of. courses: those that any source may follow.
     """
 
     terms: list[Term]
     sines: Sines
     jumps: Jumps
+    telegraphs: Telegraphs
     means: Means
     courses: tuple[Course, ...]
     _forms: dict[tuple[str, str], list[Term]] = field(default_factory=dict)
@@ -74,7 +76,7 @@ class Discrepancies:
                 own[-1] += level_courses(rough, source.column)
         past = [history_course(fine, source.column) if source.of_one_offset else None for source in of_samples]
         shares = [
-            -float(np.log(len(every))) - float(np.log(len(each) + 4 + (history is not None)))
+            -float(np.log(len(every))) - float(np.log(len(each) + 5 + (history is not None)))
             for each, history in zip(own, past, strict=True)
         ]
         errors, found = smooth_terms(fine.absorbed, every, own, shares, data)
@@ -97,6 +99,7 @@ class Discrepancies:
             kept,
             Sines(fine, of_samples, shares),
             Jumps(fine, of_samples, shares, stepping),
+            Telegraphs(fine, of_samples, shares, stepping),
             data,
             general,
         )
@@ -160,12 +163,12 @@ def weighed(
 
     Args:
         changes: by label and kept shape, of the set's effects, as ``Discrepancies.forms`` takes them.
-        least: log mass below which sines and jumps are not weighed.
+        least: log mass below which sines, jumps and telegraphs are not weighed.
     """
     found = weighed_terms(linear, discrepancies.terms)
     least = max((found[0].log_mass if found else 0.0) - _NOTHING, least)
-    fitting = [*discrepancies.sines.terms(linear.left, least), *discrepancies.jumps.terms(linear.left, least)]
-    found += weighed_terms(linear, fitting)
+    fitting = (discrepancies.sines, discrepancies.jumps, discrepancies.telegraphs)
+    found += weighed_terms(linear, [term for each in fitting for term in each.terms(linear.left, least)])
     if not changes:
         return sorted(found, key=lambda each: -each.log_mass)
     forms = weighed_terms(linear, [term for each in changes.items() for term in discrepancies.forms(*each)])

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.evidence.refine import Refit
-from estimators.gap.evidence.shapes import shape_prior
 from estimators.gap.hypotheses.prior import ONE_AXIS, scales
+from estimators.gap.hypotheses.shapes import shape_prior
 from rig.arrays import Array
 
 #: Squared signal-to-noise of a typical size below which an effect does nothing on this recording.

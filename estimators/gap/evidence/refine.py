@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import Basis, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.shapes import among, searched
 from estimators.gap.hypotheses.candidates import Candidate, Shape
 from estimators.gap.hypotheses.scan import KEPT, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained
+from estimators.gap.hypotheses.shapes import among, searched
 from rig.arrays import Array
 from rig.channels import CHANNELS
 from rig.effects import Effect
@@ -332,22 +332,26 @@ def tangents(
         touched: as ``touched_by``, where it is known. change: (n, 6) of the readings by all, where it is known.
     """
     touched = touched_by(fits, data) if touched is None else touched
-    effects = [each.effect for each in fits]
-    change = data.change(effects) if change is None else change
-    found = []
-    for index, (each, here) in enumerate(zip(fits, touched, strict=True)):
-        near = [number for number, own in enumerate(touched) if number == index or (here & own).any()]
-        beside = [effects[number] for number in near]
-        parts = []
-        moves = data.changes(beside, near.index(index), each.moved, here)
-        for moved, size in zip(moves, each.step / each.scale, strict=True):
-            parts.append(np.zeros_like(change))
-            parts[-1][:, here] = (moved[:, here] - change[:, here]) / size
-        columns = data.whiten_changes(parts)
-        full = np.zeros((len(parts), data.size)).T
-        full[columns.rows] = columns.values
-        found.append(full)
-    return found
+    change = data.change([each.effect for each in fits]) if change is None else change
+    return [tangent_of(index, fits, data, touched, change) for index in range(len(fits))]
+
+
+def tangent_of(
+    index: int, fits: Sequence[Fitted], data: WhitenedData, touched: Sequence[NDArray[np.bool_]], change: Array
+) -> Array:
+    """(c count, p) the tangent of one of some fitted effects, as ``tangents`` makes that of each."""
+    each, here, effects = fits[index], touched[index], [fit.effect for fit in fits]
+    near = [number for number, own in enumerate(touched) if number == index or (here & own).any()]
+    beside = [effects[number] for number in near]
+    parts = []
+    moves = data.changes(beside, near.index(index), each.moved, here)
+    for moved, size in zip(moves, each.step / each.scale, strict=True):
+        parts.append(np.zeros_like(change))
+        parts[-1][:, here] = (moved[:, here] - change[:, here]) / size
+    columns = data.whiten_changes(parts)
+    full = np.zeros((len(parts), data.size)).T
+    full[columns.rows] = columns.values
+    return full
 
 
 def at(fits: Sequence[Fitted], data: WhitenedData) -> Refit:

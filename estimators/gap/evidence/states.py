@@ -30,6 +30,7 @@ from estimators.gap.hypotheses.prior import (
     FLOOR_WALKS,
     GRID,
     LARGEST,
+    ONE_AXIS,
     OTHER,
     OTHER_NOISE,
     VISIBLE,
@@ -269,7 +270,9 @@ def named(lefts: Sequence[Left], without: Sequence[str], given: NoiseState) -> l
         if fitted.label in held:
             continue
         steps = tuple(step for each in fitted.every for step in each.steps(lefts[each.part].data))
-        weight = given.log_weight + sum(_cost(each) for each in fitted.every)
+        judged = [_judged(each) for each in fitted.every]
+        fitted = replace(judged[0][0], more=tuple(each for each, _ in judged[1:]))
+        weight = given.log_weight + sum(cost for _, cost in judged)
         found.append(NoiseState(given.name, (*given.fitted, fitted), (*given.steps, *steps), weight, given.other))
     return found
 
@@ -373,8 +376,9 @@ def _coming_and_going(part: WhitenedData, own: Mapping[int, Array]) -> _Way:
     return gain, price, [*whole, *factors]
 
 
-def _cost(fitted: FittedNoise) -> float:
-    """log of the share of the prior that the fitted strengths take: half-normal, its scale averaged over a grid."""
+def _judged(fitted: FittedNoise) -> tuple[FittedNoise, float]:
+    """A noise effect with its strengths as wide as one axis alone may have it; and the log of the share of the prior
+    that they take: half-normal, their scale averaged over a grid, of all axes or of one alone."""
     (strength,) = [item for item in fitted.effect.parameters() if item.strength]
     values = np.atleast_1d(np.asarray(getattr(fitted.effect, strength.name), dtype=float))[: fitted.rank]
     spread = np.maximum(fitted.spread, 1e-300)
@@ -382,6 +386,14 @@ def _cost(fitted: FittedNoise) -> float:
     width = np.minimum(0.5 * spread / np.maximum(values, 1e-300), least)
     start = VISIBLE * float(np.sqrt(np.mean(least**2)))
     top = max(LARGEST * strength.typical, start)
-    grid = start * GRID ** np.arange(int(np.log(top / start) / np.log(GRID)) + 1)
-    each = [float(np.sum(np.log(2.0 * width / scale) - 0.5 * (values / scale) ** 2)) for scale in grid]
-    return float(np.logaddexp.reduce(each) - np.log(len(grid))) - float(np.log(fitted.searched))
+    scale = start * GRID ** np.arange(int(np.log(top / start) / np.log(GRID)) + 1)[:, None]
+    each = np.log(2.0 * width / scale) - 0.5 * (values / scale) ** 2
+    shape = -float(np.log(len(scale))) - float(np.log(fitted.searched))
+    together = float(np.logaddexp.reduce(each.sum(axis=1)))
+    if not (strength.by_axis and fitted.rank > 1):
+        return fitted, together + shape
+    alone = np.logaddexp.reduce(each, axis=0) - 0.5 * (fitted.gain - fitted.gains) + np.log(ONE_AXIS / fitted.rank)
+    every = np.append(alone, together + np.log(1.0 - ONE_AXIS))
+    total = float(np.logaddexp.reduce(every))
+    nothing = 1.0 - np.exp(alone - total) - np.exp(every[-1] - total)  # of each axis, that another has it alone
+    return replace(fitted, std=np.hypot(fitted.std, np.sqrt(np.maximum(nothing, 0.0)) * values)), total + shape

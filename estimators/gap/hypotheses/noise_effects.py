@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.gap.hypotheses.shapes import among, searched
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left, fitted_at
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
@@ -40,7 +41,7 @@ def fit_effect(effect: type[Effect], where: str, left: Left) -> FittedNoise | No
     tried = [each for each in (fitted_at(effect, where, left, shape) for shape in shapes) if each is not None]
     if not tried:
         return None
-    best = max(tried, key=lambda each: each.gain)
+    best, rare = max(tried, key=lambda each: each.gain), 1.0
     if len(shapes[0]) == 1 and len(tried) > 2 and best.gain > _WORTH and _positive(shapes):
         (name,) = shapes[0]
 
@@ -59,7 +60,10 @@ def fit_effect(effect: type[Effect], where: str, left: Left) -> FittedNoise | No
         index = min(max(points.index(max(gains, key=lambda point: gains[point])), 1), len(points) - 2)
         near = points[index - 1 : index + 2]
         best = _between(at, name, np.array(near), np.array([gains[point] for point in near]))
-    return replace(best, searched=len(shapes))
+        (item,) = [each for each in effect.parameters() if each.name == name]
+        away, width = among(getattr(best.effect, name), item, searched(effect, item, left.data))
+        rare = float(np.exp(0.5 * np.sum((away / width) ** 2)))
+    return replace(best, searched=len(shapes) * rare)
 
 
 def _positive(shapes: Sequence[Mapping[str, Value]]) -> bool:

@@ -30,6 +30,8 @@ _TAKEN = 1
 _LOWEST, _HIGHEST = 1e-5, 1e8
 #: Squares whose units differ by less than this factor's logarithm are alike; units below this share are none.
 _ALIKE, _LEAST = 0.03, 1e-12
+#: Strengths are told to so many roots of their squares' deviation beyond the fitted one, at so many points.
+_REACH, _POINTS = 4.0, 401
 #: The number that stands for all recordings.
 EVERY = -1
 #: Frequencies at least at which a spectrum's mean is taken.
@@ -44,12 +46,13 @@ class FittedNoise:
         effect: with its fitted strengths.
         gain: twice the gain in log likelihood.
         rank: the number of its strengths.
-        searched: how many shapes were tried.
+        searched: one over the share of the prior that its shape takes: how many were tried, and more of a rare one.
         std: (rank,) standard deviation of the strengths.
         spread: (rank,) standard deviation of their squares.
         added: (n, 6) variance that it adds to whitened readings, in time or by cosine transform.
         in_time: which of the two.
         gap: (6,) [recorded unit] root mean square of what it adds to the readings.
+        gains: (rank,) of the gain, what each strength gains by itself; empty of one strength for all channels.
         widths: standard deviations of the shape's numbers, by name, where they were fitted.
         part: the number of the recording, of several, whose noise it is of; -1: of all, with one strength. more: of the
             other recordings, with strengths of their own.
@@ -58,7 +61,7 @@ class FittedNoise:
     effect: Effect
     gain: float
     rank: int
-    searched: int
+    searched: float
     std: Array
     spread: Array
     added: Array
@@ -66,6 +69,7 @@ class FittedNoise:
     gap: Array
     part: int = 0
     more: tuple[FittedNoise, ...] = ()
+    gains: Array = field(default_factory=lambda: np.zeros(0))
     widths: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -145,11 +149,24 @@ def fitted_at(effect: type[Effect], where: str, left: Left, shape: Mapping[str, 
         added[:, column] = fits[column][0] * units[column]
     roots = np.sqrt([max(fits[column][0], 0.0) for column in used])
     spread = np.array([fits[column][2] for column in used])
-    std = 0.5 * spread / np.maximum(roots, np.sqrt(spread))
+    std = deviations(roots, spread)
+    gains = np.array([fits[column][1] for column in used]) if strength.size > 1 else np.zeros(0)
     roots = np.clip(roots, strength.lower, strength.upper)
     value: object = float(roots[0]) if strength.size == 1 else tuple(float(root) for root in roots)
     made = effect.from_mapping({"where": where, **shape, strength.name: value})
-    return FittedNoise(made, gain, len(used), 1, std, spread, added, probe.adds_in_time, gap)
+    return FittedNoise(made, gain, len(used), 1, std, spread, added, probe.adds_in_time, gap, gains=gains)
+
+
+def deviations(roots: Array, spread: Array) -> Array:
+    """(k,) root mean square distance of strengths from fitted ones (k,), whose squares are normal with this standard
+    deviation (k,): near nothing a strength is as wide as the root of that."""
+    unit = np.sqrt(np.maximum(spread, 1e-300))
+    fitted = (roots / unit)[:, None]
+    offset = np.linspace(0.0, fitted + _REACH, _POINTS, axis=-1)[:, 0] - fitted
+    weight = np.exp(-0.5 * (offset * (offset + 2.0 * fitted)) ** 2)
+    near = 0.5 / np.maximum(fitted[:, 0], 1.0)  # of a large one, narrower than the points are apart
+    broad = np.sqrt(np.sum(weight * offset**2, axis=1) / weight.sum(axis=1))
+    return np.asarray(unit * np.where(fitted[:, 0] > _REACH, near, broad))
 
 
 #: Of each channel: the likeliest variance, twice the gain, the variance's deviation.

@@ -13,6 +13,7 @@ from estimators.gap.data.projection import project
 from estimators.gap.diagnosis import Estimate
 from estimators.gap.evidence.refine import Fitted
 from estimators.gap.hypotheses.candidates import split
+from estimators.gap.report.curvature import beyond_normal
 from estimators.gap.search.explanation import Member
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
@@ -123,6 +124,7 @@ def parameters(index: int, holders: Sequence[tuple[Hypothesis, float]]) -> dict[
     member = leading.explanation.members[index]
     fit = member.fit
     mean, covariance, felt = _moments(leading, index)
+    bent = beyond_normal(leading, index)
     values, spread = fit.values.copy(), np.zeros_like(covariance)
     total = sum(weight for _, weight in holders)
     if leading.terms:  # the fit knew nothing of the discrepancy: its mean moves too
@@ -141,7 +143,7 @@ def parameters(index: int, holders: Sequence[tuple[Hypothesis, float]]) -> dict[
         moved, wide, _ = _moments(hypothesis, number)
         shift = other.values / other.scale + (moved if hypothesis.terms else 0.0) - centre
         spread += weight / total * (wide + np.outer(shift, shift))
-    spread = (spread if spread.any() else covariance) * np.outer(fit.scale, fit.scale)
+    spread = ((spread if spread.any() else covariance) + bent) * np.outer(fit.scale, fit.scale)
     for own, along in _lengths(fit):
         size = float(np.linalg.norm(values[own]))
         across = np.eye(len(along)) - np.outer(along, along)

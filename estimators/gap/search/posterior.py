@@ -107,6 +107,8 @@ def explain(
             likeliest = max((one for one in states if one.state.name == name), key=lambda one: one.log_mass)
             if likeliest.log_mass > work.best - FAR:
                 states += noises.beside_fewer(likeliest)
+        near = max((one.log_mass for one in states), default=-np.inf) - NEAR
+        states = [noises.learned_again(one) if one.log_mass > near else one for one in states]
         states, frontier = noises.kept(states), []
         # before what the states promise is entered
         reached = max(each.log_mass for each in work.hypotheses.values() if tried or each.state is floor)

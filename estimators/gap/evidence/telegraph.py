@@ -1,0 +1,175 @@
+"""An error source that switches between two levels, again and again, at instants that single readings do not tell: a
+loose contact, a range that switches, burst noise.
+
+Random telegraph noise is a hidden Markov chain of two states (Rabiner, Proceedings of the IEEE 77, 1989): its evidence
+is averaged over all instants. By its spectrum alone it is coloured noise of short memory; only two levels tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import log
+from typing import Final
+
+import numpy as np
+
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.terms import Term, terms_along
+from estimators.gap.hypotheses.courses import Course
+from estimators.gap.hypotheses.sources import Source
+from rig.arrays import Array
+
+#: More samples than these are added up first.
+_SAMPLES: Final = 8192
+#: So many sources are tried, those with most slow power, where this gains so much in log likelihood.
+_SOURCES, _WORTH = 3, 10.0
+#: Of what levels gain, means over pieces of one length tell at least this share.
+_OVERLOOKED: Final = 0.5
+#: A level lasts from so many samples to such a share of the recording; means over at least so many pieces tell of it.
+_SHORTEST, _LONGEST, _RATES, _PIECES = 4, 0.3, 7, 16
+#: Shares of the time at the upper level, and distances of the levels in the one that the slow power tells.
+_SHARES: Final = (0.25, 0.5, 0.75)
+_APART: Final = (0.6, 0.75, 0.9, 1.05, 1.2, 1.4)
+#: Switches at least, where the catalogue has single steps: fewer are such ones, each a cause of its own.
+_FEWEST, _STEPS = 2, 4
+#: Log odds of two readings beyond which they are certain.
+_CERTAIN: Final = 500.0
+
+NAME: Final = "time, between two levels"
+
+
+@dataclass(frozen=True)
+class Telegraphs:
+    """What sources would leave that switch between two levels.
+
+    Attributes:
+        data: sample by sample. every: the sources of it. shares: of each the log prior of one course.
+        stepping: names of the sources of which the catalogue has single steps.
+    """
+
+    data: WhitenedData
+    every: Sequence[Source]
+    shares: Sequence[float]
+    stepping: frozenset[str] = frozenset()
+
+    @cached_property
+    def _single(self) -> list[tuple[Source, float, Array]]:
+        """Those of one freedom, with their shares, and (n,) what each sample tells of the level."""
+        return [
+            (source, share, np.sum(source.series[0] ** 2, axis=0))
+            for source, share in zip(self.every, self.shares, strict=True)
+            if len(source.series) == 1
+        ]
+
+    def terms(self, left: Array, least: float = -np.inf) -> list[Term]:
+        """The sources that have most slow power, each along its likely levels.
+
+        Args:
+            left: (c n,) whitened, with the calibration projected out.
+            least: log mass below which a term is not made.
+        """
+        count = self.data.count
+        residual = left.reshape(len(self.data.columns), count)
+        together = -(-count // _SAMPLES)
+        edges = np.arange(0, count, together)
+        found = []
+        for source, share, told in self._single:
+            moments = np.add.reduceat(np.einsum("cn,cn->n", source.series[0], residual), edges)
+            informations = np.add.reduceat(told, edges)
+            gain, excess = slow_power(moments, informations)
+            if gain > max(_WORTH, _OVERLOOKED * (least - share)):
+                found.append((gain, source, share, moments, informations, excess))
+        terms = []
+        for _, source, share, moments, informations, excess in sorted(found, key=lambda each: -each[0])[:_SOURCES]:
+            evidence, upper = two_levels(moments, informations, excess)
+            switches = int(np.count_nonzero(np.diff(upper > 0.5)))
+            if evidence + share < least or switches < (_STEPS if source.name in self.stepping else _FEWEST):
+                continue
+            moved = upper - float(informations @ upper / informations.sum())
+            explained = 0.5 * float(moments @ moved) ** 2 / max(float(informations @ moved**2), 1e-300)
+            course = Course(NAME, np.repeat(upper, together)[:count, None], np.ones(1))
+            terms += terms_along(self.data.absorbed, source, course, share + min(evidence - explained, 0.0))
+        return terms
+
+
+def slow_power(moments: Array, informations: Array) -> tuple[float, float]:
+    """What a level that changes slowly gains in log likelihood at most, by means over ever longer pieces; and the
+    variance of that level.
+
+    Args:
+        moments, informations: (n,) sums over samples of the level's effect times the residual, and squared.
+    """
+    best, excess, width = 0.0, 0.0, _SHORTEST
+    while len(moments) // width >= _PIECES:
+        edges = np.arange(0, len(moments) // width * width, width)
+        told = np.add.reduceat(informations[: edges[-1] + width], edges)
+        there = told > 0.0
+        squares = np.add.reduceat(moments[: edges[-1] + width], edges)[there] ** 2 / told[there]
+        ratio = float(np.mean(squares)) if there.any() else 0.0
+        gain = 0.5 * len(squares) * (ratio - 1.0 - log(ratio)) if ratio > 1.0 else 0.0
+        if gain > best:
+            best = gain
+            excess = max(excess, (ratio - 1.0) / float(np.mean(told[there])))
+        width *= 2
+    return best, excess
+
+
+def two_levels(moments: Array, informations: Array, excess: float) -> tuple[float, Array]:
+    """Log evidence of a level that switches between two, against none: averaged over all instants, over how often, and
+    over how long at either, at the likeliest distance of the levels; and (n,) the probability of the upper one.
+
+    Args:
+        excess: the level's variance, as slow power tells it.
+    """
+    longest = max(_LONGEST * len(moments), 2.0 * _SHORTEST)
+    rates = 1.0 / np.geomspace(_SHORTEST, longest, _RATES)
+    apart, share, rate = (
+        each.ravel() for each in np.meshgrid(np.sqrt(excess) * np.array(_APART), _SHARES, rates, indexing="ij")
+    )
+    apart = apart / np.sqrt(share * (1.0 - share))
+    gains = _forward(moments, informations, apart, share, rate)[0].reshape(len(_APART), -1)
+    best = int(np.argmax(np.max(gains, axis=1)))
+    evidence = float(np.logaddexp.reduce(gains[best])) - log(gains.shape[1])
+    likeliest = [each.reshape(gains.shape)[best, [int(np.argmax(gains[best]))]] for each in (apart, share, rate)]
+    return evidence, _smoothed(moments, informations, *likeliest)
+
+
+def _forward(moments: Array, informations: Array, apart: Array, share: Array, rate: Array) -> tuple[Array, Array]:
+    """Log likelihoods (k,) against no levels, and (n, k) the probability of the upper one given all samples so far.
+
+    Args:
+        apart: (k,) of the levels, the mean of which is zero. share: (k,) of the time at the upper one.
+        rate: (k,) switches a sample.
+    """
+    upper, lower = apart * (1.0 - share), -apart * share
+    leaves, comes = 2.0 * rate * (1.0 - share), 2.0 * rate * share
+    odds = np.clip(np.outer(moments, apart) - 0.5 * np.outer(informations, upper**2 - lower**2), -_CERTAIN, _CERTAIN)
+    odds = np.exp(odds)
+    stays = 1.0 - leaves - comes
+    found, filtered = np.empty_like(odds), share
+    summed = np.empty_like(odds)
+    for index, ratio in enumerate(odds):
+        likely = filtered * ratio
+        total = likely + 1.0 - filtered
+        summed[index] = total
+        found[index] = likely / total
+        filtered = comes + stays * found[index]
+    gains = np.log(summed).sum(axis=0) + lower * moments.sum() - 0.5 * lower**2 * informations.sum()
+    return gains, found
+
+
+def _smoothed(moments: Array, informations: Array, apart: Array, share: Array, rate: Array) -> Array:
+    """(n,) the probability of the upper level given all samples, at one (1,) of each."""
+    filtered = _forward(moments, informations, apart, share, rate)[1][:, 0]
+    leaves, comes = (2.0 * float(rate[0]) * float(each) for each in (1.0 - share[0], share[0]))
+    ahead = comes + (1.0 - leaves - comes) * filtered
+    found = np.empty_like(filtered)
+    found[-1] = filtered[-1]
+    for index in range(len(found) - 2, -1, -1):
+        own, later = filtered[index], found[index + 1]
+        stayed = later * (1.0 - leaves) / max(ahead[index], 1e-300)
+        went = (1.0 - later) * leaves / max(1.0 - ahead[index], 1e-300)
+        found[index] = own * (stayed + went)
+    return found
