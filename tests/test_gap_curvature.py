@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.gap.report.curvature import _Ray, is_curved
+from estimators.gap.report.curvature import Ray, is_curved
 from rig.arrays import Array
 from rig.effects import EFFECTS
 
 
-class Split(_Ray):
+class Split(Ray):
     """A density that is normal to either side, of widths 1 and 2, with a second parameter that follows squared."""
 
     def at(self, place: float, along: Array) -> tuple[float, Array]:
@@ -18,7 +18,7 @@ class Split(_Ray):
         return -0.5 * (place / width) ** 2, np.array([place, place**2])
 
 
-class Normal(_Ray):
+class Normal(Ray):
     def at(self, place: float, along: Array) -> tuple[float, Array]:
         return -0.5 * place**2, place * along
 

@@ -129,14 +129,14 @@ def two_levels(moments: Array, informations: Array, excess: float) -> tuple[floa
         each.ravel() for each in np.meshgrid(np.sqrt(excess) * np.array(_APART), _SHARES, rates, indexing="ij")
     )
     apart = apart / np.sqrt(share * (1.0 - share))
-    gains = _forward(moments, informations, apart, share, rate)[0].reshape(len(_APART), -1)
+    gains = forward(moments, informations, apart, share, rate)[0].reshape(len(_APART), -1)
     best = int(np.argmax(np.max(gains, axis=1)))
     evidence = float(np.logaddexp.reduce(gains[best])) - log(gains.shape[1])
     likeliest = [each.reshape(gains.shape)[best, [int(np.argmax(gains[best]))]] for each in (apart, share, rate)]
-    return evidence, _smoothed(moments, informations, *likeliest)
+    return evidence, smoothed(moments, informations, *likeliest)
 
 
-def _forward(moments: Array, informations: Array, apart: Array, share: Array, rate: Array) -> tuple[Array, Array]:
+def forward(moments: Array, informations: Array, apart: Array, share: Array, rate: Array) -> tuple[Array, Array]:
     """Log likelihoods (k,) against no levels, and (n, k) the probability of the upper one given all samples so far.
 
     Args:
@@ -160,9 +160,9 @@ def _forward(moments: Array, informations: Array, apart: Array, share: Array, ra
     return gains, found
 
 
-def _smoothed(moments: Array, informations: Array, apart: Array, share: Array, rate: Array) -> Array:
+def smoothed(moments: Array, informations: Array, apart: Array, share: Array, rate: Array) -> Array:
     """(n,) the probability of the upper level given all samples, at one (1,) of each."""
-    filtered = _forward(moments, informations, apart, share, rate)[1][:, 0]
+    filtered = forward(moments, informations, apart, share, rate)[1][:, 0]
     leaves, comes = (2.0 * float(rate[0]) * float(each) for each in (1.0 - share[0], share[0]))
     ahead = comes + (1.0 - leaves - comes) * filtered
     found = np.empty_like(filtered)

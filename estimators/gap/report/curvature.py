@@ -51,7 +51,7 @@ def beyond_normal(hypothesis: Hypothesis, index: int) -> Array:
     shape = own[curved]
     values, vectors = np.linalg.eigh(covariance[np.ix_(shape, shape)])
     told = vectors.T**2 @ linear.width[shape] ** 2
-    ray = _Ray(hypothesis, index, shape)
+    ray = Ray(hypothesis, index, shape)
     for value, vector, wide in zip(values, vectors.T, told, strict=True):
         if not 0.0 < value < _TOLD**2 * wide:
             continue
@@ -61,7 +61,7 @@ def beyond_normal(hypothesis: Hypothesis, index: int) -> Array:
 
 
 @dataclass(frozen=True)
-class _Ray:
+class Ray:
     """A set of effects along a direction of one effect's shape.
 
     Attributes:
