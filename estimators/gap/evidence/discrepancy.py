@@ -18,6 +18,7 @@ import numpy as np
 
 from estimators.gap.data.projection import project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.fitted_courses import FittedCourses
 from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.means import Means
@@ -45,14 +46,12 @@ class Discrepancies:
     """All terms.
 
     Attributes:
-        terms: of every source. sines, jumps, telegraphs: what sources are along those that fit a residual best.
+        terms: of every source. fitted: what sources are along sines, jumps and two levels that fit a residual best.
         means: the sums over neighbouring samples that slow terms are of. courses: those that any source may follow.
     """
 
     terms: list[Term]
-    sines: Sines
-    jumps: Jumps
-    telegraphs: Telegraphs
+    fitted: tuple[FittedCourses, ...]
     means: Means
     courses: tuple[Course, ...]
     _forms: dict[tuple[str, str], list[Term]] = field(default_factory=dict)
@@ -95,14 +94,8 @@ class Discrepancies:
         )
         general = tuple(course for course, kinds in along if "gain" in kinds)
         kept = [term for term in found if len(term.values)]
-        return cls(
-            kept,
-            Sines(fine, of_samples, shares),
-            Jumps(fine, of_samples, shares, stepping),
-            Telegraphs(fine, of_samples, shares, stepping),
-            data,
-            general,
-        )
+        fitted = tuple(kind(fine, of_samples, shares, stepping) for kind in (Sines, Jumps, Telegraphs))
+        return cls(kept, fitted, data, general)
 
     def forms(self, member: tuple[str, str], changed: Changed) -> list[Term]:
         """An effect that is there in another form than the catalogue's: of a strength that follows something.
@@ -167,8 +160,7 @@ def weighed(
     """
     found = weighed_terms(linear, discrepancies.terms)
     least = max((found[0].log_mass if found else 0.0) - _NOTHING, least)
-    fitting = (discrepancies.sines, discrepancies.jumps, discrepancies.telegraphs)
-    found += weighed_terms(linear, [term for each in fitting for term in each.terms(linear.left, least)])
+    found += weighed_terms(linear, [term for each in discrepancies.fitted for term in each.terms(linear.left, least)])
     if not changes:
         return sorted(found, key=lambda each: -each.log_mass)
     forms = weighed_terms(linear, [term for each in changes.items() for term in discrepancies.forms(*each)])

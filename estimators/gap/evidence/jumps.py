@@ -16,11 +16,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
+from typing_extensions import override
 
-from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.fitted_courses import FittedCourses
 from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import Course
-from estimators.gap.hypotheses.sources import Source
 from rig.arrays import Array
 
 #: Where the catalogue has single steps, fewer jumps are such ones, each a cause of its own. More are not followed.
@@ -37,18 +37,8 @@ _SOURCES: Final = 2
 
 
 @dataclass(frozen=True)
-class Jumps:
-    """What sources would leave of jumps.
-
-    Attributes:
-        data: sample by sample. every: the sources of it. shares: of each the log prior of one course.
-        stepping: names of the sources of which the catalogue has single steps.
-    """
-
-    data: WhitenedData
-    every: Sequence[Source]
-    shares: Sequence[float]
-    stepping: frozenset[str] = frozenset()
+class Jumps(FittedCourses):
+    """What sources would leave of jumps."""
 
     @cached_property
     def _roots(self) -> list[Array]:
@@ -60,13 +50,9 @@ class Jumps:
             found.append(vectors[:, kept] / np.sqrt(values[kept]))
         return found
 
+    @override
     def terms(self, left: Array, least: float = -np.inf) -> list[Term]:
-        """The sources that explain most of a residual, each with the jumps that do.
-
-        Args:
-            left: (c n,) whitened, with the calibration projected out.
-            least: log mass below which a term is not made.
-        """
+        """Those that explain most, each with the jumps that do."""
         count = self.data.count
         residual = left.reshape(len(self.data.columns), count)
         found = []

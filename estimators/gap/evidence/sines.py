@@ -5,17 +5,16 @@ A vibration, a hum, an unbalance, a filter that rings: whatever repeats by itsel
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
+from typing_extensions import override
 
-from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.fitted_courses import FittedCourses
 from estimators.gap.evidence.terms import Errors, Term, freedoms_of, terms_along
 from estimators.gap.hypotheses.courses import COSINES, Course
-from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.tones import of_waves, polished
 from rig.arrays import Array
 
@@ -26,16 +25,8 @@ _BETWEEN: Final = 1.25
 
 
 @dataclass(frozen=True)
-class Sines:
-    """What any source would leave of a sine.
-
-    Attributes:
-        data: sample by sample. every: the sources of it. shares: of each the log prior of one course.
-    """
-
-    data: WhitenedData
-    every: Sequence[Source]
-    shares: Sequence[float]
+class Sines(FittedCourses):
+    """What any source would leave of a sine."""
 
     @cached_property
     def _errors(self) -> Errors:
@@ -46,13 +37,9 @@ class Sines:
         series = [self._errors.series[:, own] for own in freedoms_of(self.every)]
         return [np.linalg.pinv(np.einsum("nic,njc->ij", own, own)) for own in series]
 
+    @override
     def terms(self, left: Array, least: float = -np.inf) -> list[Term]:
-        """The sources that explain most of a residual, each along the sine that does.
-
-        Args:
-            left: (c n,) whitened, with the calibration projected out.
-            least: log mass below which a term is not made.
-        """
+        """Those that explain most, each along the sine that does."""
         count, interval_s = self.data.count, self.data.interval_s
         tried = (count - COSINES) // 2
         if tried < 1:

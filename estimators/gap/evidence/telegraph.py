@@ -7,15 +7,15 @@ is averaged over all instants. By its spectrum alone it is coloured noise of sho
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import log
 from typing import Final
 
 import numpy as np
+from typing_extensions import override
 
-from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.fitted_courses import FittedCourses
 from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import Course
 from estimators.gap.hypotheses.sources import Source
@@ -41,18 +41,8 @@ NAME: Final = "time, between two levels"
 
 
 @dataclass(frozen=True)
-class Telegraphs:
-    """What sources would leave that switch between two levels.
-
-    Attributes:
-        data: sample by sample. every: the sources of it. shares: of each the log prior of one course.
-        stepping: names of the sources of which the catalogue has single steps.
-    """
-
-    data: WhitenedData
-    every: Sequence[Source]
-    shares: Sequence[float]
-    stepping: frozenset[str] = frozenset()
+class Telegraphs(FittedCourses):
+    """What sources would leave that switch between two levels."""
 
     @cached_property
     def _single(self) -> list[tuple[Source, float, Array]]:
@@ -63,13 +53,9 @@ class Telegraphs:
             if len(source.series) == 1
         ]
 
+    @override
     def terms(self, left: Array, least: float = -np.inf) -> list[Term]:
-        """The sources that have most slow power, each along its likely levels.
-
-        Args:
-            left: (c n,) whitened, with the calibration projected out.
-            least: log mass below which a term is not made.
-        """
+        """Those that have most slow power, each along its likely levels."""
         count = self.data.count
         residual = left.reshape(len(self.data.columns), count)
         together = -(-count // _SAMPLES)
