@@ -60,10 +60,12 @@ lock: .venv/.installed
 	$(compile) --group peers --constraint requirements.lock --output-file bench.lock
 	$(compile) --group docs --constraint requirements.lock --output-file docs.lock
 
+# pip compiles on one processor, after all else; compileall on all of them, where some old file may not compile.
 .venv/.installed: pyproject.toml requirements.lock
 	@$(if $(PYTHON),,echo "no Python 3.11 to 3.13 found: name one, as in make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 1)
 	@test -x .venv/bin/python || "$(PYTHON)" -m venv .venv
-	@$(call locked_install,.venv,requirements.lock,)
+	@$(call locked_install,.venv,requirements.lock,--no-compile)
+	@.venv/bin/python -m compileall -qq -j 0 .venv/lib || true
 	@.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 

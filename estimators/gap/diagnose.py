@@ -14,7 +14,7 @@ from estimators.calibration import Calibration
 from estimators.gap.data.basefit import posed, set_up
 from estimators.gap.data.blocks import block_size
 from estimators.gap.data.defects import Defect, explained_away, find_defects, masked
-from estimators.gap.data.laid_out import Laid, Locked, check, floor_and_step, laid_out, rest_of
+from estimators.gap.data.laid_out import Laid, Locked, check, first_rest, floor_and_step, laid_out, rest_of
 from estimators.gap.data.stack import acting
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
@@ -182,7 +182,7 @@ def examined(
         second = maneuver2 if isinstance(maneuver2, Recording) else read_recording(maneuver2)
         check(second)
         second, its_arm = posed(second, arm)
-        its_floor = floor_and_step(second, rest_of(maneuver2, None) or laid.rests[0], its_arm)[0]
+        its_floor = floor_and_step(second, rest_of(maneuver2, None) or first_rest(run, locked), its_arm)[0]
         other = _averaged(set_up(second, its_floor, its_arm, () if rig is None else rig.of_kind(Kind.MEAN)))
         share = elsewhere(other, other.change(effects))
         result = replace(result, closed_on="both", closed_elsewhere=share)
@@ -199,7 +199,7 @@ def _alone(run: Recording | PathLike, locked: Locked, arm: Arm | None) -> Laid:
     rest = rest_of(run, locked)
     floor, step, source = floor_and_step(recording, rest, arm)
     data = set_up(recording, floor, arm)
-    return Laid((recording,), (data,), (floor,), (step,), (source,), (rest,))
+    return Laid((recording,), (data,), (floor,), (step,), (source,), (rest is not None,))
 
 
 def needs_times(effect: type[Effect]) -> bool:

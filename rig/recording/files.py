@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
+import pyarrow as pa
 
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
@@ -215,7 +216,9 @@ def scan_recording(
 
 def read_recording(path: str | os.PathLike[str], joints: int | None = None) -> Recording:
     """Read a recording into memory; arguments and errors as of ``scan_recording``."""
-    return scan_recording(path, joints=joints).read()
+    recording = scan_recording(path, joints=joints).read()
+    pa.default_memory_pool().release_unused()  # what the file's pages took: arrow would keep it
+    return recording
 
 
 def locked_beside(path: str | os.PathLike[str]) -> Path | None:

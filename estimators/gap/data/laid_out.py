@@ -55,7 +55,7 @@ class Laid:
     Attributes:
         recordings, data: these, beside one calibration.
         floors, sources: the noise of each one's channels, and where that comes from.
-        steps: (6,) of each one's converter; NaN where that is not known. rests: each one's recording at rest.
+        steps: (6,) of each one's converter; NaN where that is not known. resting: whether each has a recording at rest.
         began: [s] what was added to each one's clock.
         calibration: from before.
     """
@@ -65,14 +65,14 @@ class Laid:
     floors: tuple[tuple[ChannelNoise, ...], ...]
     steps: tuple[Array, ...]
     sources: tuple[str, ...]
-    rests: tuple[Recording | None, ...]
+    resting: tuple[bool, ...]
     began: tuple[float, ...] = ()
     calibration: Calibration | None = None
 
     @property
     def at_rest(self) -> bool:
         """Whether every floor was learned at rest."""
-        return all(rest is not None for rest in self.rests)
+        return all(self.resting)
 
     def together(self, data: Sequence[WhitenedData]) -> WhitenedData:
         """What was made of each recording, joined."""
@@ -145,7 +145,7 @@ def laid_out(
         tuple(floors),
         tuple(steps),
         tuple(sources),
-        tuple(rests),
+        tuple(rest is not None for rest in rests),
         tuple(began),
         calibration,
     )
@@ -183,6 +183,12 @@ def rest_of(run: Recording | PathLike, locked: Recording | PathLike | None) -> R
         return None
     beside = locked_beside(Path(run))
     return None if beside is None else read_recording(beside)
+
+
+def first_rest(run: Recording | PathLike | Sequence[Recording | PathLike], locked: Locked) -> Recording | None:
+    """That of the first of some recordings."""
+    runs = [run] if isinstance(run, Recording | str | os.PathLike) else list(run)
+    return rest_of(runs[0], _each(locked, len(runs))[0])
 
 
 def floor_and_step(

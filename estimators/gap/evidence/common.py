@@ -29,7 +29,7 @@ _PROMISING: Final = -1.0
 #: So many terms of the discrepancy, within so much of the likeliest; of each the directions that are seen best.
 _TERMS, _NEAR, _MOST = 3, 6.0, 256
 #: Of these, so many in memory at once.
-_AT_ONCE: Final = 64
+_AT_ONCE: Final = 16
 #: Frequencies at which what whitening does to white errors is averaged.
 _FREQUENCIES: Final = 512
 #: Steps of the noise's grid to either side of what is likeliest beside the discrepancy's mean.

@@ -13,7 +13,7 @@ import numpy as np
 from typing_extensions import override
 
 from estimators.gap.evidence.fitted_courses import FittedCourses
-from estimators.gap.evidence.terms import Errors, Term, freedoms_of, terms_along
+from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import COSINES, Course
 from estimators.gap.hypotheses.tones import of_waves, polished
 from rig.arrays import Array
@@ -29,13 +29,8 @@ class Sines(FittedCourses):
     """What any source would leave of a sine."""
 
     @cached_property
-    def _errors(self) -> Errors:
-        return Errors.of(self.every)
-
-    @cached_property
     def _inverses(self) -> list[Array]:
-        series = [self._errors.series[:, own] for own in freedoms_of(self.every)]
-        return [np.linalg.pinv(np.einsum("nic,njc->ij", own, own)) for own in series]
+        return [np.linalg.pinv(np.einsum("icn,jcn->ij", own.series, own.series)) for own in self.every]
 
     @override
     def terms(self, left: Array, least: float = -np.inf) -> list[Term]:
@@ -44,22 +39,21 @@ class Sines(FittedCourses):
         tried = (count - COSINES) // 2
         if tried < 1:
             return []
-        seen = self._errors.moments(left[:, None])[:, :, 0].T
+        residual = left.reshape(len(self.data.columns), count)
+        seen = [np.einsum("fcn,cn->fn", source.series, residual) for source in self.every]
         found = []
-        freedoms = freedoms_of(self.every)
-        for index, own in enumerate(freedoms):
-            spectra = np.fft.rfft(seen[own], n=2 * count, axis=1)[:, COSINES:-1]
+        for index, own in enumerate(seen):
+            spectra = np.fft.rfft(own, n=2 * count, axis=1)[:, COSINES:-1]
             squares = of_waves(spectra, self._inverses[index])
             peak = int(np.argmax(squares))
             # each of its freedoms has a sine and a cosine
             found.append((float(squares[peak]) - 2.0 * len(spectra), index, float(squares[peak]), peak + COSINES))
         terms = []
         for _, index, square, place in sorted(found, reverse=True)[:_MOST]:
-            own = freedoms[index]
             if 0.5 * _BETWEEN * square + self.shares[index] - np.log(tried) < least:
                 continue
             nearby_Hz = place / (2.0 * count * interval_s)
-            square, frequency_Hz = polished(seen[own], self._inverses[index], self.data.t, nearby_Hz)
+            square, frequency_Hz = polished(seen[index], self._inverses[index], self.data.t, nearby_Hz)
             turns = 2.0 * np.pi * frequency_Hz * self.data.t
             course = Course(f"a sine of {frequency_Hz:.4g} Hz", np.stack([np.cos(turns), np.sin(turns)], 1), np.ones(2))
             # a sine so strong is told to sqrt(12) / (2 pi snr) of a cell (Rife and Boorstyn, 1974): of each the share

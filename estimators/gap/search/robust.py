@@ -35,14 +35,21 @@ def moments(linear: Linear, channels: int, beside: Weighed | None = None) -> tup
         linear: a set of effects, fitted. channels: that its samples are of, one after another.
         beside: the term of a discrepancy under which it is judged; None: under its own floor.
     """
-    masked = _in_blocks(linear.left, channels).reshape(len(linear.left), -1)
-    scores, gram = linear.tangent.T @ masked, linear.gram
+    if not len(linear.point):
+        return np.zeros(0), np.zeros((0, 0))
+    gram, shrunk = linear.gram, np.zeros((0, len(linear.point)))
     if beside is not None:
         variance = float(beside.term.variances[int(np.argmax(beside.gains))])
-        along = beside.term.along(np.column_stack([linear.tangent, masked]))
-        tangent, rest = along[:, : len(gram)], along[:, len(gram) :]
-        shrunk = tangent * (variance / (1.0 + variance * beside.term.values))[:, None]
-        scores, gram = scores - shrunk.T @ rest, gram - shrunk.T @ tangent
+        along = beside.term.along(linear.tangent)
+        shrunk = along * (variance / (1.0 + variance * beside.term.values))[:, None]
+        gram = gram - shrunk.T @ along
+    parts = []
+    for channel in range(channels):  # one by one: of a long recording all are large
+        masked = _in_blocks(linear.left, channels, channel)
+        parts.append(linear.tangent.T @ masked)
+        if beside is not None:
+            parts[-1] -= shrunk.T @ beside.term.along(masked)
+    scores = np.concatenate(parts, axis=1)
     precision = linear.precision(linear.averaged[1])
     mean, covariance = linear.posterior(precision, gram, scores.sum(axis=1))
     both = scores.reshape(len(scores), channels, BLOCKS)
@@ -52,12 +59,12 @@ def moments(linear: Linear, channels: int, beside: Weighed | None = None) -> tup
     return mean, covariance @ (root @ root.T + np.diag(precision)) @ covariance
 
 
-def _in_blocks(values: Array, channels: int) -> Array:
-    """(m, channels, b): the values (m,) of each channel in each block of time, zero elsewhere."""
+def _in_blocks(values: Array, channels: int, channel: int) -> Array:
+    """(m, b): the values (m,) of a channel in each block of time, zero elsewhere."""
     count = len(values) // channels
-    rows = np.arange(len(values))
-    found = np.zeros((len(values), channels, BLOCKS))
-    found[rows, rows // count, rows % count * BLOCKS // count] = values
+    rows = np.arange(count)
+    found = np.zeros((len(values), BLOCKS))
+    found[channel * count + rows, rows * BLOCKS // count] = values[channel * count + rows]
     return found
 
 

@@ -154,7 +154,7 @@ class Weighing:
 
     def move_floor(self) -> None:
         """What has no name, beside the floor that known causes are likeliest beside: it was weighed there only where
-        something else led to that floor."""
+        something else led to that floor. Where it is likelier there, causes are looked for under that floor."""
         known = [each for each in self.hypotheses.values() if not each.other and not each.state.labels]
         floor = max(known, key=lambda each: each.log_mass).state
         plain = [each.log_mass for each in known if not each.state.steps]
@@ -167,8 +167,11 @@ class Weighing:
             return
         scanner = self.scanner.stepped(floor.steps)
         moved = each.explanation.on(scanner.fine.data)
+        before = self.best
         self.enter(self.alone(moved, floor))
         self.enter_nameless(moved, floor, self._discrepancies_under(floor, scanner))
+        if self.best > before + _HARDLY:
+            self.weigh(floor, scanner, moved.seeds, deep=False)
 
     def weigh(
         self,
