@@ -25,14 +25,16 @@ export VECLIB_MAXIMUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 # $(call locked_install,ENVIRONMENT,LOCK,OPTIONS): the lock's versions and hashes. One line counts on, on a terminal;
-# pip's warnings are shown where it fails.
+# pip's warnings are shown where it fails. It compiles on one processor, after all else; compileall on all of them, where
+# some old file may not compile.
 locked_install = set -o pipefail; \
-	"$(1)/bin/python" -m pip install --progress-bar off $(3) --require-hashes --requirement "$(2)" 2>"$(1)/pip.log" | awk \
+	"$(1)/bin/python" -m pip install --progress-bar off --no-compile $(3) --require-hashes --requirement "$(2)" 2>"$(1)/pip.log" | awk \
 	-v total="$$(grep -c == "$(2)")" \
 	'BEGIN { live = !system("test -t 1"); printf "$(1): packages of $(2)"; fflush() } \
 	/^(Collecting|Processing|Requirement already)/ && live { printf "\r$(1): package %d of %d ", ++n, total; fflush() } \
 	/^Installing/ { printf ", installing them"; fflush() } \
-	END { print "" }' || { cat "$(1)/pip.log" >&2; exit 1; }
+	END { print "" }' || { cat "$(1)/pip.log" >&2; exit 1; }; \
+	"$(1)/bin/python" -m compileall -qq -j 0 "$(1)/lib" || true
 
 demo: .venv/.installed
 	CI=1 .venv/bin/rig demo $(ARGS)  # rerun reports no usage to its makers where CI is set
@@ -60,12 +62,10 @@ lock: .venv/.installed
 	$(compile) --group peers --constraint requirements.lock --output-file bench.lock
 	$(compile) --group docs --constraint requirements.lock --output-file docs.lock
 
-# pip compiles on one processor, after all else; compileall on all of them, where some old file may not compile.
 .venv/.installed: pyproject.toml requirements.lock
 	@$(if $(PYTHON),,echo "no Python 3.11 to 3.13 found: name one, as in make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 1)
 	@test -x .venv/bin/python || "$(PYTHON)" -m venv .venv
-	@$(call locked_install,.venv,requirements.lock,--no-compile)
-	@.venv/bin/python -m compileall -qq -j 0 .venv/lib || true
+	@$(call locked_install,.venv,requirements.lock,)
 	@.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 

@@ -27,7 +27,8 @@ def test_a_split_normal_has_its_own_second_moment() -> None:
     """(1 + 8) / (1 + 2) = 3 about its mode; the square's is 3 (1 + 32) / (1 + 2) = 33. Beyond four narrow widths,
     two wide ones, the wide side is guessed: a tenth of the square, a third of the square's may come of that."""
     ray = Split(None, 0, np.array([0]))  # type: ignore[arg-type]
-    found = ray.second_moment(np.array([1.0, 0.0]), np.array([0, 1]))
+    along = np.array([1.0, 0.0])
+    found = ray.second_moment(along, np.array([0, 1]), ray.at(0.0, along))
     assert found[0, 0] == pytest.approx(3.0, rel=0.1)
     assert found[1, 1] == pytest.approx(33.0, rel=0.33)
 
@@ -36,7 +37,7 @@ def test_a_normal_one_stays() -> None:
     along = np.array([0.7, -0.2, 1.5])
     own = np.array([0, 2])
     ray = Normal(None, 0, np.array([0]))  # type: ignore[arg-type]
-    np.testing.assert_allclose(ray.second_moment(along, own), np.outer(along[own], along[own]))
+    np.testing.assert_allclose(ray.second_moment(along, own, ray.at(0.0, along)), np.outer(along[own], along[own]))
 
 
 def test_places_and_times_are_curved_and_phases_and_tones_are_not() -> None:

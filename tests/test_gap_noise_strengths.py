@@ -11,8 +11,9 @@ from estimators.gap.data.projection import project
 from estimators.gap.data.steps import Step
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.named_noise import named
 from estimators.gap.evidence.reweighted import left_by_weights
-from estimators.gap.evidence.states import NoiseState, named
+from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import Left, deviations
 

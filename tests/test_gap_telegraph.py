@@ -32,8 +32,9 @@ def test_the_likelihood_of_two_levels_is_that_of_all_paths() -> None:
         weight *= float(np.exp(moments @ level - 0.5 * told @ level**2))
         total, upper = total + weight, upper + weight * np.array(path)
     one = (np.array([apart]), np.array([share]), np.array([rate]))
-    assert np.isclose(telegraph.forward(moments, told, *one)[0][0], np.log(total), rtol=1e-12)
-    np.testing.assert_allclose(telegraph.smoothed(moments, told, *one), upper / total, rtol=1e-10)
+    gains, filtered = telegraph.forward(moments, told, *one)
+    assert np.isclose(gains[0], np.log(total), rtol=1e-12)
+    np.testing.assert_allclose(telegraph.smoothed(filtered[:, 0], share, rate), upper / total, rtol=1e-10)
 
 
 def switching(rng: np.random.Generator, count: int, times: int) -> Array:

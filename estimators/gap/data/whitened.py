@@ -314,6 +314,18 @@ class WhitenedData:
         """The data with further steps of whitening."""
         return replace(self, steps=(*self.steps, *steps))
 
+    def after(self, steps: Sequence[Step], columns: Columns) -> Columns:
+        """Whitened columns of these data as further steps make them."""
+        values = columns.values
+        for step in steps:
+            part = self.stretches[step.part]
+            first = self.columns.index(step.column) * self.count + part.start - columns.first
+            own = slice(first, first + part.stop - part.start)
+            if 0 <= first < len(values) and values[own].any():
+                values = values if values is not columns.values else values.copy(order="F")
+                values[own] = after_steps([step], values[own].T, self.parts[step.part].gaps[step.column]).T
+        return Columns(values, columns.first)
+
     def pointwise(self) -> WhitenedData:
         """The data with the rig evaluated once a block, at its mean pose: quick, and to first order the same."""
         if self.block == 1:

@@ -35,6 +35,8 @@ from rig.arrays import Array
 Changed = Callable[[], tuple[Array, Array]]
 #: Blocks of time in each of which a source may be off by something else: what changes faster than the cosines.
 BLOCKS: Final = (128, 512)
+#: Of courses that only a residual tells, the kinds.
+_FITTED: Final[tuple[type[FittedCourses], ...]] = (Sines, Jumps, Telegraphs)
 #: A term that could not gain this much, its prior counted, is not weighed.
 _HOPELESS: Final = -9.0
 #: Log odds against the likeliest term beyond which sines, jumps and telegraphs are not weighed.
@@ -74,8 +76,9 @@ class Discrepancies:
             if source.of_one_offset:
                 own[-1] += level_courses(rough, source.column)
         past = [history_course(fine, source.column) if source.of_one_offset else None for source in of_samples]
+        further = 2 + len(_FITTED)  # time, smoothly and in pieces
         shares = [
-            -float(np.log(len(every))) - float(np.log(len(each) + 5 + (history is not None)))
+            -float(np.log(len(every))) - float(np.log(len(each) + further + (history is not None)))
             for each, history in zip(own, past, strict=True)
         ]
         errors, found = smooth_terms(fine.absorbed, every, own, shares, data)
@@ -94,8 +97,13 @@ class Discrepancies:
         )
         general = tuple(course for course, kinds in along if "gain" in kinds)
         kept = [term for term in found if len(term.values)]
-        fitted = tuple(kind(fine, of_samples, shares, stepping) for kind in (Sines, Jumps, Telegraphs))
+        fitted = tuple(kind(fine, of_samples, shares, stepping) for kind in _FITTED)
         return cls(kept, fitted, data, general)
+
+    @property
+    def without_forms(self) -> Discrepancies:
+        """The same for other sets of effects: what forms of these do is not known yet."""
+        return replace(self, _forms={})
 
     def forms(self, member: tuple[str, str], changed: Changed) -> list[Term]:
         """An effect that is there in another form than the catalogue's: of a strength that follows something.

@@ -21,19 +21,14 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.floor.alike import moved_together
 from estimators.gap.floor.learned import board_of, going_on, groups, remembers
-from estimators.gap.hypotheses.noise_effects import fitted_noises
 from estimators.gap.hypotheses.prior import (
     FLOOR_MOVED,
     FLOOR_RAISED,
     FLOOR_SLOWER,
     FLOOR_UNSEEN,
     FLOOR_WALKS,
-    GRID,
-    LARGEST,
-    ONE_AXIS,
     OTHER,
     OTHER_NOISE,
-    VISIBLE,
     Drawn,
 )
 from estimators.gap.hypotheses.score import Explained
@@ -262,31 +257,6 @@ def _log_raised(steps: Sequence[Step]) -> float:
     return -0.5 * (max(raised.values(), default=0.0) / FLOOR_RAISED) ** 2
 
 
-def named(lefts: Sequence[Left], without: Sequence[str], given: NoiseState) -> list[NoiseState]:
-    """States with one more noise effect of the catalogue each, the most evident first."""
-    held = {fitted.label for fitted in given.fitted}
-    found = []
-    for fitted in _fitted_at(lefts, without):
-        if fitted.label in held:
-            continue
-        steps = tuple(step for each in fitted.every for step in each.steps(lefts[each.part].data))
-        judged = [_judged(each) for each in fitted.every]
-        fitted = replace(judged[0][0], more=tuple(each for each, _ in judged[1:]))
-        weight = given.log_weight + sum(cost for _, cost in judged)
-        found.append(NoiseState(given.name, (*given.fitted, fitted), (*given.steps, *steps), weight, given.other))
-    return found
-
-
-def _fitted_at(lefts: Sequence[Left], without: Sequence[str]) -> list[FittedNoise]:
-    """Of every noise effect at every place, with a strength of its own in each recording that shows it."""
-    found: dict[str, list[FittedNoise]] = {}
-    for number, left in enumerate(lefts):
-        for fitted in fitted_noises(left, without):
-            if fitted.gain > 0.0:
-                found.setdefault(fitted.label, []).append(replace(fitted, part=number))
-    return [replace(first, more=tuple(rest)) for first, *rest in found.values()]
-
-
 def unnamed(lefts: Sequence[Left], steady: bool = False) -> NoiseState | None:
     """Noise of each channel by itself, of any spectrum; that of a sensor may come and go, but where it is steady.
 
@@ -374,26 +344,3 @@ def _coming_and_going(part: WhitenedData, own: Mapping[int, Array]) -> _Way:
     price += float(np.sum(np.log(_RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))))
     whole = [(column, np.where(part.weights[:, column] > 0, 1.0 / root, 1.0), True) for column in own]
     return gain, price, [*whole, *factors]
-
-
-def _judged(fitted: FittedNoise) -> tuple[FittedNoise, float]:
-    """A noise effect with its strengths as wide as one axis alone may have it; and the log of the share of the prior
-    that they take: half-normal, their scale averaged over a grid, of all axes or of one alone."""
-    (strength,) = [item for item in fitted.effect.parameters() if item.strength]
-    values = np.atleast_1d(np.asarray(getattr(fitted.effect, strength.name), dtype=float))[: fitted.rank]
-    spread = np.maximum(fitted.spread, 1e-300)
-    least = np.sqrt(spread)  # the amplitude whose variance is as large as that
-    width = np.minimum(0.5 * spread / np.maximum(values, 1e-300), least)
-    start = VISIBLE * float(np.sqrt(np.mean(least**2)))
-    top = max(LARGEST * strength.typical, start)
-    scale = start * GRID ** np.arange(int(np.log(top / start) / np.log(GRID)) + 1)[:, None]
-    each = np.log(2.0 * width / scale) - 0.5 * (values / scale) ** 2
-    shape = -float(np.log(len(scale))) - float(np.log(fitted.searched))
-    together = float(np.logaddexp.reduce(each.sum(axis=1)))
-    if not (strength.by_axis and fitted.rank > 1):
-        return fitted, together + shape
-    alone = np.logaddexp.reduce(each, axis=0) - 0.5 * (fitted.gain - fitted.gains) + np.log(ONE_AXIS / fitted.rank)
-    every = np.append(alone, together + np.log(1.0 - ONE_AXIS))
-    total = float(np.logaddexp.reduce(every))
-    nothing = 1.0 - np.exp(alone - total) - np.exp(every[-1] - total)  # of each axis, that another has it alone
-    return replace(fitted, std=np.hypot(fitted.std, np.sqrt(np.maximum(nothing, 0.0)) * values)), total + shape

@@ -115,11 +115,11 @@ def two_levels(moments: Array, informations: Array, excess: float) -> tuple[floa
         each.ravel() for each in np.meshgrid(np.sqrt(excess) * np.array(_APART), _SHARES, rates, indexing="ij")
     )
     apart = apart / np.sqrt(share * (1.0 - share))
-    gains = forward(moments, informations, apart, share, rate)[0].reshape(len(_APART), -1)
-    best = int(np.argmax(np.max(gains, axis=1)))
-    evidence = float(np.logaddexp.reduce(gains[best])) - log(gains.shape[1])
-    likeliest = [each.reshape(gains.shape)[best, [int(np.argmax(gains[best]))]] for each in (apart, share, rate)]
-    return evidence, smoothed(moments, informations, *likeliest)
+    gains, filtered = forward(moments, informations, apart, share, rate)
+    best = int(np.argmax(gains))
+    alike = gains.reshape(len(_APART), -1)[best * len(_APART) // len(gains)]  # of the same distance
+    evidence = float(np.logaddexp.reduce(alike)) - log(len(alike))
+    return evidence, smoothed(filtered[:, best], float(share[best]), float(rate[best]))
 
 
 def forward(moments: Array, informations: Array, apart: Array, share: Array, rate: Array) -> tuple[Array, Array]:
@@ -146,10 +146,9 @@ def forward(moments: Array, informations: Array, apart: Array, share: Array, rat
     return gains, found
 
 
-def smoothed(moments: Array, informations: Array, apart: Array, share: Array, rate: Array) -> Array:
-    """(n,) the probability of the upper level given all samples, at one (1,) of each."""
-    filtered = forward(moments, informations, apart, share, rate)[1][:, 0]
-    leaves, comes = (2.0 * float(rate[0]) * float(each) for each in (1.0 - share[0], share[0]))
+def smoothed(filtered: Array, share: float, rate: float) -> Array:
+    """(n,) the probability of the upper level given all samples, from that given those so far (n,)."""
+    leaves, comes = 2.0 * rate * (1.0 - share), 2.0 * rate * share
     ahead = comes + (1.0 - leaves - comes) * filtered
     found = np.empty_like(filtered)
     found[-1] = filtered[-1]

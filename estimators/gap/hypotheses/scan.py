@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from estimators.gap.data.stack import part_of
-from estimators.gap.data.steps import Step, after_steps
+from estimators.gap.data.steps import Step
 from estimators.gap.data.whitened import Columns, WhitenedData
 from estimators.gap.hypotheses.candidates import Candidate, Shape, still
 from estimators.gap.hypotheses.score import Explained, Score, solve
@@ -116,7 +116,7 @@ class Look:
         """With further steps of whitening, which the columns go through."""
         data = self.data.stepped(steps)
         absorbed = Explained(data.absorbed, data.whitened)
-        columns = {key: _stepped(each.columns, self.data, steps) for key, each in self.kept.items()}
+        columns = {key: self.data.after(steps, each.columns) for key, each in self.kept.items()}
         return Look(data, {key: Kept(each, absorbed.projected(each)) for key, each in columns.items()})
 
 
@@ -247,19 +247,6 @@ def _onset(candidate: Candidate, data: WhitenedData, explained: Explained) -> Sc
     middles = 0.5 * (data.t[edge:-edge] + data.t[edge - 1 : -edge - 1])
     width = float(np.sqrt(weight @ (middles - at_s) ** 2 + data.interval_s**2 / 12.0))
     return ScoreTest(candidate, {"at_s": at_s}, score, tries, spread, {"at_s": width})
-
-
-def _stepped(columns: Columns, data: WhitenedData, steps: Sequence[Step]) -> Columns:
-    """Whitened columns after further steps."""
-    values = columns.values
-    for step in steps:
-        first = data.columns.index(step.column) * data.count + data.stretches[step.part].start - columns.first
-        own = slice(first, first + _length(data, step))
-        if 0 <= first < len(values) and values[own].any():
-            values = values if values is not columns.values else values.copy(order="F")
-            gaps = data.parts[step.part].gaps[step.column]
-            values[own] = after_steps([step], values[own].T, gaps).T
-    return Columns(values, columns.first)
 
 
 def _length(data: WhitenedData, step: Step) -> int:

@@ -8,6 +8,7 @@ place of the normal one (Rue, Martino and Chopin, Journal of the Royal Statistic
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -44,7 +45,7 @@ def beyond_normal(hypothesis: Hypothesis, index: int) -> Array:
     linear, fit = hypothesis.explanation.linear, hypothesis.explanation.fits[index]
     own = np.flatnonzero(linear.owner == index)
     found = np.zeros((len(own), len(own)))
-    curved = np.concatenate([np.full(item.size, is_curved(item)) for item in fit.free])
+    curved = np.array([is_curved(item) for item in fit.free for _ in range(item.size)], dtype=bool)
     if hypothesis.other or not curved.any():
         return found
     covariance = hypothesis.moments[1]
@@ -52,11 +53,12 @@ def beyond_normal(hypothesis: Hypothesis, index: int) -> Array:
     values, vectors = np.linalg.eigh(covariance[np.ix_(shape, shape)])
     told = vectors.T**2 @ linear.width[shape] ** 2
     ray = Ray(hypothesis, index, shape)
+    middle = ray.at(0.0, np.zeros(len(covariance)))
     for value, vector, wide in zip(values, vectors.T, told, strict=True):
         if not 0.0 < value < _TOLD**2 * wide:
             continue
         along = covariance[:, shape] @ vector / np.sqrt(value)  # of all parameters, for one standard deviation
-        found += ray.second_moment(along, own) - np.outer(along[own], along[own])
+        found += ray.second_moment(along, own, middle) - np.outer(along[own], along[own])
     return found
 
 
@@ -72,25 +74,27 @@ class Ray:
     index: int
     shape: NDArray[np.intp]
 
-    def second_moment(self, along: Array, own: NDArray[np.intp]) -> Array:
+    @cached_property
+    def touched(self) -> list[NDArray[np.bool_]]:
+        """The channels of each effect, which are the same wherever it is fitted."""
+        return touched_by(self.hypothesis.explanation.fits, self.hypothesis.explanation.data)
+
+    def second_moment(self, along: Array, own: NDArray[np.intp], middle: tuple[float, Array]) -> Array:
         """(q, q) of the effect's parameters about the fitted ones.
 
         Args:
             along: (p,) what all parameters move by for one standard deviation. own: (q,) which are the effect's.
+            middle: what is at the fitted ones, where all directions begin.
         """
-        normal = np.outer(along[own], along[own])
-        middle, start = self.at(0.0, along)
-        told = {0.0: (0.0, start)}
-        for place in _FIRST:
-            density, moved = self.at(place, along)
-            told[place] = density - middle, moved
-        if all(abs(told[place][0] + 0.5 * place**2) < _NORMAL for place in _FIRST):
-            return normal
-        for place in _MORE:
-            density, moved = self.at(place, along)
-            told[place] = density - middle, moved
+        told = {0.0: np.append(0.0, middle[1][own])}  # log density beyond the normal one's, and where parameters are
+        for some in (_FIRST, _MORE):
+            for place in some:
+                density, moved = self.at(place, along)
+                told[place] = np.append(density - middle[0] + 0.5 * place**2, moved[own])
+            if all(abs(told[place][0]) < _NORMAL for place in _FIRST):
+                return np.outer(along[own], along[own])
         places = np.array(sorted(told))
-        both = np.stack([np.append(told[place][0] + 0.5 * place**2, told[place][1][own]) for place in places])
+        both = np.stack([told[place] for place in places])
         further = (_END - places[-1]) / (places[-1] - places[-2])
         low, high = (both[last] + further * (both[last] - both[before]) for last, before in ((0, 1), (-1, -2)))
         places, both = np.concatenate([[-_END], places, [_END]]), np.vstack([low, both, high])
@@ -112,7 +116,7 @@ class Ray:
         change = data.change([fit.effect for fit in fits])
         tangent = linear.tangent.copy()
         tangent[:, linear.owner == self.index] = project(
-            data.absorbed, tangent_of(self.index, fits, data, touched_by(fits, data), change)
+            data.absorbed, tangent_of(self.index, fits, data, self.touched, change)
         )
         left = project(data.absorbed, data.whiten(data.residual - change))
         others = np.ones(len(moved), dtype=bool)

@@ -14,6 +14,7 @@ from estimators.gap.data.steps import Step
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.named_noise import again, named
 from estimators.gap.evidence.refine import Refit
 from estimators.gap.evidence.reweighted import left_by_weights
 from estimators.gap.evidence.states import (
@@ -22,7 +23,6 @@ from estimators.gap.evidence.states import (
     as_floor,
     left_of,
     moved_floor,
-    named,
     pieces_of,
     refined,
     under_steps,
@@ -35,7 +35,6 @@ from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left
 from estimators.gap.search.explanation import STRAIGHT, Explanation, Member, as_fitted, without_one
 from rig.arrays import Array
-from rig.effects import EFFECTS
 
 #: Log odds by which one more part of a floor must be better.
 _BETTER: Final = 1.0
@@ -103,7 +102,7 @@ class Noises:
         all channels at once, and would leave each of several far behind."""
         here, found = each.on(given[1].fine.data), []
         least = here.log_mass + given[0].log_weight
-        while promises and (best := max(promises, key=_log_mass)).log_mass > least + _BETTER:
+        while promises and (best := max(promises, key=lambda one: one.log_mass)).log_mass > least + _BETTER:
             found.append(best)
             least = best.log_mass
             lefts = _left_after(here.data, best.state.steps[len(given[0].steps) :], _unexplained(here))
@@ -227,7 +226,7 @@ class Noises:
         if name == UNSEEN:
             likeliest = max(range(len(found)), key=lambda index: _best(found[index]))
             found.append(self.as_floor(*every[likeliest]))
-        return max((one for own in found for one in own), key=_log_mass, default=None)
+        return max((one for own in found for one in own), key=lambda one: one.log_mass, default=None)
 
     def nameless(self, given: Given, here: Explanation) -> list[Promise]:
         """Noise without a name beside an explanation in the data of the given state."""
@@ -294,9 +293,8 @@ class Noises:
         here = each.on(given[1].fine.data)
         left = left_by_weights(here.data, here.linear, one.state.steps[len(given[0].steps) :])
         lefts = left_of(here.data, Explained(here.data.absorbed, left))
-        others = [name for name in EFFECTS if name != more[0].effect.name]
-        states = [state for state in named(lefts, others, given[0]) if state.labels == one.state.labels]
-        return max(self._promised(given, each, here.data, here.linear, states), key=_log_mass, default=one)
+        fresh = again(lefts, more[0].effect, given[0])
+        return one if fresh is None else self._promised(given, each, here.data, here.linear, [fresh])[0]
 
     def kept(self, promises: Sequence[Promise]) -> list[Promise]:
         """The same, until the likeliest keeps what it promises: refitted under its state, where its effects have so far
@@ -322,10 +320,6 @@ def _left_after(data: WhitenedData, steps: Sequence[Step], unexplained: Array) -
     """What is left of each recording after further steps of whitening."""
     own = data.stepped(steps)
     return left_of(own, Explained(own.absorbed, project(own.absorbed, own.whiten(unexplained))))
-
-
-def _log_mass(one: Promise) -> float:
-    return one.log_mass
 
 
 def _best(found: Sequence[Promise]) -> float:

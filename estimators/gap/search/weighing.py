@@ -54,6 +54,7 @@ class Weighing:
         discrepancies: under the floor as it was learned. hypotheses: the likeliest of each kind.
         overtaken: states of the noise whose search ended as another is far likelier, and the log mass under that.
         gains: what a discrepancy makes of the log mass of a set under a state.
+        _under: discrepancies under the state that was asked for last.
     """
 
     scanner: Scanner
@@ -65,6 +66,7 @@ class Weighing:
     hypotheses: dict[tuple[tuple[str, ...], str, bool, bool, bool], Hypothesis] = field(default_factory=dict)
     overtaken: list[tuple[NoiseState, float]] = field(default_factory=list)
     gains: list[tuple[NoiseState, Key, float]] = field(default_factory=list)
+    _under: tuple[NoiseState, Discrepancies] | None = None
 
     @property
     def leading(self) -> Hypothesis:
@@ -220,7 +222,10 @@ class Weighing:
     def _discrepancies_under(self, state: NoiseState, scanner: Scanner) -> Discrepancies:
         if self.discrepancies is not None and not state.steps:
             return self.discrepancies
-        return Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without)
+        if self._under is None or self._under[0] is not state:
+            self._under = None  # one of them at a time: they are large
+            self._under = state, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without)
+        return self._under[1].without_forms
 
     def _without_effects(self, state: NoiseState, search: Search) -> float:
         """Log mass of the likeliest without effects, beyond that of nothing at all: so far sets are followed."""
