@@ -39,10 +39,10 @@ locked_install = set -o pipefail; \
 demo: .venv/.installed
 	CI=1 .venv/bin/rig demo $(ARGS)  # rerun reports no usage to its makers where CI is set
 
-test: .venv/.installed
+test: .venv/.dev
 	.venv/bin/pytest -n $(WORKERS) --dist worksteal $(ARGS)
 
-lint: .venv/.installed
+lint: .venv/.dev
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
@@ -57,10 +57,11 @@ bench: .venv-bench/.installed
 # No index address is written, so that the locks say what is installed and the user's own settings say where from.
 lock: compile = .venv/bin/uv pip compile --quiet --upgrade --python-version 3.11 --universal \
 	--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --custom-compile-command "make lock"
-lock: .venv/.installed
-	$(compile) --extra cluster --extra place --group dev --output-file requirements.lock pyproject.toml
-	$(compile) --group peers --constraint requirements.lock --output-file bench.lock
-	$(compile) --group docs --constraint requirements.lock --output-file docs.lock
+lock: .venv/.dev
+	$(compile) --extra cluster --extra place --group dev --output-file dev.lock pyproject.toml
+	$(compile) --group backend --constraint dev.lock --output-file requirements.lock pyproject.toml
+	$(compile) --group peers --constraint dev.lock --output-file bench.lock
+	$(compile) --group docs --constraint dev.lock --output-file docs.lock
 
 .venv/.installed: pyproject.toml requirements.lock
 	@$(if $(PYTHON),,echo "no Python 3.11 to 3.13 found: name one, as in make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 1)
@@ -69,17 +70,21 @@ lock: .venv/.installed
 	@.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# What builds the site is added to the environment; its lock has the tests' versions of what both need.
-.venv/.docs: docs.lock .venv/.installed
+# What tests, and what builds the site, are added to the environment; the locks have one version of what they share.
+.venv/.dev: dev.lock .venv/.installed
+	@$(call locked_install,.venv,dev.lock,)
+	@touch $@
+
+.venv/.docs: docs.lock .venv/.dev
 	@$(call locked_install,.venv,docs.lock,)
 	@touch $@
 
 # The peers stay out of the environment that is tested. Their own version limits cannot all be met at once (see
 # pyproject.toml), hence --no-deps: the lock is complete.
-.venv-bench/.installed: pyproject.toml requirements.lock bench.lock
+.venv-bench/.installed: pyproject.toml dev.lock bench.lock
 	@$(if $(PYTHON),,echo "no Python 3.11 to 3.13 found: name one, as in make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)" >&2; exit 1)
 	@test -x .venv-bench/bin/python || "$(PYTHON)" -m venv .venv-bench
-	@$(call locked_install,.venv-bench,requirements.lock,)
+	@$(call locked_install,.venv-bench,dev.lock,)
 	@$(call locked_install,.venv-bench,bench.lock,--no-deps)
 	@.venv-bench/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@

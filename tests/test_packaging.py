@@ -177,7 +177,7 @@ def locked(lock: str) -> dict[str, str]:
     return versions
 
 
-@pytest.mark.parametrize("lock", ["requirements.lock", "docs.lock", "bench.lock"])
+@pytest.mark.parametrize("lock", ["requirements.lock", "dev.lock", "docs.lock", "bench.lock"])
 def test_a_lock_names_no_address_and_no_path(lock: str) -> None:
     assert locked(lock)
     for line in (ROOT / lock).read_text(encoding="utf-8").splitlines():
@@ -188,11 +188,11 @@ def test_the_locks_answer_pyproject() -> None:
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     project, groups = pyproject["project"], pyproject["dependency-groups"]
     asked = {
-        "requirements.lock": [
+        "requirements.lock": [*project["dependencies"], *groups["backend"], *pyproject["build-system"]["requires"]],
+        "dev.lock": [
             *project["dependencies"],
             *(entry for extra in project["optional-dependencies"].values() for entry in extra),
-            *groups["dev"],
-            *pyproject["build-system"]["requires"],
+            *(entry for entry in groups["dev"] if isinstance(entry, str)),
         ],
         "bench.lock": groups["peers"],
         "docs.lock": groups["docs"],
@@ -203,9 +203,11 @@ def test_the_locks_answer_pyproject() -> None:
             version = versions.get(canonicalize_name(requirement.name))
             assert version is not None, f"{requirement} is not in {lock}: make lock"
             assert requirement.specifier.contains(version), f"{lock} has {version}, asked is {requirement}: make lock"
+    tests = locked("dev.lock")
+    assert locked("requirements.lock").items() <= tests.items(), "what runs is not what is tested: make lock"
     for lock in ("bench.lock", "docs.lock"):
-        shared = locked("requirements.lock").items() & locked(lock).items()
-        both = locked("requirements.lock").keys() & locked(lock).keys()
+        shared = tests.items() & locked(lock).items()
+        both = tests.keys() & locked(lock).keys()
         assert {name for name, _ in shared} == both, f"{lock} has other versions than the tests: make lock"
 
 
