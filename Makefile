@@ -58,7 +58,7 @@ bench: .venv-bench/.installed
 lock: compile = .venv/bin/uv pip compile --quiet --upgrade --python-version 3.11 --universal \
 	--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --custom-compile-command "make lock"
 lock: .venv/.dev
-	$(compile) --extra cluster --extra place --group dev --output-file dev.lock pyproject.toml
+	$(compile) --extra cluster --extra place --group dev --group backend --output-file dev.lock pyproject.toml
 	$(compile) --group backend --constraint dev.lock --output-file requirements.lock pyproject.toml
 	$(compile) --group peers --constraint dev.lock --output-file bench.lock
 	$(compile) --group docs --constraint dev.lock --output-file docs.lock

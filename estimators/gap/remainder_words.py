@@ -20,6 +20,7 @@ WORTH_A_LOOK: Final = 0.01
 _VARIABLES: Final = {
     "orientation": "orientation of the tool",
     "orientation, to first order": "orientation of the tool, to first order",
+    "position, to first order": "position of the tool, to first order",
     "position": "position of the tool",
     "level": "level of the reading",
     "level and direction": "level of the reading, rising or falling",

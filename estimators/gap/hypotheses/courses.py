@@ -94,6 +94,7 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
         if moved.shape[1]:
             both = np.column_stack([moved, _products(moved)])
             weight = np.concatenate([np.ones(moved.shape[1]), np.full(both.shape[1] - moved.shape[1], 0.5)])
+            yield Course("position, to first order", moved, np.ones(moved.shape[1])), frozenset({"field"})
             yield Course("position", both, weight), frozenset({"field"})
     if base.temperature is not None and np.ptp(base.temperature) > 0:
         warm = (base.temperature - base.temperature.mean()) / np.std(base.temperature)

@@ -18,6 +18,7 @@ from estimators.gap.hypotheses.prior import FURTHER, OTHER, OTHER_NOISE
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from estimators.gap.search.beam import Search
+from estimators.gap.search.displaced import FEW, displaced
 from estimators.gap.search.explanation import Explanation, Key, Member, key_of, without_one
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Given, Noises, Promise
@@ -286,6 +287,9 @@ class Weighing:
         """Explanations beside discrepancies, and additions once one of these is there, which are given."""
         done: set[tuple[str, ...]] = set()
         queue, added = list(some), []
+        if len(some[0].members) > FEW:
+            fewer = displaced(some[0], search.without_one(some[0]), discrepancies)
+            queue += [search.fine(members, search.fitted(members)) for members in fewer]
         extended = len(some) == 1
         while queue:
             each = queue.pop(0)
