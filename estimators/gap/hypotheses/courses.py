@@ -51,37 +51,39 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
     """
     every = frozenset({"angle", "clock", "turn", "field", "offset", "gain"})
     base = data.base
+    # a clock knows the time and how warm it is; where only poses are known, an error along their path is one of a clock
+    posed = every if base.q_encoder is None else every - {"clock"}
     yield Course("time, throughout", np.ones((len(base), 1)), np.ones(1)), every - {"offset", "gain"}
     if (q := base.q_encoder) is not None:
         for joint in np.flatnonzero(np.std(np.unwrap(q, axis=0), axis=0) > LOCKED):
             angles = [order * q[:, joint] for order in range(1, _ORDERS + 1)]
             waves = np.stack([wave(angle) for angle in angles for wave in (np.cos, np.sin)], axis=1)
             weight = np.repeat(1.0 / np.arange(1.0, _ORDERS + 1.0), 2)
-            yield Course(f"the angle of joint{joint + 1}, once a turn", waves[:, :2], np.ones(2)), every
-            yield Course(f"the angle of joint{joint + 1}", waves, weight), every
+            yield Course(f"the angle of joint{joint + 1}, once a turn", waves[:, :2], np.ones(2)), posed
+            yield Course(f"the angle of joint{joint + 1}", waves, weight), posed
             if (orders := _orders_seen(q[:, joint])) > _ORDERS:
-                yield Course(f"the angle of joint{joint + 1}, place by place", *_places(q[:, joint], orders)), every
+                yield Course(f"the angle of joint{joint + 1}, place by place", *_places(q[:, joint], orders)), posed
             direction = smooth_sign(base.joint_velocity[:, [joint]])
             if np.std(direction) > 0.1:
                 both = direction * np.column_stack([np.ones(len(q)), waves[:, :2]])
-                yield Course(f"the direction of joint{joint + 1}", direction, np.ones(1)), every
+                yield Course(f"the direction of joint{joint + 1}", direction, np.ones(1)), posed
                 name = f"the direction and angle of joint{joint + 1}"
-                yield Course(name, both, np.array([1.0, 0.5, 0.5])), every
+                yield Course(name, both, np.array([1.0, 0.5, 0.5])), posed
             speed = base.joint_velocity[:, joint]
             if np.std(speed) > 0.1 * np.sqrt(np.mean(speed**2)):  # a steady one is nothing to follow
                 moved = [_of_size_one(each) for each in (speed, _slope(data, speed))]
-                yield Course(f"speed and acceleration of joint{joint + 1}", np.column_stack(moved), np.ones(2)), every
+                yield Course(f"speed and acceleration of joint{joint + 1}", np.column_stack(moved), np.ones(2)), posed
     elements = base.R_base_tool.reshape(-1, 9)
     both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
-    yield Course("orientation, to first order", elements, np.ones(9)), every
-    yield Course("orientation", both, np.ones(both.shape[1])), every
+    yield Course("orientation, to first order", elements, np.ones(9)), posed
+    yield Course("orientation", both, np.ones(both.shape[1])), posed
     if np.ptp(base.t) > 0.0:
         steady = (base.t - base.t.mean()) / np.std(base.t)
         yield Course("time, steadily", steady[:, None], np.ones(1)), every
     rate, bent = _turning(data)
     if rate.any():
         both = np.column_stack([_of_size_one(each) for each in (rate, bent)])
-        yield Course("how fast the tool turns", both, np.ones(both.shape[1])), every
+        yield Course("how fast the tool turns", both, np.ones(both.shape[1])), posed
     if len(data.parts) > 1:
         which = np.zeros((len(base), len(data.parts)))
         for number, own in enumerate(data.stretches[: len(data.parts)]):

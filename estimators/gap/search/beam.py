@@ -24,6 +24,7 @@ from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beside_discrepancy import scores_beside
 from estimators.gap.search.explanation import STRAIGHT, Explanation, Key, Member, as_fitted, key_of, without_one
+from estimators.gap.search.pairs import paired
 from rig.progress import Progress
 
 #: Sets of each size that are extended, additions that are fitted to each, and causes at most.
@@ -37,6 +38,8 @@ _FAR: Final = 14.0
 _PROMISING: Final = 5.0
 #: The share of what a dropped effect gained that another must promise to be fitted in its place.
 _SWAPPED: Final = 0.5
+#: So many effects are tried two by two in the place of one, and so many of these pairs are fitted.
+_PAIRED, _PAIRS = 32, 2
 #: Sets of more than this are not extended where something without effects is far likelier.
 _FOLLOWED: Final = 2
 #: So many sets of each size, and of all, are fitted sample by sample; what means over neighbours change of an
@@ -142,6 +145,8 @@ class Search:
                 elsewhere = likeliest
         if deep or self.wide:
             self._improve(1 if self.wide else 3)
+        if deep:
+            self._pair(self._refined()[0])
         found = self._refined()
         while deep and len(found[0].members) > 1 and found[0].key not in self.improved:
             self._swap(found[0])  # sample by sample another set may lead
@@ -194,21 +199,39 @@ class Search:
 
     def additions(self, parent: Explanation, most: int, floor: float = -np.inf) -> list[tuple[Member, ...]]:
         """The set with one more effect each: the most promising ones, of those that promise more than ``floor``."""
-        tests = self.score_tests(parent)
-        held = {label for member in parent.members for label in member.labels}
-        grouped: list[tuple[float, list[ScoreTest]]] = []
-        for group in alike(tests, self.prior):
-            tested = group[0]
-            searched = tested.candidate.effect.searched(self.rough.base) != [{}]
-            if tested.score.rank and tested.score.strengths.size and (searched or tested.candidate.label not in held):
-                labels = tuple(each.candidate.label for each in group)
-                price = self.prior.log_single((tested.candidate.effect.name, labels)) - max(tested.spread, 0.0)
-                grouped.append((0.5 * tested.score.evidence + price, group))
+        grouped = [(0.5 * group[0].score.evidence + price, group) for price, group in self._priced(parent)]
         grouped.sort(key=lambda pair: -pair[0])
         least = -np.inf if self.wide or not grouped else grouped[0][0] - max(_FAR, 0.3 * abs(grouped[0][0]))
         least = max(least, floor)
         hopeful = [group for promise, group in grouped if promise > least and 0.5 * group[0].score.evidence > _HOPELESS]
         return [(*parent.members, self._member(group, parent)) for group in hopeful[:most]]
+
+    def _priced(self, parent: Explanation) -> list[tuple[float, list[ScoreTest]]]:
+        """Score tests of what may be added to a set, places that do the same together, and the price of each."""
+        held = {label for member in parent.members for label in member.labels}
+        found = []
+        for group in alike(self.score_tests(parent), self.prior):
+            tested = group[0]
+            searched = tested.candidate.effect.searched(self.rough.base) != [{}]
+            if tested.score.rank and tested.score.strengths.size and (searched or tested.candidate.label not in held):
+                labels = tuple(each.candidate.label for each in group)
+                price = self.prior.log_single((tested.candidate.effect.name, labels)) - max(tested.spread, 0.0)
+                found.append((price, group))
+        return found
+
+    def _pair(self, best: Explanation) -> None:
+        """A set with two effects in the place of each."""
+        for member, rest in zip(best.members, map(self.fitted, without_one(best.members)), strict=True):
+            priced = [each for each in self._priced(rest) if each[1][0].candidate.smooth]
+            priced = [each for each in priced if each[1][0].candidate.label not in member.labels][:_PAIRED]
+            prices, tests = np.array([price for price, _ in priced]), [group[0] for _, group in priced]
+            gains = 0.5 * paired(tests, self._scanner(rest).rough, self._left(rest, self.rough))
+            promises = np.triu(gains + prices[:, None] + prices, 1)
+            least = _SWAPPED * (self.gained(best) - self.gained(rest))
+            for index in np.argsort(-promises, axis=None)[:_PAIRS].tolist():
+                if promises.flat[index] > max(least, 0.0):
+                    both = [self._member(priced[each][1], rest) for each in divmod(index, len(tests))]
+                    self.fitted((*rest.members, *both))
 
     def score_tests(self, parent: Explanation) -> list[ScoreTest]:
         """Every candidate's score beside a set."""

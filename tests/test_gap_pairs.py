@@ -1,0 +1,67 @@
+"""Pairs of effects that explain together what neither does alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from whitened_examples import recorded
+
+from estimators.gap.data.basefit import estimated_floor, set_up
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.hypotheses.candidates import all_candidates
+from estimators.gap.hypotheses.considered import set_prior
+from estimators.gap.hypotheses.scan import Scanner
+from estimators.gap.hypotheses.score import Explained, evidence
+from estimators.gap.search.beam import Search
+from estimators.gap.search.pairs import paired
+from rig.arm import Arm
+
+SCALE, DROOP = "joint_scale@joint5", "joint_compliance@joint5"
+TOGETHER = (
+    ("joint_scale", {"where": "joint5", "scale": 0.0025}),
+    ("joint_compliance", {"where": "joint5", "droop_rad": 0.0037}),
+)
+
+
+def of_scale_and_droop(arm: Arm) -> WhitenedData:
+    run = recorded(1, *TOGETHER)
+    return set_up(run, estimated_floor(run, arm), arm)
+
+
+def test_two_effects_explain_what_least_squares_with_both_does(arm: Arm) -> None:
+    """To rounding, ranks included, whichever of the two comes first; an effect of several strengths is among them."""
+    data = of_scale_and_droop(arm)
+    names = (SCALE, DROOP, "joint_eccentricity@joint5", "base_dipole@base", "field_gradient@base")
+    scanner = Scanner.of(data)
+    explained = Explained(scanner.rough.data.absorbed, scanner.rough.data.whitened)
+    tests = [scanner.rough.best(each, explained)[0] for each in all_candidates(data) if each.label in names]
+    assert len(tests) == len(names)
+    found = paired(tests, scanner.rough, explained)
+    every = []
+    for tested in tests:
+        own = scanner.rough.columns(tested.candidate, tested.shape)
+        every.append(np.zeros((scanner.rough.data.size, own.values.shape[1])))
+        every[-1][own.rows] = own.values / np.linalg.norm(own.values, axis=0)
+    for i, first in enumerate(every):
+        for j, second in enumerate(every):
+            columns = explained.without(np.hstack([first, second]))
+            values, vectors = np.linalg.eigh(columns.T @ columns)
+            kept = values > 1e-5
+            along = vectors[:, kept].T @ (columns.T @ explained.residual)
+            if i != j:
+                expected = evidence(float(np.sum(along**2 / values[kept])), int(kept.sum()))
+                assert found[i, j] == pytest.approx(expected, rel=2e-3, abs=0.1)
+    assert found == pytest.approx(found.T, rel=1e-6, abs=1e-6)
+
+
+def test_two_effects_are_found_that_one_does_the_same_as(arm: Arm) -> None:
+    """A scale and a droop of one joint, 30 sigma each, are an eccentricity of it but for a few nats: alone, either is
+    hundreds of nats behind that."""
+    data = of_scale_and_droop(arm)
+    labels = (SCALE, DROOP, "joint_eccentricity@joint5")
+    candidates = [each for each in all_candidates(data) if each.label in labels]
+    search = Search(Scanner.of(data), candidates, set_prior(candidates, {}, data, {}))
+    found = {each.key: each for each in search.run()}
+    wave, both = found["joint_eccentricity@joint5",], found[DROOP, SCALE]
+    assert abs(both.log_mass - wave.log_mass) < 10.0
+    assert max(search.gained(search.fitted((member,))) for member in both.members) < search.gained(wave) - 50.0
