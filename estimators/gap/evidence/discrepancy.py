@@ -22,6 +22,7 @@ from estimators.gap.evidence.fitted_courses import FittedCourses
 from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.means import Means
+from estimators.gap.evidence.on_samples import OnSamples
 from estimators.gap.evidence.sines import Sines
 from estimators.gap.evidence.telegraph import Telegraphs
 from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms, terms_along
@@ -41,6 +42,9 @@ _FITTED: Final[tuple[type[FittedCourses], ...]] = (Sines, Jumps, Telegraphs)
 _HOPELESS: Final = -9.0
 #: Log odds against the likeliest term beyond which sines, jumps and telegraphs are not weighed.
 _NOTHING: Final = 8.0
+#: So many terms, of those within such log odds of the likeliest, are weighed sample by sample where they gain more than
+#: this: means over neighbours lose one or two per cent.
+_ON_SAMPLES, _NEAR, _WEAK = 4, 10.0, 30.0
 
 
 @dataclass(frozen=True)
@@ -50,12 +54,14 @@ class Discrepancies:
     Attributes:
         terms: of every source. fitted: what sources are along sines, jumps and two levels that fit a residual best.
         means: the sums over neighbouring samples that slow terms are of. courses: those that any source may follow.
+        on_samples: makes terms of means ones of samples.
     """
 
     terms: list[Term]
     fitted: tuple[FittedCourses, ...]
     means: Means
     courses: tuple[Course, ...]
+    on_samples: OnSamples
     _forms: dict[tuple[str, str], list[Term]] = field(default_factory=dict)
 
     @classmethod
@@ -85,6 +91,9 @@ class Discrepancies:
         for source, share, freedoms in zip(every, shares, freedoms_of(every), strict=True):
             for count in blocks:
                 found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
+        if data.rough is not data.fine:
+            singles = {source.name: source for source in of_samples}
+            found = [replace(term, of_samples=singles[term.source]) for term in found]
         for source, share, history in zip(of_samples, shares, past, strict=True):
             if history is not None:
                 found += terms_along(fine.absorbed, source, history, share)
@@ -98,12 +107,12 @@ class Discrepancies:
         general = tuple(course for course, kinds in along if "gain" in kinds)
         kept = [term for term in found if len(term.values)]
         fitted = tuple(kind(fine, of_samples, shares, stepping) for kind in _FITTED)
-        return cls(kept, fitted, data, general)
+        return cls(kept, fitted, data, general, OnSamples(fine))
 
     @property
     def without_forms(self) -> Discrepancies:
         """The same for other sets of effects: what forms of these do is not known yet."""
-        return replace(self, _forms={})
+        return replace(self, on_samples=OnSamples(self.means.fine), _forms={})
 
     def forms(self, member: tuple[str, str], changed: Changed) -> list[Term]:
         """An effect that is there in another form than the catalogue's: of a strength that follows something.
@@ -119,10 +128,12 @@ class Discrepancies:
             effect, where = split(member[0])
             change, own = changed()
             series = change.reshape(1, len(self.means.fine.columns), -1)
-            source = _on_means(self.means, Source(f"the strength of {effect} at {where}", series, "gain"))
+            single = Source(f"the strength of {effect} at {where}", series, "gain")
             share = -float(np.log(len(self.courses) + 1))
-            taken = self.means.fine.absorbed.extended(own)
-            self._forms[member] = smooth_terms(taken, [source], [self.courses], [share], self.means)[1]
+            taken, source = self.means.fine.absorbed.extended(own), _on_means(self.means, single)
+            found = smooth_terms(taken, [source], [self.courses], [share], self.means)[1]
+            of_means = self.means.rough is not self.means.fine
+            self._forms[member] = [replace(term, of_samples=single) for term in found] if of_means else found
         return self._forms[member]
 
 
@@ -170,11 +181,21 @@ def weighed(
     least = max((found[0].log_mass if found else 0.0) - _NOTHING, least)
     found += weighed_terms(linear, [term for each in discrepancies.fitted for term in each.terms(linear.left, least)])
     if not changes:
-        return sorted(found, key=lambda each: -each.log_mass)
+        return _leading_on_samples(linear, found, discrepancies.on_samples)
     forms = weighed_terms(linear, [term for each in changes.items() for term in discrepancies.forms(*each)])
     every = [(each, 1.0 - OTHER_FORM) for each in found] + [(each, OTHER_FORM / len(changes)) for each in forms]
     shared = [Weighed(one.term, one.gains, log(part)) for one, part in every]
-    return sorted(shared, key=lambda each: -each.log_mass)
+    return _leading_on_samples(linear, shared, discrepancies.on_samples)
+
+
+def _leading_on_samples(linear: Linear, found: Sequence[Weighed], on_samples: OnSamples) -> list[Weighed]:
+    """The same, the likeliest first, sample by sample where these gain so much that what means lose of it counts."""
+    ranked = sorted(found, key=lambda each: -each.log_mass)
+    for index, each in enumerate(ranked[:_ON_SAMPLES]):
+        if float(each.gains.max()) > _WEAK and each.log_mass > ranked[0].log_mass - _NEAR:
+            again = weighed_terms(linear, [on_samples(each.term)])
+            ranked[index] = replace(again[0], log_share=each.log_share) if again else each
+    return sorted(ranked, key=lambda each: -each.log_mass)
 
 
 def left_beside(linear: Linear, first: Weighed, discrepancies: Discrepancies) -> Linear:

@@ -90,6 +90,8 @@ class Term:
         edges: (b,) where the pieces begin. kept: (b f,) which of their values count.
         steps, ratio: of the grid of amplitudes.
         unit: variance of the source's error for a variance of one here.
+        weight: (k,) prior standard deviations of the functions, up to a common factor; None of pieces.
+        of_samples: the source sample by sample, of a term of means.
     """
 
     source: str
@@ -105,6 +107,8 @@ class Term:
     steps: int = DISCREPANCY_STEPS
     ratio: float = 2.0
     unit: float = 1.0
+    weight: Array | None = None
+    of_samples: Source | None = None
 
     @property
     def projected(self) -> bool:
@@ -268,7 +272,7 @@ def _term(
     whole = float(np.max(weights**2 * np.diag(gram.reshape(size, size)), initial=0.0))
     kept = own > max(_NEGLIGIBLE * float(own[-1]), _ABSORBED * whole, 1e-300)
     scaled = weights[:, None] * vectors[:, kept]
-    return Term(source.name, name, log_prior, own[kept], errors, freedoms, functions, scaled)
+    return Term(source.name, name, log_prior, own[kept], errors, freedoms, functions, scaled, weight=weight)
 
 
 def blocks_term(errors: Errors, source: Source, freedoms: slice, count: int, log_prior: float) -> Term:

@@ -22,6 +22,8 @@ from rig.arrays import Array
 FEW: Final = 2
 #: So many sets at most, and the log odds that they must promise, to first order, against the set itself.
 _MOST, _HOPELESS = 2, -14.0
+#: What means over neighbours may lose of what a source explains, as a share.
+_LOST: Final = 0.02
 
 
 def displaced(
@@ -44,6 +46,7 @@ def displaced(
         kept = np.ix_(np.append(0, 1 + order), np.append(0, 1 + order))
         remains = 0.5 * (whole[kept] - explained[:, kept[0], kept[1]])
         remains = np.einsum("sii->si", remains.cumsum(axis=1).cumsum(axis=2))[:, FEW:] - 0.5 * whole[0, 0]
+        remains -= _LOST * 0.5 * np.diag(whole[kept].cumsum(axis=0).cumsum(axis=1))[FEW:]
         promise = costs[order].cumsum()[FEW - 1 :] - remains - 0.5 * determinants[:, None] + term.log_prior
         for count, best in enumerate(promise.max(axis=0), start=FEW):
             gone = frozenset(order[:count].tolist())
