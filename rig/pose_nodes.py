@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import median_filter
+from scipy.ndimage import percentile_filter
 from scipy.spatial.transform import Rotation, Slerp
 
 from rig.arrays import Array, Mask, Rows
@@ -21,8 +21,10 @@ from rig.read_times import read_times
 #: A kink's change of velocity is this many times that of the samples around it, and not below this share of the path's
 #: large ones: rounding makes kinks at rest.
 _KINK, _SMALLEST = 6.0, 1e-6
-#: So many samples around count: at a node in every four of them most are none.
+#: So many samples around count, and of these such a percentile: at a node in every four samples most are none, at more
+#: nodes, each between two samples and a kink at both, a quarter is.
 _AROUND: Final = 9
+_QUIET: Final = (50, 25)
 #: Fewer nodes show no habit.
 _FEWEST: Final = 8
 #: Chords through the nodes must meet the path to this share of the kinks' height, or it is not made of chords.
@@ -104,9 +106,27 @@ def find_nodes(t: Array, R_base_tool: Array, position: Array) -> PoseNodes | Non
     change[1:-1] = np.diff(np.hstack([speed, velocity]), axis=0)
     size = np.linalg.norm(change, axis=1)
     large = float(np.quantile(size, 0.98))
-    kinked = size > np.maximum(_KINK * median_filter(size, _AROUND, mode="nearest"), _SMALLEST * large)
-    kinked[[0, -1]] = False
-    if large == 0.0 or np.count_nonzero(kinked) < _FEWEST:
+    if large == 0.0:
+        return None
+    for percentile in _QUIET:
+        around = percentile_filter(size, percentile, _AROUND, mode="nearest")
+        kinked = size > np.maximum(_KINK * around, _SMALLEST * large)
+        kinked[[0, -1]] = False
+        found = _of_kinks(kinked, t, rotation, position, speed, velocity, change)
+        if found is not None:
+            return found
+    return None
+
+
+def _of_kinks(
+    kinked: Mask, t: Array, rotation: Rotation, position: Array, speed: Array, velocity: Array, change: Array
+) -> PoseNodes | None:
+    """The nodes at kinks (n,) of a path; None where the chords between them are not the path.
+
+    Args:
+        speed, velocity: (n - 1, 3) between samples. change: (n, 6) of both at each sample.
+    """
+    if np.count_nonzero(kinked) < _FEWEST:
         return None
     rows, share = _instants(kinked, change)
     late = share * np.diff(t)[rows]
