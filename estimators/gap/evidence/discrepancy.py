@@ -164,6 +164,11 @@ class Weighed:
         averaged = float(np.logaddexp.reduce(self.gains)) - log(len(self.gains))
         return self.term.log_prior + self.log_share + averaged
 
+    @property
+    def on_means(self) -> Weighed:
+        """As it was on means, where it is of samples: enough to rank what effects explain beside it."""
+        return self if self.term.of_means is None else replace(self, term=self.term.of_means)
+
 
 def weighed(
     linear: Linear,

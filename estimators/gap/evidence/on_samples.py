@@ -6,7 +6,7 @@ unknown thing that gains thousands that is more than what decides between it and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from estimators.gap.data.whitened import WhitenedData
@@ -30,7 +30,7 @@ class OnSamples:
         if term.of_samples is None:
             return term
         if term not in self._known:
-            self._known[term] = next(iter(self._made(term)), term)
+            self._known[term] = next((replace(made, of_means=term) for made in self._made(term)), term)
         return self._known[term]
 
     @cached_property

@@ -91,7 +91,7 @@ class Term:
         steps, ratio: of the grid of amplitudes.
         unit: variance of the source's error for a variance of one here.
         weight: (k,) prior standard deviations of the functions, up to a common factor; None of pieces.
-        of_samples: the source sample by sample, of a term of means.
+        of_samples: the source sample by sample, of a term of means. of_means: the term that one of samples was.
     """
 
     source: str
@@ -109,6 +109,7 @@ class Term:
     unit: float = 1.0
     weight: Array | None = None
     of_samples: Source | None = None
+    of_means: Term | None = None
 
     @property
     def projected(self) -> bool:

@@ -308,7 +308,7 @@ class Weighing:
             queue += [rest for rest in search.without_one(leading.explanation) if rest.key not in done]
             if not queue and not extended:
                 extended = True
-                added = search.beside(leading.explanation, leading.terms[0])
+                added = search.beside(leading.explanation, leading.terms[0].on_means)
                 queue += added
                 for one in added:
                     self.enter(self.alone(one, state))
