@@ -100,3 +100,18 @@ def test_what_acts_on_the_same_channels_may_be_an_image(posterior: Posterior) ->
     for each in (alone, both):
         for own in gains(each):
             assert log_prior_of_image(own, posterior.leading, second=True) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_tone_beside_an_unknown_is_weighed_at_the_frequency_where_it_was_found_too(posterior: Posterior) -> None:
+    """A fit that knows nothing of the unknown may move it to a slow part of that."""
+    alone = next(each for each in posterior.hypotheses if each.terms and not each.explanation.members)
+    tones = [each for each in posterior.candidates if each.effect.tone]
+    search = Search(posterior.scanner, tones, posterior.prior)
+    found = search.beside(alone.explanation, alone.terms[0].on_means)
+    as_found = [each for each in found if each.refitted is None]
+    assert as_found
+    assert len(found) == 2 * len(as_found)
+    own = next(each for each in as_found if each.key == ("vibration@accelerometer/base",))
+    freq_Hz = vars(own.fits[0].effect)["freq_Hz"]
+    assert freq_Hz == pytest.approx(40.0 - 37.3, abs=0.5 / 59.9)  # sampled at 10 Hz
+    assert own.log_prior == search.fitted(own.members).log_prior

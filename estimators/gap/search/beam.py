@@ -24,7 +24,7 @@ from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beside_discrepancy import scores_beside
 from estimators.gap.search.explanation import STRAIGHT, Explanation, Key, Member, as_fitted, key_of, without_one
-from estimators.gap.search.pairs import paired
+from estimators.gap.search.pairs import likely_pairs
 from rig.progress import Progress
 
 #: Sets of each size that are extended, additions that are fitted to each, and causes at most.
@@ -38,8 +38,6 @@ _FAR: Final = 14.0
 _PROMISING: Final = 5.0
 #: The share of what a dropped effect gained that another must promise to be fitted in its place.
 _SWAPPED: Final = 0.5
-#: So many effects are tried two by two in the place of one, and so many of these pairs are fitted.
-_PAIRED, _PAIRS = 32, 2
 #: Sets of more than this are not extended where something without effects is far likelier.
 _FOLLOWED: Final = 2
 #: So many sets of each size, and of all, are fitted sample by sample; what means over neighbours change of an
@@ -164,7 +162,7 @@ class Search:
             rough = self.rough if _smooth(members) else None
             refitted = converged([member.fit for member in members], data, rough)
             own = as_fitted(members, refitted)
-            prior = self.prior.log_set([*self.given, *(member.drawn for member in own)])
+            prior = self._log_prior(own)
             each = Explanation(own, refitted.data, prior, fine, refitted)
             instants = [index for index, member in enumerate(own) if member.widths] if fine else []
             if instants and each.log_mass > self._best_fine() - _FAR:
@@ -173,6 +171,9 @@ class Search:
                 each = Explanation(own, refitted.data, prior, fine, refitted)
             self.found[key] = each.where_likeliest()
         return self.found[key]
+
+    def _log_prior(self, members: Sequence[Member]) -> float:
+        return self.prior.log_set([*self.given, *(member.drawn for member in members)])
 
     def _best_fine(self) -> float:
         """The largest log mass of a set that was fitted sample by sample."""
@@ -222,16 +223,10 @@ class Search:
     def _pair(self, best: Explanation) -> None:
         """A set with two effects in the place of each."""
         for member, rest in zip(best.members, map(self.fitted, without_one(best.members)), strict=True):
-            priced = [each for each in self._priced(rest) if each[1][0].candidate.smooth]
-            priced = [each for each in priced if each[1][0].candidate.label not in member.labels][:_PAIRED]
-            prices, tests = np.array([price for price, _ in priced]), [group[0] for _, group in priced]
-            gains = 0.5 * paired(tests, self._scanner(rest).rough, self._left(rest, self.rough))
-            promises = np.triu(gains + prices[:, None] + prices, 1)
+            priced = [each for each in self._priced(rest) if each[1][0].candidate.label not in member.labels]
             least = _SWAPPED * (self.gained(best) - self.gained(rest))
-            for index in np.argsort(-promises, axis=None)[:_PAIRS].tolist():
-                if promises.flat[index] > max(least, 0.0):
-                    both = [self._member(priced[each][1], rest) for each in divmod(index, len(tests))]
-                    self.fitted((*rest.members, *both))
+            for both in likely_pairs(priced, least, self._scanner(rest).rough, self._left(rest, self.rough)):
+                self.fitted((*rest.members, *(self._member(group, rest) for group in both)))
 
     def score_tests(self, parent: Explanation) -> list[ScoreTest]:
         """Every candidate's score beside a set."""
@@ -274,11 +269,14 @@ class Search:
         scored += scores_beside(on_samples, weighed, scanner, scanner.fine, self._left(parent, self.data))
         prices = [self.prior.log_single((one.candidate.effect.name, (one.candidate.label,))) for _, one in scored]
         promises = sorted(zip(scored, prices, strict=True), key=lambda each: -each[0][0] - each[1])
-        return [
-            self._fitted((*parent.members, self._member([tested], parent)), self.data)
-            for (gained, tested), price in promises[:3]
-            if gained + price > -_FAR and tested.score.strengths.size
-        ]
+        found = []
+        for (gained, tested), price in promises[:3]:
+            if gained + price > -_FAR and tested.score.strengths.size:
+                members = (*parent.members, self._member([tested], parent))
+                found.append(self._fitted(members, self.data))
+                if tested.candidate.effect.tone:  # a fit that knows nothing of the discrepancy moves its frequency
+                    found.append(Explanation(members, parent.data, self._log_prior(members), True))
+        return found
 
     def without_one(self, each: Explanation) -> list[Explanation]:
         """The set without each of its effects, sample by sample."""

@@ -16,8 +16,27 @@ from estimators.gap.hypotheses.scan import Look, ScoreTest
 from estimators.gap.hypotheses.score import ABSORBED, Explained, evidence
 from rig.arrays import Array
 
+#: So many effects are tried two by two in the place of one, and so many of these pairs are fitted.
+_PAIRED, _PAIRS = 32, 2
 #: A direction of the second effect of which the first leaves less than this share of its square is the first's.
 _SAME: Final = 1e-3
+
+
+def likely_pairs(
+    priced: Sequence[tuple[float, list[ScoreTest]]], least: float, look: Look, explained: Explained
+) -> list[tuple[list[ScoreTest], list[ScoreTest]]]:
+    """The two effects each, with the places at which they do the same, that promise most together.
+
+    Args:
+        priced: log prices and score tests, the most evident first. least: log odds that a pair must promise.
+        look: of means over neighbouring samples, which both must outlive. explained: in it.
+    """
+    some = [each for each in priced if each[1][0].candidate.smooth][:_PAIRED]
+    prices = np.array([price for price, _ in some])
+    gains = 0.5 * paired([group[0] for _, group in some], look, explained)
+    promises = np.triu(gains + prices[:, None] + prices, 1)
+    leading = [index for index in np.argsort(-promises, axis=None)[:_PAIRS] if promises.flat[index] > max(least, 0.0)]
+    return [(some[index // len(some)][1], some[index % len(some)][1]) for index in leading]
 
 
 def paired(tests: Sequence[ScoreTest], look: Look, explained: Explained) -> Array:

@@ -286,14 +286,14 @@ class Weighing:
     ) -> list[Explanation]:
         """Explanations beside discrepancies, and additions once one of these is there, which are given."""
         done: set[tuple[str, ...]] = set()
-        queue, added = list(some), []
+        queue, added = list(some), list[Explanation]()
         if len(some[0].members) > FEW:
             fewer = displaced(some[0], search.without_one(some[0]), discrepancies)
             queue += [search.fine(members, search.fitted(members)) for members in fewer]
         extended = len(some) == 1
         while queue:
             each = queue.pop(0)
-            if each.key not in done:
+            if each.key not in done or any(each is one for one in added):
                 done.add(each.key)
                 self.enter_common(self.alone(each, state))
                 if not self._hopeless(each, state):
@@ -338,7 +338,7 @@ class Weighing:
     def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
         """Whether a set beside a discrepancy is far from likely: that gains no more beside a set than beside less."""
         held = Counter(each.key)
-        own = [gain for under, fewer, gain in self.gains if under is state and Counter(fewer) <= held]
+        own = [gain for under, fewer, gain in self.gains if under is state and Counter(fewer) < held]
         return bool(own) and self.known(each, state) + min(own) < self.best - NEAR
 
 
