@@ -6,8 +6,8 @@ unknown thing that gains thousands that is more than what decides between it and
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.terms import Errors, Term, blocks_term, terms_along
@@ -33,11 +33,6 @@ class OnSamples:
             self._known[term] = next((replace(made, of_means=term) for made in self._made(term)), term)
         return self._known[term]
 
-    @cached_property
-    def _courses(self) -> dict[str, Course]:
-        """Those that any source may follow, by name."""
-        return {course.name: course for course, _ in courses(self.data)}
-
     def _made(self, term: Term) -> list[Term]:
         source, absorbed = term.of_samples, term.errors.absorbed
         assert source is not None
@@ -52,8 +47,9 @@ class OnSamples:
             course = Course(term.course, cosines(self.data.count)[:, : len(term.weight)], term.weight)
         else:
             of_level = level_courses(self.data, source.column) if source.of_one_offset else []
-            every = self._courses | {each.name: each for each in of_level}
-            if term.course not in every:  # of samples nothing follows it
+            every = itertools.chain(of_level, (each for each, _ in courses(self.data)))  # one at a time: they are large
+            found = next((each for each in every if each.name == term.course), None)
+            if found is None:  # of samples nothing follows it
                 return []
-            course = every[term.course]
+            course = found
         return terms_along(absorbed, source, course, term.log_prior)

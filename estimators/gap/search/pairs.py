@@ -51,6 +51,7 @@ def paired(tests: Sequence[ScoreTest], look: Look, explained: Explained) -> Arra
     ranks = np.array([basis.shape[1] for basis in bases])
     starts, widest = np.cumsum(ranks) - ranks, int(ranks.max(initial=0))
     every = side_by_side(*bases)
+    del bases
     moment, shared = every.T @ explained.residual, every.T @ every
     # the blocks of each effect, all as wide as the widest
     index = starts[:, None] + np.arange(widest)
