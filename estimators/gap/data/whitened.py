@@ -46,6 +46,12 @@ class Columns:
         """Where they are in the whole vector."""
         return slice(self.first, self.first + len(self.values))
 
+    def full(self, size: int) -> Array:
+        """(size, m) the whole vectors, each column contiguous."""
+        found = np.zeros((self.values.shape[1], size)).T
+        found[self.rows] = self.values
+        return found
+
 
 @dataclass(frozen=True)
 class WhitenedData:

@@ -348,10 +348,7 @@ def tangent_of(
     for moved, size in zip(moves, each.step / each.scale, strict=True):
         parts.append(np.zeros_like(change))
         parts[-1][:, here] = (moved[:, here] - change[:, here]) / size
-    columns = data.whiten_changes(parts)
-    full = np.zeros((len(parts), data.size)).T
-    full[columns.rows] = columns.values
-    return full
+    return data.whiten_changes(parts).full(data.size)
 
 
 def at(fits: Sequence[Fitted], data: WhitenedData) -> Refit:

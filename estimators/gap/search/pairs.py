@@ -75,9 +75,7 @@ def paired(tests: Sequence[ScoreTest], look: Look, explained: Explained) -> Arra
 
 def _basis(tested: ScoreTest, look: Look, explained: Explained) -> Array:
     """(c n, r) orthonormal, of what is not explained already."""
-    columns = look.columns(tested.candidate, tested.shape)
-    full = np.zeros((columns.values.shape[1], look.data.size)).T
-    full[columns.rows] = columns.values
+    full = look.columns(tested.candidate, tested.shape).full(look.data.size)
     length = np.maximum(np.linalg.norm(full, axis=0), 1e-100)
     full = explained.without(full / length)
     values, vectors = np.linalg.eigh(full.T @ full)
