@@ -162,14 +162,14 @@ def test_the_shares_of_noise_are_of_the_whole_gap_and_add_up() -> None:
     data = SimpleNamespace(parts=[])
     noises = [noise_of("magnetometer", (0.1, 0.3, 0.2)), noise_of("accelerometer", (0.4, 0.1, 0.1))]
     size = 0.6 * ROWS
-    whole = np.full(400, 4.0 * size)
     told = []
     for one in noises:
         after, before = of_noise([one], [], data, rng)  # type: ignore[arg-type]
         assert before == pytest.approx(size)
-        told.append(of_whole(before - after, whole))
+        told.append(of_whole(before - after, np.full(len(after), 4.0 * size)))
     assert [each.value for each in told] == pytest.approx([0.25, 0.25], abs=1e-4)
-    assert by_cause(0, None, None, np.full(400, 2.0 * size), whole, rng).value == pytest.approx(0.5)  # type: ignore[arg-type]
+    half, whole = np.full(9, 2.0 * size), np.full(9, 4.0 * size)
+    assert by_cause(0, None, None, half, whole, rng).value == pytest.approx(0.5)  # type: ignore[arg-type]
 
 
 def test_each_channel_keeps_what_its_own_noise_is_unsure_of() -> None:

@@ -156,7 +156,8 @@ def test_changes_beside_other_effects_are_those_of_the_whole_pipeline(data: Whit
     ):
         moved = [make_effect(name, values)]
         every, channels = [*others, *moved], np.ones(6, dtype=bool)
-        np.testing.assert_array_equal(data.changes(every, 1, moved, channels)[0], data.change(every))
+        (change,) = data.changes(every, 1, moved, channels)
+        np.testing.assert_array_equal(change, data.change(every))
 
 
 @pytest.mark.parametrize("shared", [0, 2, 3])
@@ -284,7 +285,7 @@ def test_derivatives_are_taken_beside_what_changes_them(data: WhitenedData) -> N
     candidate = Candidate(EFFECTS["joint_scale"], "joint5")
     step = float(candidate.steps[0])
     change = data.change([late, candidate.make([step], {})]) - data.change([late])
-    expected, plain = data.whiten(change) / step, data.whiten(candidate.derivatives(data, {})[0])
+    expected, plain = data.whiten(change) / step, data.whiten(next(candidate.derivatives(data, {})))
     values = candidate.columns(found.fine.data, {}).values[:, 0]
     np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
     assert np.linalg.norm(plain - expected) > 0.01 * np.linalg.norm(expected)

@@ -26,11 +26,16 @@ def block_size(count: int, interval_s: float) -> int:
 
     Of sizes within a quarter, the one that leaves most of the mains' hum.
     """
-    if count < 2 * _ENOUGH:
+    if each_used(count):
         return 1
     largest = count // _ENOUGH
     sizes = range(max(2, (3 * largest) // 4), largest + 1)
     return max(sizes, key=lambda size: min(abs(float(np.sinc(hum * size * interval_s))) for hum in _MAINS))
+
+
+def each_used(count: int) -> bool:
+    """Whether a recording of so many samples is used sample by sample, not as means."""
+    return count < 2 * _ENOUGH
 
 
 def neighbours(base: Signals) -> int:

@@ -11,9 +11,10 @@ parameters, and stands in the problem as so many rows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import repeat
 from typing import Final
 
 import numpy as np
@@ -113,12 +114,19 @@ class Stack(WhitenedData):
         """(count,) [s] of the means."""
         return np.concatenate([member.t for member in self.each])
 
-    def whiten_channel(self, column: int, values: Array) -> Array:
+    def means(self, column: int, values: Array) -> Array:
+        """As of ``WhitenedData``, recording by recording."""
+        return np.concatenate(
+            [member.means(column, values[..., own]) for member, own in zip(self.each, self.single, strict=True)],
+            axis=-1,
+        )
+
+    def whiten_means(self, column: int, means: Array) -> Array:
         """As of ``WhitenedData``, recording by recording; zero where a recording does not have the channel."""
-        found = np.zeros((self.count, *values.shape[1:]), order="F")
-        for member, own, rows in zip(self.each, self.stretches, self.single, strict=True):
+        found = np.zeros_like(means)
+        for member, own in zip(self.each, self.stretches, strict=True):
             if column in member.columns:
-                found[own] = member.whiten_channel(column, values[rows])
+                found[..., own] = member.whiten_means(column, means[..., own])
         return found
 
     @cached_property
@@ -142,18 +150,15 @@ class Stack(WhitenedData):
 
     def changes(
         self, effects: Sequence[Effect], index: int, moved: Sequence[Effect], channels: NDArray[np.bool_]
-    ) -> list[Array]:
+    ) -> Iterator[Array]:
         """As of ``WhitenedData``."""
-        found: list[list[Array]] = [[] for _ in moved]
+        parts: list[Iterator[Array]] = []
         for number, member in enumerate(self.each):
             rest = acting(effects, number)
             place = next((place for place, effect in enumerate(rest) if effect is effects[index]), None)
-            own = [member.change(rest)] * len(moved)
-            if place is not None:
-                own = member.changes(rest, place, moved, channels)
-            for each, change in zip(found, own, strict=True):
-                each.append(change)
-        return [np.nan_to_num(np.concatenate(each)) for each in found]
+            parts.append(repeat(member.change(rest)) if place is None else member.changes(rest, place, moved, channels))
+        for _ in moved:
+            yield np.nan_to_num(np.concatenate([next(part) for part in parts]))
 
     def around(self, pipeline: Pipeline) -> Stack:
         """As of ``WhitenedData``."""
@@ -293,9 +298,9 @@ class Anchor(WhitenedData):
         every[: len(self.root)] = self.root
         return np.asarray(every.reshape(len(self.columns), self.count, -1)[self.columns.index(column)])
 
-    def whiten_channel(self, column: int, values: Array) -> Array:
+    def whiten_means(self, column: int, means: Array) -> Array:
         """As they are."""
-        return np.asarray(values)
+        return means
 
     def change(self, effects: Sequence[Effect]) -> Array:
         """Nothing."""
@@ -303,9 +308,9 @@ class Anchor(WhitenedData):
 
     def changes(
         self, effects: Sequence[Effect], index: int, moved: Sequence[Effect], channels: NDArray[np.bool_]
-    ) -> list[Array]:
+    ) -> Iterator[Array]:
         """Nothing."""
-        return [np.zeros_like(self.readings)] * len(moved)
+        return repeat(np.zeros_like(self.readings), len(moved))
 
     def having(self, effects: Sequence[Effect]) -> WhitenedData:
         """As it is."""

@@ -8,7 +8,7 @@ A long recording is put on the data as means over blocks of samples; the rig is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data import tangent
-from estimators.gap.data.blocks import block_means, block_poses, neighbours
+from estimators.gap.data.blocks import block_means, block_poses, each_used, neighbours
 from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.steps import Gaps, Step, after_steps
 from estimators.gap.data.tangent import ChannelTangent
@@ -165,19 +165,23 @@ class WhitenedData:
 
     def whiten_channel(self, column: int, values: Array) -> Array:
         """One channel's values (n,) or (n, m) in whitened coordinates (count,) or (count, m)."""
-        means = self._means(column, values.T)
+        return self.whiten_means(column, self.means(column, values.T)).T
+
+    def whiten_means(self, column: int, means: Array) -> Array:
+        """As ``whiten_channel``, of means (..., count) over the blocks of samples: (..., count)."""
         whitener, gaps = self.whiteners[column], self.gaps[column]
         if gaps.at.size and not whitener.white:
             means = gaps.bridged(means)
         steps = [step for step in self.steps if step.column == column]
-        return np.asarray(after_steps(steps, whitener(means) * self.weights[:, column], gaps).T)
+        return after_steps(steps, whitener(means) * self.weights[:, column], gaps)
 
     @cached_property
     def gaps(self) -> tuple[Gaps, ...]:
         """Where the readings of each channel are left out."""
         return tuple(Gaps.of(weights) for weights in self.weights.T)
 
-    def _means(self, column: int, values: Array) -> Array:
+    def means(self, column: int, values: Array) -> Array:
+        """One channel's values (..., n) as means over the blocks of samples, (..., count)."""
         if self.block == 1:
             return np.ascontiguousarray(values)
         return block_means(values, self.block, None if self.kept is None else self.kept[:, column])
@@ -186,17 +190,26 @@ class WhitenedData:
         """Readings (n, 6) or (n, 6, m) in whitened coordinates: (c count,) or (c count, m), c of the channels."""
         return np.concatenate([self.whiten_channel(column, volts[:, column]) for column in self.columns])
 
-    def whiten_changes(self, changes: Sequence[Array]) -> Columns:
-        """Changes (n, 6) of the readings, one a column; from the first channel that they touch to the last."""
-        touched = [index for index, column in enumerate(self.columns) if any(each[:, column].any() for each in changes)]
-        if not touched:
-            return Columns(np.zeros((0, len(changes))), 0)
-        low, high = touched[0], touched[-1] + 1
-        white = np.zeros((len(changes), high - low, self.count))
+    def whiten_changes(self, changes: Iterable[Array]) -> Columns:
+        """Changes (n, 6) of the readings, one a column; from the first channel that they touch to the last.
+
+        Of each change its means alone are kept: of many samples, they may be made one at a time.
+        """
+        found = []
+        for change in changes:
+            found.append(np.zeros((len(self.columns), self.count)))
+            for own, column in zip(found[-1], self.columns, strict=True):
+                if change[:, column].any():
+                    own[:] = self.means(column, change[:, column])
+        means = np.array(found).reshape(len(found), len(self.columns), -1)
+        touched = np.flatnonzero(means.any(axis=(0, 2)))
+        if not touched.size:
+            return Columns(np.zeros((0, len(found))), 0)
+        low, high = int(touched[0]), int(touched[-1]) + 1
+        white = np.zeros((len(found), high - low, self.count))
         for index in touched:
-            column = self.columns[index]
-            white[:, index - low] = self.whiten_channel(column, np.stack([each[:, column] for each in changes], 1)).T
-        return Columns(white.reshape(len(changes), -1).T, low * self.count)
+            white[:, index - low] = self.whiten_means(self.columns[index], means[:, index])
+        return Columns(white.reshape(len(found), -1).T, low * self.count)
 
     def channel(self, white: Array, column: int) -> Array:
         """The part of a whitened vector that belongs to a channel."""
@@ -270,8 +283,8 @@ class WhitenedData:
 
     def changes(
         self, effects: Sequence[Effect], index: int, moved: Sequence[Effect], channels: NDArray[np.bool_]
-    ) -> list[Array]:
-        """As ``change``, with one of the effects as each of several others; the stages before it run once.
+    ) -> Iterator[Array]:
+        """As ``change``, with one of the effects as each of several others in turn; the stages before it run once.
 
         Args:
             channels: (6,) of these alone; what a sensor without any reads is not evaluated, and NaN.
@@ -284,12 +297,11 @@ class WhitenedData:
             for name in here:
                 inputs[:, COLUMNS_OF[name]] = base.inputs[:, COLUMNS_OF[name]]
             base = replace(base, inputs=inputs)
-        begun, found = None, []
+        begun = None
         for effect in moved:
             pipeline = replace(pipeline, effects=(*self.given, *effects[:index], effect, *effects[index + 1 :]))
             begun = begun or pipeline.begun(base, rng, stage)
-            found.append(pipeline.carried(base, rng, begun, stage).volts - self.modelled)
-        return found
+            yield pipeline.carried(base, rng, begun, stage).volts - self.modelled
 
     def having(self, effects: Sequence[Effect]) -> WhitenedData:
         """The data whose model has some mean effects: what others change is asked for beside these."""
@@ -338,13 +350,16 @@ class WhitenedData:
             return self
         base = block_poses(self.base, self.block)
         base = self.pipeline.expected(base, np.random.default_rng(0))
-        means = np.stack([self._means(column, self.residual[:, column]) for column in range(len(CHANNELS))], axis=1)
+        means = np.stack([self.means(column, self.residual[:, column]) for column in range(len(CHANNELS))], axis=1)
         found = replace(self, base=known(base), readings=base.volts + means, kept=None, block=1)
         return replace(found, readings=found.modelled + means) if self.given else found
 
 
 def known(base: Signals) -> Signals:
-    """The signals with what is asked for again and again: joint velocities and link poses, or the log's nodes."""
+    """The signals with what is asked for again and again: joint velocities and link poses, or the log's nodes.
+
+    Link poses of more samples than are used one by one are asked for a few times, and are ten times the readings.
+    """
     if base.q_encoder is None:
         return replace(base, known_nodes=(base.pose_nodes,))
-    return base.knowing_links()
+    return base.knowing_links() if each_used(len(base)) else replace(base, velocity=base.joint_velocity)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -343,12 +343,15 @@ def tangent_of(
     each, here, effects = fits[index], touched[index], [fit.effect for fit in fits]
     near = [number for number, own in enumerate(touched) if number == index or (here & own).any()]
     beside = [effects[number] for number in near]
-    parts = []
-    moves = data.changes(beside, near.index(index), each.moved, here)
-    for moved, size in zip(moves, each.step / each.scale, strict=True):
-        parts.append(np.zeros_like(change))
-        parts[-1][:, here] = (moved[:, here] - change[:, here]) / size
-    return data.whiten_changes(parts).full(data.size)
+
+    def slopes() -> Iterator[Array]:
+        moves = data.changes(beside, near.index(index), each.moved, here)
+        for moved, size in zip(moves, each.step / each.scale, strict=True):
+            slope = np.zeros_like(change)
+            slope[:, here] = (moved[:, here] - change[:, here]) / size
+            yield slope
+
+    return data.whiten_changes(slopes()).full(data.size)
 
 
 def at(fits: Sequence[Fitted], data: WhitenedData) -> Refit:

@@ -7,7 +7,7 @@ are tried one by one.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -86,12 +86,10 @@ class Candidate:
         Before them comes the change of an effect that acts by being there: it has no strength.
         """
         still = data.change([self.make(np.zeros(self.size), {})]) if self.effect.acts_at_zero else None
-        parts = [] if still is None else [still]
-        for span in self.effect.spanning():
-            parts += self.derivatives(data, {**span, **shape}, still)
-        return data.whiten_changes(parts)
+        spans = [self.derivatives(data, {**span, **shape}, still) for span in self.effect.spanning()]
+        return data.whiten_changes(itertools.chain([] if still is None else [still], *spans))
 
-    def derivatives(self, data: WhitenedData, shape: Shape, still: Array | None = None) -> list[Array]:
+    def derivatives(self, data: WhitenedData, shape: Shape, still: Array | None = None) -> Iterator[Array]:
         """(n, 6) [recorded unit] for each strength: the derivative at zero, for one full shape.
 
         Args:
@@ -99,11 +97,9 @@ class Candidate:
         """
         if still is None and self.effect.acts_at_zero:
             still = data.change([self.make(np.zeros(self.size), {})])
-        changes = [
-            (data.change([self.make(row, shape)]), step)
-            for row, step in zip(np.diag(self.steps), self.steps, strict=True)
-        ]
-        return [(change if still is None else change - still) / step for change, step in changes]
+        for row, step in zip(np.diag(self.steps), self.steps, strict=True):
+            change = data.change([self.make(row, shape)])
+            yield (change if still is None else change - still) / step
 
 
 def all_candidates(data: WhitenedData, without: Sequence[str] = ()) -> list[Candidate]:

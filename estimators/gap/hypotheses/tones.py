@@ -69,7 +69,7 @@ def best_tone(
     if evidence(highest, rank) - 2.0 * np.log(tried) < worthwhile:
         return Score(highest, rank, np.zeros(0), 1.0), at_Hz, tried
     turns = 2.0 * np.pi * at_Hz * data.base.t[:, None]
-    waves = [part * wave(turns) for wave in (np.sin, np.cos) for part in np.moveaxis(raw, 2, 0)]
+    waves = (part * wave(turns) for wave in (np.sin, np.cos) for part in np.moveaxis(raw, 2, 0))
     return explained.score(data.whiten_changes(waves)), at_Hz, tried
 
 

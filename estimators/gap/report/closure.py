@@ -25,7 +25,7 @@ from rig.arrays import Array
 #: Twice the log odds at which causes are not there, those at which one is established.
 _ABSENT: Final = 2.0 * float(np.log(ESTABLISHED / (1.0 - ESTABLISHED)))
 #: Draws from the posterior. Folds and blocks of held-out data; the share of each block's ends that is guard.
-_DRAWS: Final = 400
+_DRAWS: Final = 4000
 _FOLDS, _BLOCKS, _GUARD = 4, 64, 0.08
 #: The chance to escape that counts for what could be hidden, the draws that tell it, and the terms that are asked.
 _ESCAPES: Final = 0.05
@@ -150,11 +150,14 @@ def held_out(linear: Linear, change: Array, data: WhitenedData) -> float:
 
 
 def share(after: Array, before: Array) -> Closed:
-    """One less the ratio of draws of squared gaps, with its 95 % interval: the shortest, as all may be closed."""
-    closed = np.sort(1.0 - after / np.maximum(before, 1e-12))
+    """One less the ratio of draws of squared gaps, with its 95 % interval: the shortest, as all may be closed.
+
+    That all is closed is one of its points: between the last of n draws and it lies as much as between any two.
+    """
+    closed = np.append(np.sort(1.0 - after / np.maximum(before, 1e-12)), 1.0)
     held = int(np.ceil(0.95 * len(closed)))
     first = int(np.argmin(closed[held - 1 :] - closed[: len(closed) - held + 1]))
-    low, value, high = closed[first], float(np.median(closed)), closed[first + held - 1]
+    low, value, high = closed[first], float(np.median(closed[:-1])), closed[first + held - 1]
     return Closed(float(max(value, -1.0)), float(max(low, -1.0)), float(max(high, -1.0)))
 
 
