@@ -351,8 +351,7 @@ class Search:
             + [each for each in ranked if each.key in keys and not each.fine and not any(each is one for one in chosen)]
         )
         found = {each.key: each for each in (self._near(each, leading) for each in wanted)}
-        fitted = [each for (_, fine), each in self.found.items() if fine and each.refitted is not None]
-        found |= {each.key: each for each in fitted if each.log_mass > leading.log_mass - _FAR}
+        found |= {key: each for (key, fine), each in self.found.items() if fine and each.refitted is not None}
         found |= {(): self.fine(()), leading.key: leading}
         while rough_ones := self._to_refit(list(found.values())):
             for each in rough_ones:

@@ -156,25 +156,31 @@ class Weighing:
         return replace(found, state=named, log_mass=found.log_mass - each.log_prior + prior)
 
     def move_floor(self) -> None:
-        """What has no name, beside the floor that known causes are likeliest beside: it was weighed there only where
-        something else led to that floor. Where it is likelier there, causes are looked for under that floor."""
-        known = [each for each in self.hypotheses.values() if not each.other and not each.state.labels]
-        floor = max(known, key=lambda each: each.log_mass).state
-        plain = [each.log_mass for each in known if not each.state.steps]
-        nameless = [each for each in self.hypotheses.values() if each.terms and not each.state.steps]
-        there = [each for each in self.hypotheses.values() if each.terms and each.state.steps and not each.state.labels]
-        if not floor.steps or not nameless or any(each.state.name == floor.name for each in there):
-            return
-        each, gained = max(nameless, key=lambda one: one.log_mass), self.best - max(plain, default=-np.inf)
-        if gained < _HARDLY or each.log_mass + gained < self.best - NEAR:
-            return
-        scanner = self.scanner.stepped(floor.steps)
-        moved = each.explanation.on(scanner.fine.data)
-        before = self.best
-        self.enter(self.alone(moved, floor))
-        self.enter_nameless(moved, floor, self._discrepancies_under(floor, scanner))
-        if self.best > before + _HARDLY:
-            self.weigh(floor, scanner, moved.seeds, deep=False)
+        """What has no name, beside floors, and noise without a name, that are likelier without it: it was weighed there
+        only where something else led there. Where it is likelier there, causes are looked for under that noise."""
+        plain, there = -np.inf, dict[str, Hypothesis]()
+        for each in self.hypotheses.values():
+            if each.terms or each.state.labels:
+                continue
+            if not each.state.steps:
+                plain = max(plain, each.log_mass)
+            elif each.state.name not in there or there[each.state.name].log_mass < each.log_mass:
+                there[each.state.name] = each
+        for name, found in sorted(there.items(), key=lambda item: -item[1].log_mass):
+            beside = [each for each in self.hypotheses.values() if each.terms]
+            nameless = [each for each in beside if not each.state.steps]
+            if not nameless or any(each.state.name == name and not each.state.labels for each in beside):
+                continue
+            leading, gained = max(nameless, key=lambda one: one.log_mass), found.log_mass - plain
+            if gained < _HARDLY or leading.log_mass + gained < self.best - NEAR:
+                continue
+            floor, before = found.state, self.best
+            scanner = self.scanner.stepped(floor.steps)
+            moved = leading.explanation.on(scanner.fine.data)
+            self.enter(self.alone(moved, floor))
+            self.enter_nameless(moved, floor, self._discrepancies_under(floor, scanner))
+            if self.best > before + _HARDLY:
+                self.weigh(floor, scanner, moved.seeds, deep=False)
 
     def weigh(
         self,
