@@ -176,11 +176,13 @@ class Weighing:
                 continue
             floor, before = found.state, self.best
             scanner = self.scanner.stepped(floor.steps)
-            moved = leading.explanation.on(scanner.fine.data)
-            self.enter(self.alone(moved, floor))
-            self.enter_nameless(moved, floor, self._discrepancies_under(floor, scanner))
+            near = sorted((one for one in beside if one.log_mass > leading.log_mass - NEAR), key=lambda one: -one.log_mass)
+            distinct = list({one.explanation.key: one.explanation for one in near}.values())[:_BESIDE]
+            moved = [each.on(scanner.fine.data) for each in distinct]
+            search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(floor.drawn))
+            self._beside(moved, floor, search, self._discrepancies_under(floor, scanner))
             if self.best > before + _HARDLY:
-                self.weigh(floor, scanner, moved.seeds, deep=False)
+                self.weigh(floor, scanner, self.leading.explanation.seeds, deep=False)
 
     def weigh(
         self,
