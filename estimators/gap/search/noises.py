@@ -88,14 +88,18 @@ class Noises:
         """States beyond a given one, beside an explanation under that."""
         if (known := self._known.pop((id(given[0]), id(each)), None)) is not None:
             return known[2]
+        found = self.beside(given, each, each.linear)
+        return found if given[0].name else found + self.as_floor(given, each)
+
+    def beside(self, given: Given, each: Explanation, linear: Linear) -> list[Promise]:
+        """The same, learned from what is left, as it is linearised: with it, or beside something else."""
         data = given[1].fine.data
         data = data.around(each.data.pipeline) if each.members else data
-        lefts = left_of(data, Explained(data.absorbed, each.linear.left))
+        lefts = left_of(data, Explained(data.absorbed, linear.left))
         states = named(lefts, self.without, given[0])
         if not given[0].name:
             states += self._unnamed(given[0], lefts)
-        found = self._promised(given, each, data, each.linear, states)
-        return found if given[0].name else found + self.as_floor(given, each)
+        return self._promised(given, each, data, linear, states)
 
     def _with_more(self, given: Given, each: Explanation, promises: Sequence[Promise]) -> list[Promise]:
         """Ever one more noise effect beside the likeliest, where that is evident: noise without a name takes that of

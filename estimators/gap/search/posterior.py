@@ -21,6 +21,7 @@ from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.noise_beside_unknown import weigh_noise_beside_unknown
 from estimators.gap.search.noises import Given, Noises, Promise
 from estimators.gap.search.weighing import FAR, NEAR, Weighing, near_leading
 from rig.arrays import Array
@@ -143,7 +144,7 @@ def explain(
         if not frontier:
             break
     assert work.discrepancies is not None
-    work.move_floor()
+    weigh_noise_beside_unknown(work)
     work.weigh_second()
     weighed_all = tuple(sorted(work.hypotheses.values(), key=lambda one: -one.log_mass))
     return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))

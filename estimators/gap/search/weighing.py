@@ -29,7 +29,7 @@ FAR: Final = 14.0
 #: Log odds against the leading explanation within which others are.
 NEAR: Final = 6.0
 #: Log odds by which a floor that is hardly likelier changes nothing else.
-_HARDLY: Final = 1.0
+HARDLY: Final = 1.0
 #: Log probability of something without a name that is no noise.
 _UNKNOWN: Final = float(np.log(OTHER * (1.0 - OTHER_NOISE)))
 #: Log probability of a second such thing: things are rarely alone.
@@ -155,35 +155,6 @@ class Weighing:
         prior = self.noises.log_prior(named, each.members)
         return replace(found, state=named, log_mass=found.log_mass - each.log_prior + prior)
 
-    def move_floor(self) -> None:
-        """What has no name, beside floors, and noise without a name, that are likelier without it: it was weighed there
-        only where something else led there. Where it is likelier there, causes are looked for under that noise."""
-        plain, there = -np.inf, dict[str, Hypothesis]()
-        for each in self.hypotheses.values():
-            if each.terms or each.state.labels:
-                continue
-            if not each.state.steps:
-                plain = max(plain, each.log_mass)
-            elif each.state.name not in there or there[each.state.name].log_mass < each.log_mass:
-                there[each.state.name] = each
-        for name, found in sorted(there.items(), key=lambda item: -item[1].log_mass):
-            beside = [each for each in self.hypotheses.values() if each.terms]
-            nameless = [each for each in beside if not each.state.steps]
-            if not nameless or any(each.state.name == name and not each.state.labels for each in beside):
-                continue
-            leading, gained = max(nameless, key=lambda one: one.log_mass), found.log_mass - plain
-            if gained < _HARDLY or leading.log_mass + gained < self.best - NEAR:
-                continue
-            floor, before = found.state, self.best
-            scanner = self.scanner.stepped(floor.steps)
-            near = sorted((one for one in beside if one.log_mass > leading.log_mass - NEAR), key=lambda one: -one.log_mass)
-            distinct = list({one.explanation.key: one.explanation for one in near}.values())[:_BESIDE]
-            moved = [each.on(scanner.fine.data) for each in distinct]
-            search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(floor.drawn))
-            self._beside(moved, floor, search, self._discrepancies_under(floor, scanner))
-            if self.best > before + _HARDLY:
-                self.weigh(floor, scanner, self.leading.explanation.seeds, deep=False)
-
     def weigh(
         self,
         state: NoiseState,
@@ -200,7 +171,7 @@ class Weighing:
         search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
         given, target = (state, scanner), -np.inf
         if first := self.discrepancies is None:
-            self.discrepancies = self._discrepancies_under(state, scanner)
+            self.discrepancies = self.discrepancies_under(state, scanner)
             self._beside([search.fine(())], state, search, self.discrepancies)
         if not state.steps:
             target = self._without_effects(state, search)
@@ -217,7 +188,7 @@ class Weighing:
             there, belongs = search.overtaken
             self.overtaken.append((state, there + state.log_weight))
             some = [belongs, *_leading_and_less(found[:1], found)]
-            return found + self._beside(some, state, search, self._discrepancies_under(state, scanner))
+            return found + self._beside(some, state, search, self.discrepancies_under(state, scanner))
         # where something without a name leads by far, causes can be there beside it, if not without it
         near = self.known(found[0], state) > self.best_under(state) - FAR
         near = near or bool(self.leading.terms and self.leading.state is state)
@@ -225,10 +196,11 @@ class Weighing:
             near = self.known(found[0], state) + self._gained_by_unknown > self.best - NEAR
         if near or first:  # of a floor that is far off, what leads: something else may be beside it
             some = _leading_and_less(near_leading(found) if near else found[:1], found if near else [])
-            found += self._beside(some, state, search, self._discrepancies_under(state, scanner))
+            found += self._beside(some, state, search, self.discrepancies_under(state, scanner))
         return found
 
-    def _discrepancies_under(self, state: NoiseState, scanner: Scanner) -> Discrepancies:
+    def discrepancies_under(self, state: NoiseState, scanner: Scanner) -> Discrepancies:
+        """Discrepancies under a state of the noise."""
         if self.discrepancies is not None and not state.steps:
             return self.discrepancies
         if self._under is None or self._under[0] is not state:
@@ -287,7 +259,28 @@ class Weighing:
             scanner = self.scanner.stepped(state.steps)
             self.enter_common(self.alone(leading.explanation.on(scanner.fine.data), state))
             if self.leading.state.name == state.name:
-                self._under_common(state, scanner, self._discrepancies_under(state, scanner))
+                self._under_common(state, scanner, self.discrepancies_under(state, scanner))
+
+    def moved(self, every: Sequence[Hypothesis], state: NoiseState) -> None:
+        """The likeliest sets of hypotheses beside discrepancies under other noise, with what then can be added or left
+        out."""
+        scanner = self.scanner.stepped(state.steps)
+        distinct = list({one.explanation.key: one.explanation for one in every}.values())[:_BESIDE]
+        some = [
+            replace(each.on(scanner.fine.data), log_prior=self.noises.log_prior(state, each.members))
+            for each in distinct
+        ]
+        search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
+        self._beside(some, state, search, self.discrepancies_under(state, scanner))
+
+    def nameless(self, plain: bool = False) -> list[Hypothesis]:
+        """Hypotheses with a discrepancy, the likeliest first, but for noise that all channels share.
+
+        Args:
+            plain: under the floor as it was learned at rest, alone.
+        """
+        own = [one for one in self.hypotheses.values() if one.terms and not _of_all_channels(one.state)]
+        return sorted((one for one in own if not (plain and one.state.steps)), key=lambda one: -one.log_mass)
 
     def _beside(
         self, some: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
@@ -324,24 +317,28 @@ class Weighing:
 
     def weigh_second(self) -> None:
         """Where something without a name is likely, a second such thing beside it: in what the first leaves, and in the
-        place of each cause that was found beside it.
+        place of each cause that was found beside it. Under other noise, which may be that second thing, beside what
+        leads there.
 
         What both could explain is the first one's alone: the second is rather too unlikely than too likely.
         """
-        nameless = [one for one in self.hypotheses.values() if one.terms and not _of_all_channels(one.state)]
-        leading = max(nameless, key=lambda one: one.log_mass, default=None)
-        if leading is None or leading.log_mass < self.best - _DOUBTED:
+        under = {id(one.state): one for one in reversed(self.nameless())}
+        likely = sorted(
+            (one for one in under.values() if one.log_mass > self.best - FAR), key=lambda one: -one.log_mass
+        )
+        if not likely or likely[0].log_mass < self.best - _DOUBTED:
             return
-        state, scanner = leading.state, self.scanner.stepped(leading.state.steps)
-        search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
-        discrepancies = self._discrepancies_under(state, scanner)
-        rests = search.without_one(leading.explanation)
-        for found in [leading, *filter(None, (self.enter_nameless(rest, state, discrepancies) for rest in rests))]:
-            least = self.best - FAR - found.log_mass - SECOND
-            less = left_beside(found.explanation.linear, found.terms[0], discrepancies)
-            if second := weighed(less, discrepancies, least=least):
-                log_mass = found.log_mass + SECOND + total([one.log_mass for one in second])
-                self.enter(replace(found, log_mass=log_mass, second=tuple(second[:_KEPT])))
+        for leading in likely:
+            state, scanner = leading.state, self.scanner.stepped(leading.state.steps)
+            discrepancies = self.discrepancies_under(state, scanner)
+            search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
+            rests = search.without_one(leading.explanation) if leading is likely[0] else []
+            for found in [leading, *filter(None, (self.enter_nameless(rest, state, discrepancies) for rest in rests))]:
+                least = self.best - FAR - found.log_mass - SECOND
+                less = left_beside(found.explanation.linear, found.terms[0], discrepancies)
+                if second := weighed(less, discrepancies, least=least):
+                    log_mass = found.log_mass + SECOND + total([one.log_mass for one in second])
+                    self.enter(replace(found, log_mass=log_mass, second=tuple(second[:_KEPT])))
 
     def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
         """Whether a set beside a discrepancy is far from likely: that gains no more beside a set than beside less."""

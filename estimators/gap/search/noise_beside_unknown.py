@@ -1,0 +1,62 @@
+"""Noise where something without a name leads: what was learned without that had to be as large as both."""
+
+from __future__ import annotations
+
+from estimators.gap.evidence.discrepancy import left_beside
+from estimators.gap.evidence.states import NoiseState
+from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.weighing import FAR, HARDLY, NEAR, Weighing
+
+
+def weigh_noise_beside_unknown(work: Weighing) -> None:
+    """The unknown under the noise that is likeliest without it, then under noise that is learned beside it.
+
+    Where it is likelier there, causes are looked for under that noise.
+    """
+    for state, gained in _without_unknown(work):
+        leading = work.nameless(plain=True)
+        if leading and leading[0].log_mass + gained > work.best - NEAR:
+            _moved(work, [state], leading[0])
+    for plain in (True, False):
+        while (leading := work.nameless(plain)) and _moved(work, _learned(work, leading[0]), leading[0]):
+            plain = False
+
+
+def _without_unknown(work: Weighing) -> list[tuple[NoiseState, float]]:
+    """States of the noise without a named part under which no unknown was weighed, with what they gain without one."""
+    plain, found = float("-inf"), dict[str, Hypothesis]()
+    unknown = {each.state.name for each in work.hypotheses.values() if each.terms and not each.state.labels}
+    for each in work.hypotheses.values():
+        if each.terms or each.state.labels:
+            continue
+        if not each.state.steps:
+            plain = max(plain, each.log_mass)
+        elif each.state.name not in unknown:
+            found[each.state.name] = max(each, found.get(each.state.name, each), key=lambda one: one.log_mass)
+    gained = [(each.state, each.log_mass - plain) for each in sorted(found.values(), key=lambda one: -one.log_mass)]
+    return [(state, gain) for state, gain in gained if gain > HARDLY]
+
+
+def _learned(work: Weighing, leading: Hypothesis) -> list[NoiseState]:
+    """The likeliest states of each kind beyond that of a hypothesis with a discrepancy, learned beside that."""
+    given = leading.state, work.scanner.stepped(leading.state.steps)
+    less = left_beside(leading.explanation.linear, leading.terms[0], work.discrepancies_under(*given))
+    before = less.averaged[0] + leading.explanation.log_prior + leading.state.log_weight
+    promises = sorted(work.noises.beside(given, leading.explanation, less), key=lambda one: one.log_mass)
+    least = before + max(HARDLY, work.best - NEAR - leading.log_mass)
+    likely = {one.state.name: one for one in promises if one.log_mass > max(least, promises[-1].log_mass - FAR)}
+    return [one.state for one in sorted(likely.values(), key=lambda one: -one.log_mass)]
+
+
+def _moved(work: Weighing, states: list[NoiseState], leading: Hypothesis) -> bool:
+    """Whether the sets beside the unknown lead under one of some states; what else is there then is looked for."""
+    reached = work.best
+    beside = [*work.nameless(plain=not leading.state.steps), *work.nameless()]
+    near = [one for one in beside if one.log_mass > leading.log_mass - NEAR]
+    for state in states:
+        work.moved(near, state)
+    if work.best < reached + HARDLY:
+        return False
+    state = work.leading.state
+    work.weigh(state, work.scanner.stepped(state.steps), work.leading.explanation.seeds, deep=False)
+    return True
