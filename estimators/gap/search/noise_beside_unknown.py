@@ -14,12 +14,21 @@ def weigh_noise_beside_unknown(work: Weighing) -> None:
     Where it is likelier there, causes are looked for under that noise.
     """
     for state, gained in _without_unknown(work):
-        leading = work.nameless(plain=True)
-        if leading and leading[0].log_mass + gained > work.best - NEAR:
-            _moved(work, [state], leading[0])
+        if (leading := _unknown(work, plain=True)) and leading.log_mass + gained > work.best - NEAR:
+            _moved(work, [state], leading)
     for plain in (True, False):
-        while (leading := work.nameless(plain)) and _moved(work, _learned(work, leading[0]), leading[0]):
+        while (leading := _unknown(work, plain)) and _moved(work, _learned(work, leading), leading):
             plain = False
+
+
+def _unknown(work: Weighing, plain: bool) -> Hypothesis | None:
+    """The likeliest hypothesis with an unknown, where that is likelier than none under its noise; else noise that was
+    learned without it is right."""
+    leading = next(iter(work.nameless(plain)), None)
+    if leading is None:
+        return None
+    without = [one.log_mass for one in work.hypotheses.values() if one.state is leading.state and not one.terms]
+    return leading if leading.log_mass > max(without, default=float("-inf")) else None
 
 
 def _without_unknown(work: Weighing) -> list[tuple[NoiseState, float]]:
