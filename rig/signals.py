@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.arrays import Array
 from rig.errors import RigError
@@ -140,7 +141,7 @@ class Signals:
         return self.temperature
 
 
-def sampled(signals: Signals, rows: slice) -> Signals:
+def sampled(signals: Signals, rows: slice | NDArray[np.intp]) -> Signals:
     """The signals at some of their samples."""
     count = len(signals)
     kept: dict[str, Any] = {"currents": {joint: current[rows] for joint, current in signals.currents.items()}}

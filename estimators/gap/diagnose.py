@@ -45,6 +45,8 @@ PathLike = str | os.PathLike[str]
 _FEWER = 0.7
 #: Standard deviations to both sides of an instant within which readings belong to either side.
 _UNSURE = 3.0
+#: Samples of each mean at which effects are evaluated that jump or vary within it.
+_POINTS = 4
 #: Units of parameters that only times give a meaning. That something happened between two poses, their order shows.
 _OF_TIME = ("s", "Hz", "V/sqrt(s)")
 
@@ -138,7 +140,7 @@ def examined(
             for data, own, block in zip(laid.data, defects, blocks, strict=True)
         ]
         clean = laid.together([data.averaged(block) for (_, data), block in zip(found, blocks, strict=True)])
-        posterior = explain(clean.pointwise(), without, laid.at_rest, prior, progress)
+        posterior = explain(clean.pointwise(_POINTS), without, laid.at_rest, prior, progress)
         leading = posterior.leading
         effects = [fit.effect for fit in leading.explanation.fits]
         unsure = [*leading.explanation.moved(-_UNSURE), *leading.explanation.moved(_UNSURE)]

@@ -95,6 +95,8 @@ class Effect(ABC):
 
     #: True where the change varies from sample to sample of a sweep, so that means over neighbours hide it.
     rapid: ClassVar[bool] = False
+    #: True where the change jumps from one sample to the next, as at a reversal.
+    jumps: ClassVar[bool] = False
     #: True where it depends on the samples before or beside a reading, so that these must lie close.
     remembers: ClassVar[bool] = False
     #: Of a noise effect: True where its variance follows time (the slope of the signal), False where it is the same

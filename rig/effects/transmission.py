@@ -166,6 +166,7 @@ class Backlash(Effect):
     places = SWEPT_JOINTS
     needs_motion = True
     requires = ("joints",)
+    jumps = True
 
     width_rad: float = parameter("rad", 3e-3, lower=-0.5, upper=0.5)
 

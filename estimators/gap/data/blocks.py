@@ -64,6 +64,13 @@ def block_means(values: Array, block: int, kept: NDArray[np.bool_] | None = None
     return np.asarray(np.where(mask, cut, 0.0).sum(axis=-1) / np.maximum(mask.sum(axis=-1), 1))
 
 
+def points_within(base: Signals, block: int, points: int) -> Signals:
+    """The signals at so many samples of each block, evenly apart."""
+    count, points = len(base) // block, min(points, block)
+    within = ((np.arange(points) + 0.5) * block / points).astype(np.intp)
+    return replace(sampled(base, np.add.outer(np.arange(count) * block, within).ravel()), known_links=None)
+
+
 def block_poses(base: Signals, block: int) -> Signals:
     """The signals at the mean joint angles of the blocks; poses, temperatures and currents as in the middle."""
     count = len(base) // block

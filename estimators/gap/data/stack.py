@@ -182,9 +182,9 @@ class Stack(WhitenedData):
         found = [member.coarse() for member in self.each]
         return self if all(one is other for one, other in zip(found, self.each, strict=True)) else self._made(found)
 
-    def pointwise(self) -> Stack:
+    def pointwise(self, points: int = 1) -> Stack:
         """As of ``WhitenedData``."""
-        return self._made([member.pointwise() for member in self.each])
+        return self._made([member.pointwise(points) for member in self.each])
 
     def stepped(self, steps: Sequence[Step]) -> Stack:
         """As of ``WhitenedData``."""

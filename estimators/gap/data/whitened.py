@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data import tangent
-from estimators.gap.data.blocks import block_means, block_poses, each_used, neighbours
+from estimators.gap.data.blocks import block_means, block_poses, each_used, neighbours, points_within
 from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.steps import Gaps, Step, after_steps
 from estimators.gap.data.tangent import ChannelTangent
@@ -69,6 +69,8 @@ class WhitenedData:
         samples: how many of the recorded samples a mean is of; as ``block``, but on pointwise data.
         steps: what selected noise adds to the whitening, in this order.
         given: mean effects that the model has, as a fitted rig has them; all others are asked for beside these.
+        within: of pointwise data, the recording at some samples of each block, poses known: where effects are evaluated
+            whose mean over a block is not their value at its mean pose.
     """
 
     base: Signals
@@ -82,6 +84,7 @@ class WhitenedData:
     samples: int = 1
     steps: tuple[Step, ...] = ()
     given: tuple[Effect, ...] = ()
+    within: Signals | None = None
 
     @property
     def parts(self) -> tuple[WhitenedData, ...]:
@@ -146,7 +149,7 @@ class WhitenedData:
     @cached_property
     def given_change(self) -> Array:
         """(n, 6) [recorded unit] what the given effects change, with the calibration held."""
-        return np.asarray(self._volts(self.given) - self.base.volts) if self.given else np.zeros_like(self.base.volts)
+        return self._changed(self.given) if self.given else np.zeros_like(self.base.volts)
 
     @property
     def modelled(self) -> Array:
@@ -256,7 +259,7 @@ class WhitenedData:
             found = self._of_field(effects[0])
             if found is not None:
                 return found
-        return np.asarray(self._volts((*self.given, *effects)) - self.modelled)
+        return self._changed((*self.given, *effects)) - self.given_change
 
     def _of_field(self, effect: Effect) -> Array | None:
         """As ``change``, of an effect that adds to the magnetic field alone: the readings are linear in that."""
@@ -277,9 +280,27 @@ class WhitenedData:
             np.einsum("nij,kj->nki", self.base.R_base_tool, np.reshape(sensor.sensitivity, (-1, 1)) * sensor.axes)
         )
 
-    def _volts(self, effects: Sequence[Effect]) -> Array:
+    def _changed(self, effects: Sequence[Effect]) -> Array:
+        """(n, 6) [recorded unit] what effects change, those that the model has among them."""
+        base = self._base_for(effects)
         rng = np.random.default_rng(0)  # mean effects draw nothing
-        return replace(self.pipeline, effects=tuple(effects)).carried(self.base, rng).volts
+        return self._means_within(replace(self.pipeline, effects=tuple(effects)).carried(base, rng).volts - base.volts)
+
+    def _base_for(self, effects: Sequence[Effect]) -> Signals:
+        """Where effects are evaluated."""
+        return self._within if any(each.jumps or each.rapid for each in effects) else self.base
+
+    @property
+    def _within(self) -> Signals:
+        """``within`` after all stages of the fitted pipeline: made anew, as it is large and these data are many."""
+        if self.within is None:
+            return self.base
+        return self.pipeline.expected(self.within, np.random.default_rng(0), first=Stage.FIELD)
+
+    def _means_within(self, change: Array) -> Array:
+        """(n, 6) a change of the readings (n, 6), or at some samples of each block (k n, 6)."""
+        count = len(self.base)
+        return change if len(change) == count else np.asarray(change.reshape(count, -1, change.shape[1]).mean(axis=1))
 
     def changes(
         self, effects: Sequence[Effect], index: int, moved: Sequence[Effect], channels: NDArray[np.bool_]
@@ -291,7 +312,7 @@ class WhitenedData:
         """
         rng, stage = np.random.default_rng(0), effects[index].stage
         here = [name for name, own in COLUMNS_OF.items() if name in self.pipeline.sensors and channels[own].any()]
-        pipeline, base = self.pipeline, self.base
+        pipeline, base = self.pipeline, self._base_for((*self.given, *effects))
         if here and len(here) < len(pipeline.sensors):
             pipeline, inputs = pipeline.restricted(here), np.full_like(base.inputs, np.nan)
             for name in here:
@@ -301,7 +322,7 @@ class WhitenedData:
         for effect in moved:
             pipeline = replace(pipeline, effects=(*self.given, *effects[:index], effect, *effects[index + 1 :]))
             begun = begun or pipeline.begun(base, rng, stage)
-            yield pipeline.carried(base, rng, begun, stage).volts - self.modelled
+            yield self._means_within(pipeline.carried(base, rng, begun, stage).volts - base.volts) - self.given_change
 
     def having(self, effects: Sequence[Effect]) -> WhitenedData:
         """The data whose model has some mean effects: what others change is asked for beside these."""
@@ -344,14 +365,19 @@ class WhitenedData:
                 values[own] = after_steps([step], values[own].T, self.parts[step.part].gaps[step.column]).T
         return Columns(values, columns.first)
 
-    def pointwise(self) -> WhitenedData:
-        """The data with the rig evaluated once a block, at its mean pose: quick, and to first order the same."""
+    def pointwise(self, points: int = 1) -> WhitenedData:
+        """The data with the rig evaluated once a block, at its mean pose: quick, and to first order the same.
+
+        Args:
+            points: samples of each block at which effects are evaluated that jump or vary within one.
+        """
         if self.block == 1:
             return self
-        base = block_poses(self.base, self.block)
-        base = self.pipeline.expected(base, np.random.default_rng(0))
+        rng = np.random.default_rng(0)
+        base = self.pipeline.expected(block_poses(self.base, self.block), rng)
+        within = points_within(self.base, self.block, points) if points > 1 and base.q_encoder is not None else None
         means = np.stack([self.means(column, self.residual[:, column]) for column in range(len(CHANNELS))], axis=1)
-        found = replace(self, base=known(base), readings=base.volts + means, kept=None, block=1)
+        found = replace(self, base=known(base), readings=base.volts + means, kept=None, block=1, within=within)
         return replace(found, readings=found.modelled + means) if self.given else found
 
 
