@@ -64,8 +64,9 @@ def _moved(work: Weighing, states: list[NoiseState], leading: Hypothesis) -> boo
     near = [one for one in beside if one.log_mass > leading.log_mass - NEAR]
     for state in states:
         work.moved(near, state)
-    if work.best < reached + HARDLY:
+    there = [one for one in work.nameless() if any(one.state is state for state in states)]
+    if work.best < reached + HARDLY or not there:
         return False
-    state = work.leading.state
-    work.weigh(state, work.scanner.stepped(state.steps), work.leading.explanation.seeds, deep=False)
+    state = there[0].state
+    work.weigh(state, work.scanner.stepped(state.steps), there[0].explanation.seeds, deep=False)
     return True
