@@ -168,7 +168,7 @@ class Weighing:
         Args:
             to_the_end: whether the search goes on where another state is far likelier.
         """
-        search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
+        search = self._search(state, scanner)
         given, target = (state, scanner), -np.inf
         if first := self.discrepancies is None:
             self.discrepancies = self.discrepancies_under(state, scanner)
@@ -198,6 +198,9 @@ class Weighing:
             some = _leading_and_less(near_leading(found) if near else found[:1], found if near else [])
             found += self._beside(some, state, search, self.discrepancies_under(state, scanner))
         return found
+
+    def _search(self, state: NoiseState, scanner: Scanner) -> Search:
+        return Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
 
     def discrepancies_under(self, state: NoiseState, scanner: Scanner) -> Discrepancies:
         """Discrepancies under a state of the noise."""
@@ -270,8 +273,7 @@ class Weighing:
             replace(each.on(scanner.fine.data), log_prior=self.noises.log_prior(state, each.members))
             for each in distinct
         ]
-        search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
-        self._beside(some, state, search, self.discrepancies_under(state, scanner))
+        self._beside(some, state, self._search(state, scanner), self.discrepancies_under(state, scanner))
 
     def nameless(self, plain: bool = False) -> list[Hypothesis]:
         """Hypotheses with a discrepancy, the likeliest first, but for noise that all channels share.
@@ -322,17 +324,16 @@ class Weighing:
 
         What both could explain is the first one's alone: the second is rather too unlikely than too likely.
         """
-        under = {id(one.state): one for one in reversed(self.nameless())}
-        likely = sorted(
-            (one for one in under.values() if one.log_mass > self.best - FAR), key=lambda one: -one.log_mass
-        )
+        under: dict[int, Hypothesis] = {}
+        for one in self.nameless():
+            under.setdefault(id(one.state), one)
+        likely = [one for one in under.values() if one.log_mass > self.best - FAR]
         if not likely or likely[0].log_mass < self.best - _DOUBTED:
             return
         for leading in likely:
             state, scanner = leading.state, self.scanner.stepped(leading.state.steps)
             discrepancies = self.discrepancies_under(state, scanner)
-            search = Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
-            rests = search.without_one(leading.explanation) if leading is likely[0] else []
+            rests = self._search(state, scanner).without_one(leading.explanation) if leading is likely[0] else []
             for found in [leading, *filter(None, (self.enter_nameless(rest, state, discrepancies) for rest in rests))]:
                 least = self.best - FAR - found.log_mass - SECOND
                 less = left_beside(found.explanation.linear, found.terms[0], discrepancies)
