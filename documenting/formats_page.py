@@ -140,17 +140,15 @@ def _calibration() -> str:
     return (
         "## Calibration (`rig-calibration/1`, JSON)\n\n`sensors` has one object a sensor; `field = matrix @ (reading -"
         " bias)`, in the tool frame, m/s^2 (g - a or a - g, as `reads` says) or field units; `offset` and `bias` in the"
-        " recorded unit.\n\n"
-        + _table(("attribute", "what"), [(key, text) for key, _, text in _documented(SensorCalibration)])
+        " recorded unit.\n\n" + _table(("attribute", "what"), _attributes(SensorCalibration))
     )
 
 
 def _diagnosis() -> str:
     from estimators.gap.diagnosis import Diagnosis
 
-    return "## Diagnosis (JSON)\n\n" + _table(
-        ("attribute", "what"), [(key, text) for key, _, text in _documented(Diagnosis)]
-    )
+    # The arm's own names of places are written with each cause.
+    return "## Diagnosis (JSON)\n\n" + _table(("attribute", "what"), _attributes(Diagnosis, ("names",)))
 
 
 def _schemas() -> str:
@@ -176,6 +174,14 @@ def _keys(cls: type[Any], leave_out: tuple[str, ...]) -> list[tuple[str, str, st
     ]
 
 
+def _attributes(cls: type[Any], leave_out: tuple[str, ...] = ()) -> list[tuple[str, str]]:
+    """The fields of a dataclass, and what its docstring says; those that share a sentence share a row."""
+    told: dict[str, list[str]] = {}
+    for key, _, text in _documented(cls, leave_out):
+        told.setdefault(text, []).append(key)
+    return [(", ".join(keys), text) for text, keys in told.items()]
+
+
 def _documented(cls: type[Any], leave_out: tuple[str, ...] = ()) -> list[tuple[str, str, str]]:
     """The fields of a dataclass: name, default, and what its docstring says of it."""
     texts = attribute_texts(cls)
@@ -187,7 +193,7 @@ def _documented(cls: type[Any], leave_out: tuple[str, ...] = ()) -> list[tuple[s
         if default is dataclasses.MISSING and item.default_factory is not dataclasses.MISSING:
             default = item.default_factory()
         shown = "" if default is dataclasses.MISSING else f"`{_shown(default)}`"
-        rows.append((f"`{item.name}`", shown, texts.get(item.name, "")))
+        rows.append((f"`{item.name}`", shown, texts.get(item.name, "").replace("``", "`")))
     return rows
 
 

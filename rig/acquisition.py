@@ -23,7 +23,8 @@ class Acquisition:
     Attributes:
         noise_V: (6,) standard deviation of white noise [V], in channel order.
         range_V: the sensor's output range [V], at which readings clip; None: unlimited.
-        bits, full_scale_V: the converter rounds to 2 full_scale / 2^bits; bits None: no rounding.
+        bits: the converter rounds to 2 full_scale / 2^bits; None: no rounding.
+        full_scale_V: the converter's, on either side of zero.
         decimation: every so many samples of the maneuver are kept (25: 100 Hz become 4 Hz).
         pose: what is recorded of the pose: joint angles, the tool's pose as a tracking system gives it, or nothing.
             A maneuver without joints has no joint angles: there "joints" records nothing.

@@ -28,10 +28,13 @@ class RunTable:
     """The top of the file: what the scenario is, and how it runs by itself.
 
     Attributes:
-        title, description, source: one line, what is to be seen, where the numbers come from.
+        title: one line.
+        description: what is to be seen.
+        source: where the numbers come from.
         fitted_to: fingerprints of the recordings that calibration and effects were fitted to, as rig diagnose writes
             them: no recording is judged by a rig that it chose.
-        engine, motion: as in ``rig.simulate.Rig.simulate``.
+        engine: "kinematic" puts the joints where the maneuver wants them; "dynamic" lets position actuators drive them.
+        motion: of the kinematic engine: "quasi-static" leaves the sensor's own acceleration out, "inertial" has it.
         seed: where a simulation names none.
     """
 
@@ -96,11 +99,15 @@ class SensorTable:
     """``[accelerometer]`` and ``[magnetometer]``: the true parameters, Renk (6), (13), (19), and the noise.
 
     Attributes:
-        sensitivity, offset, beta_deg, gamma_deg: as in ``TriaxialSensor``.
+        sensitivity: of each axis, reading per unit of field [V/(m/s^2), V/field unit].
+        offset: of each axis, its reading in no field [V].
+        beta_deg: elevation of each axis in the tool frame [deg], Renk (6).
+        gamma_deg: azimuth of each axis in the tool frame [deg], Renk (6).
         noise_V: standard deviation of each axis' white noise [V].
         datasheet: the sensor's file in models/sensors, without ``.toml``; for the reader.
-        nominal_sensitivity, nominal_offset: what its maker and its electronics state, in the units of the truth; goes
-            with the recording, as the start of estimators that need one.
+        nominal_sensitivity: of all axes, as its maker and its electronics state it, in the unit of ``sensitivity``;
+            goes with the recording, as the start of estimators that need one.
+        nominal_offset: the same of the offset, in the unit of ``offset``.
     """
 
     sensitivity: Triple
@@ -129,7 +136,22 @@ class SensorTable:
 
 @dataclass(frozen=True)
 class EnvironmentTable:
-    """``[environment]``: magnitudes, and directions in the base frame as vectors or by the angles of Renk (12)."""
+    """``[environment]``: magnitudes, and directions in the base frame as vectors or by the angles of Renk (12).
+
+    Attributes:
+        gravity_m_s2: magnitude of gravity [m/s^2].
+        gravity_direction: a vector of any length, base frame; by default straight down.
+        gravity_phi_deg: instead of a vector: gravity's elevation [deg], with ``gravity_psi_deg``.
+        gravity_psi_deg: instead of a vector: gravity's azimuth [deg], with ``gravity_phi_deg``.
+        magnetic_field: magnitude of the magnetic field, in the unit that the sensitivities are per.
+        magnetic_field_unit: "G", "uT" or "nT"; None: the magnitude is relative.
+        magnetic_direction: a vector of any length, base frame; by default along x.
+        magnetic_phi_deg: instead of a vector: the field's elevation [deg], with ``magnetic_psi_deg``.
+        magnetic_psi_deg: instead of a vector: the field's azimuth [deg], with ``magnetic_phi_deg``.
+        temperature_degC: T of the board's temperature T + rise (1 - exp(-t/tau)) [degC].
+        temperature_rise_degC: rise of the board's temperature [degC].
+        temperature_tau_s: tau of the board's temperature [s].
+    """
 
     gravity_m_s2: float = 9.8
     gravity_direction: Triple | None = None
@@ -178,7 +200,12 @@ class EarthTable:
     towards the heading ``base_tilt_azimuth_deg``; headings are clockwise from true north.
 
     Attributes:
-        north_G, east_G, down_G: the field [G].
+        north_G: the field towards true north [G].
+        east_G: the field towards the east [G].
+        down_G: the field downwards [G].
+        base_yaw_deg: heading of the base's x axis [deg].
+        base_tilt_deg: by which the base leans [deg].
+        base_tilt_azimuth_deg: heading towards which it leans [deg].
     """
 
     north_G: float

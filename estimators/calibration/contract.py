@@ -54,7 +54,9 @@ class SensorCalibration:
         noise: (3,) standard deviation of a reading that the covariance rests on [recorded unit].
         noise_source: "locked recording", "given" or "residuals".
         noise_degrees_of_freedom: (3,) where the noise was estimated from residuals.
-        weighting: of the channels. convention: which of (f, P), (-f, -P) was chosen.
+        weighting: of the channels: "likelihood", by the inverse of each one's variance, or "equal", as in the paper;
+            None for separate fits.
+        convention: which of (f, P), (-f, -P) was chosen.
         quality: whether it is good.
         extra: further JSON keys, which are kept as they are.
     """

@@ -25,7 +25,8 @@ class FourierSweep:
 
     Attributes:
         centre_deg: q0 of each of N joints [deg], or [m] of joints that slide.
-        cosine_deg, sine_deg: (N, L) a_l and b_l, a row for each joint [deg, m].
+        cosine_deg: (N, L) a_l, a row for each joint [deg], or [m] of joints that slide.
+        sine_deg: (N, L) b_l, a row for each joint [deg], or [m] of joints that slide.
         duration_s: of one period, which is all of it.
         rate_Hz: of the samples.
         limits_deg: (low, high) of each joint, checked here; None leaves that to the arm.

@@ -31,12 +31,15 @@ class HandTumble:
 
     Attributes:
         seed: decides the motion.
-        duration_s, rate_Hz: of the whole, and of its samples.
+        duration_s: of the whole maneuver.
+        rate_Hz: of the samples.
         speed_deg_per_s: RMS angular speed; with holds, that of the same way at a constant pace.
         coverage: "full" or "hemisphere".
-        sway_m, sway_Hz: RMS amplitude along each axis of the base and frequency of the sensor's translation.
-        hold_s, move_s: with ``hold_s`` above zero the sensor moves for ``move_s`` and then stands still for ``hold_s``,
-            again and again, beginning with a stop: the static method for the accelerometer (Camps et al.).
+        sway_m: RMS amplitude of the sensor's translation along each axis of the base.
+        sway_Hz: frequency of the sensor's translation.
+        hold_s: above zero, the sensor stands still for so long between two moves, again and again, beginning with a
+            stop: the static method for the accelerometer (Camps et al.).
+        move_s: time of a move between two holds.
 
     Raises:
         RigError: a value out of its range.

@@ -28,8 +28,10 @@ class StaticPoses:
     Attributes:
         poses_deg: k poses of N joint angles [deg], or [m] of joints that slide; None draws ``count`` random ones for
             the A465.
-        count, seed: of the random poses: joints 1, 4, 5 and 6 uniform within their limits, 2 and 3 as in the sweep.
-        hold_s, move_s: time in a pose, and between two.
+        count: of the random poses: joints 1, 4, 5 and 6 uniform within their limits, 2 and 3 as in the sweep.
+        seed: decides the random poses.
+        hold_s: time in a pose.
+        move_s: time between two poses.
         rate_Hz: of the samples.
         limits_deg: (low, high) of each joint, checked here; None leaves that to the arm.
         slides: the numbers of the joints that slide, from 1.

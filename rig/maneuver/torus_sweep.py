@@ -29,14 +29,20 @@ class TorusSweep:
     turn round in ``corner_s``, with continuous acceleration. The ranges are met exactly, peak to peak.
 
     Attributes:
-        duration_s, rate_Hz: of the whole maneuver, and of its samples.
-        yaw_range_deg, yaw_passes, yaw_centre_deg: peak to peak range, number of passes and centre of the yaw joint.
-        pitch_range_deg, pitch_passes, pitch_centre_deg: the same of the pitch joint.
+        duration_s: of the whole maneuver.
+        rate_Hz: of the samples.
+        yaw_range_deg: of the yaw joint, from peak to peak.
+        yaw_passes: how often the yaw joint goes over its range.
+        yaw_centre_deg: centre of the yaw joint's range.
+        pitch_range_deg: of the pitch joint, from peak to peak.
+        pitch_passes: how often the pitch joint goes over its range.
+        pitch_centre_deg: centre of the pitch joint's range.
         roll: "continuous" turns one way for ever, as in the paper; "sweep" goes back and forth over ``roll_range_deg``,
             for an arm whose last joint cannot, with as many whole passes as come nearest to ``roll_deg_per_s``.
         roll_deg_per_s: speed of the roll joint; the average one in a sweep.
         roll_start_deg: where a continuous roll starts.
-        roll_range_deg, roll_centre_deg: peak to peak range and centre of a sweeping roll.
+        roll_range_deg: of a sweeping roll, from peak to peak.
+        roll_centre_deg: centre of a sweeping roll's range.
         locked_deg: the angles of the joints that do not move, in their order; [m] of those that slide.
         corner_s: time from full speed to full speed the other way.
         joints: the numbers of the yaw, pitch and roll joints, from 1.

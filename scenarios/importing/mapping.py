@@ -33,8 +33,10 @@ class Conventions:
             they were locked.
         accelerometer_reads: "g-a" (down at rest, as in the paper), "a-g" (up at rest, the common chips), "detect".
         clock_offset_s: added to the times of the poses; "auto" estimates it; "none" leaves one clock alone.
-        base_frame, tool_frame: of a bag's transforms, between which the pose is taken; "none": the frame named as a
-            base, or the last one before something moves, and the frame of the readings, or a flange's.
+        base_frame: of a bag's transforms, the one in which the pose is given; "none": the frame named as a base, or
+            the last one before something moves.
+        tool_frame: of a bag's transforms, the one of which the pose is given; "none": the frame of the readings, or a
+            flange's.
         time_unit: of the time column: "s", "ms", "us", "ns"; "guess" by name and range.
     """
 
