@@ -10,7 +10,7 @@ from kinematic_examples import BOTH_NOISES, BOTH_SENSORS, readings, run_of
 from scipy.signal import lfilter
 
 import estimators
-from estimators.noise import held_poses
+from estimators.noise import NoiseFloor, held_poses
 from rig.acquisition import Acquisition
 from rig.arm import Arm
 from rig.errors import RigError
@@ -145,6 +145,29 @@ def test_units_go_with_the_numbers() -> None:
     with pytest.raises(RigError, match="cannot be converted"):
         found.of("magnetometer", "V")
     assert found.to_json()["channels"]["mag1"]["bits"] is None
+
+
+def test_a_floor_is_printed_as_a_table() -> None:
+    """Each number to the second digit of its standard error; a dash for what a channel does not have."""
+    floor = NoiseFloor(
+        channels=("accel1", "mag1"),
+        units=("V", "uT"),
+        rms=np.array([0.0134, 0.25]),
+        rms_std=np.array([1.2e-5, 0.0]),
+        pose_rms=np.array([[0.0134, 0.25]]),
+        pose_samples=np.array([500]),
+        dynamic_range_dB=np.array([51.44, np.nan]),
+        dynamic_range_std_dB=np.array([0.1, np.nan]),
+        bits=np.array([8.544, np.nan]),
+        bits_std=np.array([0.01, np.nan]),
+    )
+    head, titles, *rows = str(floor).splitlines()
+    assert head == "Noise at rest, samples in each pose: 500"
+    assert titles.split() == ["channel", "RMS", "std", "unit", "dynamic", "range", "[dB]", "bits"]
+    assert [row.split() for row in rows] == [
+        ["accel1", "0.013400", "0.000012", "V", "51.44", "8.54"],
+        ["mag1", "0.25", "-", "uT", "-", "-"],
+    ]
 
 
 def test_a_recording_that_holds_no_pose_is_refused() -> None:

@@ -10,10 +10,12 @@ from kinematic_examples import ACCELEROMETER_NOISE, TRUTHS, random_truth, sweep_
 from statistics_draws import draw_many
 
 from estimators.batch import ManyParameters, fit_many
+from estimators.design.exchange import coordinate_names as planned_names
 from estimators.known_angle.model import METHODS, Method, SensorParameters, columns_of_channels, parameter_names
 from rig.arrays import Array
 from rig.directions import direction_from_angles
-from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, elevation_azimuth_basis
+from scenarios.parameter_names import shown_name
+from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, coordinate_names, elevation_azimuth_basis
 from scenarios.studies.second_order import _curvatures, second_order_bias
 
 
@@ -131,3 +133,10 @@ def test_the_second_order_bias_is_the_bias(method: Method) -> None:
 
 def test_a_radian_is_in_degrees() -> None:
     assert pytest.approx(57.29578, abs=1e-5) == RADIAN_DEG
+
+
+@pytest.mark.parametrize("method", ["simultaneous", "separate"])
+def test_a_parameter_is_shown_by_one_name(method: Method) -> None:
+    """That of the calibration, for the coordinates of a study and of a plan."""
+    assert set(map(shown_name, coordinate_names(method))) == set(map(shown_name, parameter_names(method)))
+    assert set(map(shown_name, planned_names())) == set(map(shown_name, parameter_names("simultaneous")))

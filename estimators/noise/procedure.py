@@ -19,6 +19,7 @@ from rig.arrays import Array, Rows
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.documents import plain
 from rig.errors import RigError
+from rig.number_text import with_std
 from rig.recording import Recording, whole_or_beginning
 from rig.units import conversion_factor
 
@@ -72,6 +73,19 @@ class NoiseFloor:
         recorded = self.units[rows[0]]
         factor = 1.0 if unit is None else conversion_factor(recorded, unit)
         return factor * self.rms[rows], factor * self.rms_std[rows]
+
+    def __str__(self) -> str:
+        """A readable table."""
+        rows: list[tuple[str, ...]] = [("channel", "RMS", "std", "unit", "dynamic range [dB]", "bits")]
+        for i, (channel, unit) in enumerate(zip(self.channels, self.units, strict=True)):
+            rms = with_std(self.rms[i], self.rms_std[i], "-")
+            others = (
+                f"{value:.2f}" if np.isfinite(value) else "-" for value in (self.dynamic_range_dB[i], self.bits[i])
+            )
+            rows.append((channel, *rms, unit, *others))
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+        return "\n".join([f"Noise at rest, samples in each pose: {', '.join(map(str, self.pose_samples))}", *lines])
 
     def to_json(self) -> dict[str, Any]:
         """A JSON object: per channel RMS, dynamic range and bits with their standard errors."""

@@ -90,7 +90,7 @@ def consistency(
     \b
     Example:
       rig study consistency renk2005-table2 -o study
-      rig study consistency mine.toml -o study --draws 500 --order every-kth --parameter axis2_beta_deg
+      rig study consistency mine.toml -o study --draws 500 --order every-kth --parameter beta2
       rig study consistency renk2005-table2 -o study --cluster tcp://10.0.0.1:8786
     """
     from scenarios.loader import load
@@ -134,15 +134,18 @@ def consistency(
 
 
 def _known(parameters: tuple[str, ...], methods: tuple[Any, ...]) -> tuple[str, ...]:
-    """Parameters that one method at least has: the field's directions are named apart."""
+    """Parameters that one method at least has, by the name that is shown or the table's: the field's directions are
+    named apart."""
     from rig.errors import unknown_name
+    from scenarios.parameter_names import shown_name
     from scenarios.studies.coordinates import coordinate_names
 
     names = list(dict.fromkeys(name for method in methods for name in coordinate_names(method)))
+    own = {shown_name(name): name for name in names} | {name: name for name in names}
     for name in parameters:
-        if name not in names:
-            raise unknown_name(f"parameter of {' and '.join(methods)} fits", name, names)
-    return tuple(dict.fromkeys(parameters))
+        if name not in own:
+            raise unknown_name(f"parameter of {' and '.join(methods)} fits", name, [shown_name(each) for each in names])
+    return tuple(dict.fromkeys(own[name] for name in parameters))
 
 
 def _consistency_plots(summary: Summary, folder: Path, errors: Any, parameters: tuple[str, ...]) -> list[Path]:

@@ -14,6 +14,7 @@ from estimators.design.exchange import OPEN
 from estimators.design.isolability import Isolability
 from estimators.stillness.at_rest import SETTLE_S
 from scenarios.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY_BLUE, VERMILLION
+from scenarios.parameter_names import shown_name
 from scenarios.plan.plan import REFERENCE, Plan
 from scenarios.plan.sweeps import SweepPlan
 from scenarios.plots.style import new_figure, style
@@ -55,7 +56,7 @@ def _parts(plan: Plan) -> Iterable[RenderableType]:
             told, ratio = each.std[place] < OPEN, each.ratio[place]
             rows.add_row(
                 each.sensor,
-                name.replace("_", " "),
+                shown_name(name),
                 _size(name, float(each.std[place])) if told else "cannot be told",
                 *([_size(name, float(each.moved[place])).split(" of ")[0] if told else "–"] if sweeps else []),
                 f"{ratio:.3f}" if np.isfinite(ratio) and told else "–",
@@ -123,7 +124,7 @@ def plan_figure(plan: Plan) -> Figure:
             places = np.arange(len(each.names)) + 0.36 * (number - 0.5 * (len(plan.parameters) - 1))
             colour = (BLUE, VERMILLION)[number % 2]
             middle.plot(each.ratio, -places, "os"[number % 2], color=colour, markersize=4.5, label=each.sensor)
-            labels = [name.replace("_", " ") for name in each.names]
+            labels = [shown_name(name) for name in each.names]
         middle.axvline(1.0, color=BLACK, linewidth=0.8)
         middle.set_yticks(-np.arange(len(labels)), labels)
         middle.set_xlim(0.0, 1.05 * max(1.0, *(float(np.nanmax(each.ratio)) for each in plan.parameters)))

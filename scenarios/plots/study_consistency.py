@@ -17,6 +17,7 @@ from estimators.known_angle.reported import NORMAL_95
 from rig.arrays import Array
 from rig.errors import RigError, unknown_name
 from scenarios.colours import BLACK, BLUE, GREEN, GREY, VERMILLION
+from scenarios.parameter_names import shown_name
 from scenarios.plots.style import new_figure, style
 from scenarios.studies.error_summary import Cell, Summary, first_draw
 
@@ -105,7 +106,7 @@ def _estimates(axis: Axes, cells: Sequence[Cell], one: Array | None) -> None:
     cell = cells[0]
     middle = float(bound[len(bound) // 2])
     axis.set_ylim(cell.truth - _HEIGHT * middle, cell.truth + _HEIGHT * middle)
-    axis.set_title(f"{cell.parameter.removesuffix('_deg')} [{cell.unit}], noise ×{cell.noise_factor:g}")
+    axis.set_title(f"{shown_name(cell.parameter)} [{cell.unit}], noise ×{cell.noise_factor:g}")
     axis.ticklabel_format(axis="y", useOffset=False)
     _samples(axis, n)
 

@@ -11,6 +11,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from scipy.stats import chi2
 
 from scenarios.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
+from scenarios.parameter_names import shown_name
 from scenarios.plots.style import new_figure, style
 from scenarios.shown_units import shown_unit
 from scenarios.studies.subset_results import LEVEL, SubsetStudy
@@ -50,7 +51,7 @@ def _ratios(axis: Axes, study: SubsetStudy, sensor: str) -> None:
         axis.plot([row.ratio_low, row.ratio_high], [height] * 2, color=colour, linewidth=1.0, alpha=0.6)
         axis.plot(row.ratio, height, marker, color=colour, markersize=4.5)
     logarithmic(axis, [value for row in rows for value in (row.ratio_low, row.ratio_high)])
-    axis.set_yticks(heights, [row.parameter.removesuffix("_deg") for row in rows])
+    axis.set_yticks(heights, [shown_name(row.parameter) for row in rows])
     axis.set_ylim(heights[-1] - 0.7, 0.7)
     axis.set_xlabel("standard deviation / bound")
     axis.set_title(f"{sensor.capitalize()}: {study.subsets} subsets, {study.method} fits")

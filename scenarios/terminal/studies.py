@@ -11,6 +11,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from rig.number_text import with_std
+from scenarios.parameter_names import shown_name
 from scenarios.shown_units import shown_unit
 from scenarios.studies.error_summary import Cell, Summary
 from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetStudy
@@ -38,7 +39,7 @@ def consistency_report(summary: Summary, parameters: Sequence[str]) -> Renderabl
             fit,
             f"×{cell.noise_factor:g}",
             cell.order,
-            cell.parameter.removesuffix("_deg"),
+            shown_name(cell.parameter),
             *numbers,
             _coverage(cell),
         )
@@ -70,7 +71,7 @@ def subsets_report(study: SubsetStudy) -> RenderableType:
         told = math.isfinite(row.ratio)
         ratio = f"{row.ratio:.2f} ({row.ratio_low:.2f}-{row.ratio_high:.2f})" if told else "cannot be told"
         bound = with_std(row.bound, row.std)[0] if told else "–"
-        name = row.parameter.removesuffix("_deg")
+        name = shown_name(row.parameter)
         rows.add_row(*map(Text, (row.sensor, name, row.unit, whole, mean, std, bound, ratio)))
     headings = ("channel", "fit error", "noise floor", "noise-like", "systematic", "noise-like share")
     channels = table(*headings, numbers=headings[1:])
@@ -82,7 +83,7 @@ def subsets_report(study: SubsetStudy) -> RenderableType:
         f" noise of the bound {source[study.noise_source]}\n"
     )
     untold = [row for row in study.parameters if row.why]
-    why = [f"  {row.sensor} {row.parameter.removesuffix('_deg')}: {row.why}" for row in untold]
+    why = [f"  {row.sensor} {shown_name(row.parameter)}: {row.why}" for row in untold]
     return Group(
         Text(title),
         rows,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rig.arrays import Array
 from rig.files import in_utf8
 from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
+from scenarios.parameter_names import shown_name
 from scenarios.studies.error_summary import RATES, Cell, Summary, first_draw
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
 from scenarios.studies.subset_results import SubsetStudy, read_subsets
@@ -108,7 +109,7 @@ def _consistency(stream: rr.RecordingStream, folder: StudyFolder) -> rrb.Bluepri
 
 
 def _short(parameter: str) -> str:
-    return parameter.removesuffix("_deg").replace("sensitivity", "S").replace("offset", "δ").replace("_", " ")
+    return shown_name(parameter).replace("sensitivity", "S").replace("offset", "δ")
 
 
 def _counts(summary: Summary) -> tuple[int, int]:
@@ -132,7 +133,7 @@ def _subsets(stream: rr.RecordingStream, study: SubsetStudy) -> rrb.Blueprint:
     for row, values in zip(study.parameters, study.estimates, strict=True):
         if not np.isfinite(row.bound):
             continue
-        name = row.parameter.removesuffix("_deg")
+        name = shown_name(row.parameter)
         place = f"{row.sensor}/{name}"
         _line(stream, place, number, (values - row.mean) / row.bound, name, BLUE, 1.2)
         views.append(_view(place, f"{row.sensor[:5]}. {_short(row.parameter)}", (-5.0, 5.0), (0, study.subsets - 1)))
