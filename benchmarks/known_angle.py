@@ -92,7 +92,8 @@ def run(settings: Settings) -> Report:
         further={"RMS error / bound": errors},
         note=(
             "Errors: over all 28 parameters, each over its Cramér–Rao bound, of this one draw"
-            f" (1 ± {1 / np.sqrt(56):.2f} expected). The paper's way took {evaluations:,} evaluations;"
+            f" (1 ± {1 / np.sqrt(56):.2f} expected: the bound is of the mean square over many draws, and one draw may"
+            f" lie below it). The paper's way took {evaluations:,} evaluations;"
             " computing its rotations is not in its time."
         ),
     )

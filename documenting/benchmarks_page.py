@@ -63,7 +63,8 @@ Made by `python -m documenting.benchmarks_page` from what `make bench ARGS="{arg
 
 A column "/ NAME" is the ratio to NAME in the same rounds, which does not depend on the machine's load: to a package, to
 a textbook method, or to a limit, such as a bare pass over the same numbers. "/ bound" is the ratio to the Cramér–Rao
-bound.
+bound. "± [%]" is half the interquartile range of a call's times over its median: where it is large, something else ran
+in some of the rounds, and the ratios say more than the median.
 
 ## Goals
 
