@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 from sphinx.application import Sphinx
@@ -73,9 +74,10 @@ html_theme_options = {
 
 
 def literal_examples(app: Sphinx, context: click.Context, lines: list[str]) -> None:
-    """The example at a command's end is text as it stands, not markup."""
-    if "| Example:" in lines:
-        start = lines.index("| Example:")
+    """The example at a command's end is text as it stands, not markup; and tcp:PORT is no address of a page."""
+    start = lines.index("| Example:") if "| Example:" in lines else len(lines)
+    lines[:start] = [re.sub(r"\b([a-z]+):(?=[A-Z])", r"\1\\:", line) for line in lines[:start]]
+    if start < len(lines):
         end = lines.index("", start)
         lines[start:end] = ["Example::", "", *(line.removeprefix("|") for line in lines[start + 1 : end])]
 
@@ -87,7 +89,23 @@ def plain_letters(app: Sphinx, what: str, name: str, obj: object, options: objec
             lines[number] = re.sub(r"\||(?<=\w)_(?!\w)", r"\\\g<0>", line)
 
 
+def links_back(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: object) -> None:
+    """The links from the sources: viewcode takes one package for all names of a module, of which two may show some."""
+    if not page.startswith("_modules/"):
+        return
+    known = {name for name, found in app.env.domains["py"].objects.items() if found.objtype != "module"}
+    module = page.split("/")[1:]
+
+    def right(found: re.Match[str]) -> str:
+        *_, name = found[2].split(".")
+        shown = [found[2], *(".".join([*module[:depth], name]) for depth in range(1, len(module)))]
+        return f"{found[1]}{next((each for each in shown if each in known), found[2])}"
+
+    context["body"] = re.sub(r'(class="viewcode-back" href="[^"#]*#)([\w.]+)', right, context.get("body", ""))
+
+
 def setup(app: Sphinx) -> None:
     """Register with Sphinx."""
     app.connect("autodoc-process-docstring", plain_letters)
     app.connect("sphinx-click-process-description", literal_examples)
+    app.connect("html-page-context", links_back)
