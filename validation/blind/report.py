@@ -71,8 +71,10 @@ counts as .005 at least, the probability below which no hypothesis is listed. Br
 one. Calibration error: the mean distance between the probability of what was said (nothing, other, each cause) and
 how often it was so, over ten bins. Means stand with their standard errors.
 
-Intervals of proportions are Wilson's, 95 %. Signal-to-noise is ||M Z phi||/sigma: whitened by the floor, with what the
-calibration takes up projected out.
+Intervals of proportions are Wilson's, 95 %. Signal-to-noise is ||M Z phi||/sigma: Z phi is what effects with the
+parameters phi change in the readings, division by sigma is whitening by the floor, and M projects out what the
+calibration takes up. Noise has no such change: its signal-to-noise is the square root of twice the Kullback-Leibler
+divergence between the noise with it and without.
 """
 
 
