@@ -1,8 +1,9 @@
 """Open every page of the built site in headless Chromium: ``python docs/check_pages.py FOLDER [PICTURES]``.
 
-At 400 and 1280 pixels no page may log an error, miss a picture, ask for anything beyond the folder, or be wider than
-the window. With PICTURES, photographs of some pages are written there. Chromium is spoken to through a pipe (the
-DevTools protocol), so that nothing listens.
+No link may lead to a page, or a place on one, that is not there, or have a scheme that no browser knows. At 400 and
+1280 pixels no page may log an error, miss a picture, ask for anything beyond the folder, or be wider than the window.
+Without a Chromium only the links are checked. With PICTURES, photographs of some pages are written there. Chromium is
+spoken to through a pipe (the DevTools protocol), so that nothing listens.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 WIDTHS = (400, 1280)
 PHOTOGRAPHED = (
@@ -33,6 +36,39 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 LOOK = """JSON.stringify({
   broken: [...document.images].filter(i => i.complete && !i.naturalWidth).map(i => i.src),
   wider: document.documentElement.scrollWidth - document.documentElement.clientWidth})"""
+
+
+class Anchors(HTMLParser):
+    """The names of places on a page, and the addresses that it links to."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.names: set[str] = set()
+        self.links: list[str] = []
+        self.feed(page.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Keep what a tag names and links to."""
+        own = dict(attrs)
+        self.names.add(own.get("id") or "")
+        if tag == "a" and own.get("href"):
+            self.links.append(own["href"] or "")
+
+
+def dead_links(folder: Path) -> list[str]:
+    """The links that lead nowhere, page by page; addresses on the web are not looked at."""
+    pages = {page: Anchors(page) for page in sorted(folder.rglob("*.html")) if "_static" not in page.parts}
+    found = []
+    for page, anchors in pages.items():
+        for link in dict.fromkeys(anchors.links):
+            to = urlsplit(link)
+            if to.scheme in ("http", "https", "mailto"):
+                continue
+            target = (page.parent / unquote(to.path)).resolve() if to.path else page
+            there = not to.scheme and target.exists()
+            if not there or (to.fragment and target in pages and unquote(to.fragment) not in pages[target].names):
+                found.append(f"{page.relative_to(folder)}: {link} leads nowhere")
+    return found
 
 
 class Browser:
@@ -141,13 +177,13 @@ def faults(browser: Browser, folder: Path, page: Path, width: int) -> list[str]:
 
 
 def main(folder: Path, pictures: Path | None) -> int:
-    """Check every page; 1 where something is wrong, 0 also where there is no browser."""
+    """Check every page; 1 where something is wrong. Without a browser, its links alone."""
+    found = dead_links(folder)
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
-        print("no Chromium here: the pages were not opened")
-        return 0
+        print(*found, f"no Chromium here: the pages were not opened; {len(found)} dead links", sep="\n")
+        return 1 if found else 0
     pages = [page for page in sorted(folder.rglob("*.html")) if not {"_modules", "_static"} & set(page.parts)]
-    found: list[str] = []
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:  # Chromium's children outlive it a little
         browser = Browser(program, profile)
         for page, width in itertools.product(pages, WIDTHS):
