@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -60,6 +60,14 @@ def key_of(members: Sequence[Member]) -> Key:
 def without_one(members: tuple[Member, ...]) -> list[tuple[Member, ...]]:
     """A set without each of its members."""
     return [members[:index] + members[index + 1 :] for index in range(len(members))]
+
+
+def distinct(found: Iterable[Explanation]) -> list[Explanation]:
+    """Of explanations with the same set the first."""
+    first: dict[Key, Explanation] = {}
+    for each in found:
+        first.setdefault(each.key, each)
+    return list(first.values())
 
 
 def as_fitted(members: Sequence[Member], refitted: Refit) -> tuple[Member, ...]:

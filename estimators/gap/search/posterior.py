@@ -19,7 +19,7 @@ from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beam import Search
-from estimators.gap.search.explanation import Explanation
+from estimators.gap.search.explanation import Explanation, distinct
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noise_beside_unknown import weigh_noise_beside_unknown
 from estimators.gap.search.noises import Given, Noises, Promise
@@ -101,8 +101,7 @@ def explain(
             smallest_first = sorted(explanations, key=lambda one: (len(one.members), -one.log_mass))
             best_of_size = {len(one.members): one for one in reversed(smallest_first)}
             looked_at = [*near_leading(explanations), *best_of_size.values(), *work.beside_other(given)]
-            distinct = list({each.key: each for each in looked_at}.values())
-            states += noises.beyond_each((given, given_scanner), distinct, work.best - NEAR)
+            states += noises.beyond_each((given, given_scanner), distinct(looked_at), work.best - NEAR)
         states += noises.moved_beside(states)
         for name in {one.state.name for one in states if one.state.name}:
             likeliest = max((one for one in states if one.state.name == name), key=lambda one: one.log_mass)

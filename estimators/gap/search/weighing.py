@@ -19,7 +19,7 @@ from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from estimators.gap.search.beam import Search
 from estimators.gap.search.displaced import FEW, displaced
-from estimators.gap.search.explanation import Explanation, Key, Member, key_of, without_one
+from estimators.gap.search.explanation import Explanation, Key, Member, distinct, key_of, without_one
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Given, Noises, Promise
 from rig.progress import Progress
@@ -268,10 +268,9 @@ class Weighing:
         """The likeliest sets of hypotheses beside discrepancies under other noise, with what then can be added or left
         out."""
         scanner = self.scanner.stepped(state.steps)
-        distinct = list({one.explanation.key: one.explanation for one in every}.values())[:_BESIDE]
         some = [
             replace(each.on(scanner.fine.data), log_prior=self.noises.log_prior(state, each.members))
-            for each in distinct
+            for each in distinct(one.explanation for one in every)[:_BESIDE]
         ]
         self._beside(some, state, self._search(state, scanner), self.discrepancies_under(state, scanner))
 
