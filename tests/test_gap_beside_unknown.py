@@ -12,6 +12,7 @@ import estimators
 from estimators.gap.data.basefit import posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
 from estimators.gap.hypotheses.prior import FURTHER
+from estimators.gap.report.closed_shares import of_causes
 from estimators.gap.report.reach import gains, log_prior_of_image
 from estimators.gap.search.beam import Search
 from estimators.gap.search.posterior import Posterior, explain
@@ -116,6 +117,19 @@ def test_a_tone_beside_an_unknown_is_weighed_at_the_frequency_where_it_was_found
     freq_Hz = vars(own.fits[0].effect)["freq_Hz"]
     assert freq_Hz == pytest.approx(40.0 - 37.3, abs=0.5 / 59.9)  # sampled at 10 Hz
     assert own.log_prior == search.fitted(own.members).log_prior
+
+
+def test_what_an_unknown_adds_is_left_open_whatever_the_floor_beside_it(posterior: Posterior) -> None:
+    """Most of the squared gap is the unknown's: the vibration closes little, also where the floor has moved."""
+    leading = posterior.leading
+    moved = next(each.state for each in posterior.hypotheses if each.state.steps and not each.state.other)
+    closed = []
+    for state in (leading.state, moved):
+        told = replace(leading, state=replace(state, fitted=()))
+        after, before = of_causes(replace(posterior, hypotheses=(told,)), told, (0,), np.random.default_rng(0))
+        closed.append(1.0 - float(np.median(after / before)))
+    assert closed[0] < 0.5
+    assert closed[1] == pytest.approx(closed[0], abs=0.1)
 
 
 def test_the_floor_is_learned_anew_beside_an_unknown_that_hides_it() -> None:

@@ -65,10 +65,10 @@ def of_causes(
             left = float(linear.left @ linear.left) - floor.size + floor.absorbed.rank
             apart = shapes_apart(each.explanation, floor)
             way = closure.Way(float(probability), floor.whitened - linear.left, linear, each.moments, apart=apart)
-            if each.state.other or each.second:
-                way = replace(way, nameless=max(left - _added(each.state.fitted), 0.0))
-            elif each.terms and not each.state.steps:
+            if each.terms and not each.state.steps and not each.second:
                 way = replace(way, terms=each.terms)
+            elif each.other:  # all that is left beyond the floor and named noise
+                way = replace(way, nameless=max(left - _added(each.state.fitted), 0.0))
             ways.append(way)
     after, before = closure.drawn(ways, fitted, rng)
     if reported:
