@@ -220,7 +220,7 @@ def calibrate(
 
     if method is None and attitude_free:
         click.echo(f"{run}: has no pose: calibrated by the magnitude of the fields, as by --method ellipsoid\n")
-    show(calibration_report(calibration, scan.metadata.magnetic_field_unit))
+    show(calibration_report(calibration))
     for written in (output, coverage):
         if written is not None:
             click.echo(f"\n{written}: written")
