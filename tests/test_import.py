@@ -359,6 +359,17 @@ def test_a_log_without_times_is_of_poses_held_still(tmp_path: Path, run: Recordi
     assert any(line.startswith("no time: each of the") for line in found.said)
 
 
+def test_degrees_under_the_name_of_radians_are_said(tmp_path: Path) -> None:
+    """Of an arm that nobody stated; the sweep itself, of more than 100 rad, is as it should be."""
+    swept = scenarios.load("ann-arbor").simulate(seed=0)
+    assert np.ptp(swept.q[:, 5]) > 100.0
+    for factor, wrong in ((1.0, False), (np.degrees(1.0), True)):
+        columns = {"t [s]": swept.t, **{f"Acc {axis} [V]": swept.accelerometer[:, k] for k, axis in enumerate("XYZ")}}
+        columns |= {f"q{k + 1} [rad]": factor * swept.q[:, k] for k in range(6)}
+        found = imported([write_text(tmp_path / "log.csv", columns)], None)
+        assert any("degrees" in line for line in found.findings) == wrong
+
+
 def test_three_angles_of_a_pose_are_known_by_their_names(tmp_path: Path, run: Recording, arm: Arm) -> None:
     columns = {name: x for name, x in tool_table(run, arm).items() if name[0] in "tamyp" or name == "roll"}
     found = imported([write_text(tmp_path / "log.csv", columns)], arm, euler="ZYX")

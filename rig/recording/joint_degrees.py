@@ -37,7 +37,8 @@ def degrees_words(run: Recording) -> str:
         return ""
     some = thinned(run, _SAMPLES)
     assert some.q is not None
-    moving = some.q[:, np.ptp(some.q, axis=0) > 0.0]
+    turning = np.array([joint not in run.slides for joint in range(1, some.q.shape[1] + 1)])
+    moving = some.q[:, turning & (np.ptp(some.q, axis=0) > 0.0)]
     readings = np.concatenate([some.readings(sensor) for sensor in some.sensors], axis=1)
     readings = readings[:, np.ptp(readings, axis=0) > 0.0]
     if not moving.size or not readings.size:

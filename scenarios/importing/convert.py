@@ -15,6 +15,7 @@ from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
 from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording
+from rig.recording.joint_degrees import degrees_words
 from rig.recording.metadata import FIELD_SIZES
 from rig.units import STANDARD_GRAVITY
 from scenarios.importing.bag_log import is_bag, read_bag
@@ -357,8 +358,6 @@ def _unit_findings(recording: Recording) -> list[str]:
             found.append(
                 f"magnetometer: the median magnitude is {size:.3g} {unit}, expected {low:g} to {high:g}: its unit?"
             )
-    if recording.q is not None:
-        largest = float(np.abs(recording.q).max())
-        if largest > 100.0:
-            found.append(f"joints: angles up to {largest:.3g} rad: degrees, not radians?")
+    if degrees := degrees_words(recording):
+        found.append(f"joints: {degrees}")
     return found
