@@ -38,7 +38,7 @@ class Checked:
 
 
 def check_file(path: Path, joints: int | None = None) -> Checked:
-    """Look into a recording, scenario, mapping, calibration, diagnosis or cause.
+    """Look into a recording, scenario, mapping, prior, calibration, diagnosis or cause.
 
     Args:
         path: the file.
@@ -113,13 +113,17 @@ def _findings(scan: RecordingScan, run: Recording) -> list[str]:
 
 
 def _toml(path: Path) -> Checked:
+    from estimators.gap.hypotheses.prior import read_prior
     from rig.documents import parse_toml, read_toml
     from scenarios.importing.mapping import FORMAT, read_mapping
     from scenarios.loader import load
 
-    if parse_toml(read_toml(path, "a scenario or a mapping"), str(path)).get("format") == FORMAT:
+    content = parse_toml(read_toml(path, "a scenario, a mapping or a prior"), str(path))
+    if content.get("format") == FORMAT:
         mapping = read_mapping(path)
         return Checked("mapping", {"columns": mapping.columns}, ())
+    if set(content) == {"effects"}:  # a scenario has its sensors as well
+        return Checked("prior", {"weights": dict(read_prior(path))}, ())
     scenario = load(path)
     arm = scenario.rig.arm
     holds = {

@@ -22,11 +22,13 @@ CAUSE = '[[effects.backlash]]\nwhere = "joint5"\nwidth_rad = 0.01\n'
 def test_what_a_file_holds(rig: Rig, swept: Path) -> None:
     Path("faulty.toml").write_text(SMALL + CAUSE)
     Path("map.toml").write_text(Mapping({"Acc X": "accel1_g", "time": "t"}).to_toml())
+    Path("prior.toml").write_text("[effects]\nbacklash = 5\noutliers = 0\n")
     by_hand().write("found.json")
     rig.done("calibrate", "run.parquet", "-o", "cal.json")
     for name, words in {
         "faulty.toml": ("scenario", "torus-sweep", "backlash at joint5"),
         "map.toml": ("mapping", "Acc X"),
+        "prior.toml": ("prior", "backlash 5; outliers 0"),
         "found.json": ("diagnosis", "named"),
         "cal.json": ("calibration", "accelerometer, magnetometer"),
         "run.parquet": ("recording", "600"),
