@@ -19,6 +19,7 @@ from cli_support import SMALL, Rig
 
 import scenarios
 from rig.effects import EFFECTS, make_effect
+from rig.maneuver import MANEUVERS
 from rig.recording import read_recording
 from rig.simulate import ENGINES, MOTIONS
 from scenarios.cli import _app, _options
@@ -74,6 +75,8 @@ def test_choices_of_the_help_are_those_of_the_rig(rig: Rig) -> None:
     text = rig.done("sweep", "--help")
     assert f"[{'|'.join(ENGINES)}]" in text
     assert f"[{'|'.join(MOTIONS)}]" in text
+    for command in ("sweep", "bound"):
+        assert f"made to fit the arm: {', '.join(MANEUVERS)}." in " ".join(rig.done(command, "--help").split())
 
 
 def test_help_is_quick_because_it_imports_nothing_heavy() -> None:
