@@ -140,6 +140,7 @@ def score(
     "-o", "--output", type=PATH, required=True, metavar="PAGE", help="The page: .md, with a picture beside it."
 )
 @_JOBS
+@json_option
 def run(
     folder: Path,
     cases: int,
@@ -150,6 +151,7 @@ def run(
     draws: int,
     output: Path,
     jobs: int | None,
+    as_json: bool,
 ) -> None:
     """Make a set in FOLDER unless there is one, solve it, score it, and write the page; ended early, it goes on.
 
@@ -166,7 +168,7 @@ def run(
         _make(folder, None, cases, mechanics, samples, scenario, seed, jobs)
     with progress_bar(f"diagnosing {folder}") as progress:
         solve_set(folder, Workers(jobs), progress)
-    _score(folder, None, output, True, draws, jobs, False)
+    _score(folder, None, output, True, draws, jobs, as_json)
 
 
 def _make(
