@@ -95,6 +95,16 @@ def test_every_command_of_a_command_speaks_json(name: str) -> None:
     assert "--json" in [option for each in ALL_COMMANDS[name].params for option in each.opts]
 
 
+def test_the_same_thing_has_one_name_whatever_the_command() -> None:
+    """And the names that it had before."""
+    diagnosis = {option for each in ALL_COMMANDS["rig diagnose"].params for option in each.opts}
+    assert {"-o", "--output", "--out", "--jobs", "--workers"} <= diagnosis
+    for name, command in ALL_COMMANDS.items():
+        for each in command.params:
+            assert ("--jobs" in each.opts) == ("--workers" in each.opts), name
+            assert ("-o" in each.opts) == ("--output" in each.opts), name
+
+
 def test_choices_of_the_help_are_those_of_the_rig(rig: Rig) -> None:
     text = rig.done("sweep", "--help")
     assert f"[{'|'.join(ENGINES)}]" in text

@@ -10,7 +10,9 @@ import click
 from scenarios.cli._options import PATH, Command, check_output, json_option, print_json, progress_bar
 from validation.cli._options import MOST, MOST_SAMPLES
 
-_JOBS = click.option("--jobs", type=click.IntRange(min=0), metavar="N", help="Processes; one for each processor.")
+_JOBS = click.option(
+    "--jobs", "--workers", "jobs", type=click.IntRange(min=0), metavar="N", help="Processes; one for each processor."
+)
 _SEALED = click.option(
     "--truth", "sealed", type=PATH, metavar="DIR", help="The sealed folder; FOLDER.sealed by default."
 )
