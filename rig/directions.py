@@ -40,6 +40,12 @@ def angles_from_direction(direction: ArrayLike) -> tuple[Array, Array]:
     return elevation, np.where(azimuth >= 360.0, 0.0, azimuth)  # a tiny negative angle rounds up to 360
 
 
+def difference_of(name: str, value: float, other: float) -> float:
+    """A parameter's value less another one, of angles, "beta1_deg", by the shorter way round: in [-180, 180) [deg]."""
+    difference = value - other
+    return (difference + 180.0) % 360.0 - 180.0 if name.endswith("_deg") else difference
+
+
 def spiral(count: int, share: float) -> Array:
     """Unit vectors (count, 3) spread evenly from +z down, a Fibonacci lattice.
 

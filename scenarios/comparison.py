@@ -12,6 +12,7 @@ from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
 from rig.channels import MAGNETOMETER
+from rig.directions import difference_of
 from rig.errors import RigError
 from scenarios.scenario import Truth
 
@@ -104,7 +105,7 @@ def compare_two(first: Calibration, second: Calibration) -> tuple[Compared, ...]
         of_units = one if one.field_unit is not None else two
         for name in names:
             value, sigma = one.value(name), math.hypot(one.std(name), two.std(name))
-            error = _off(name, _on_side_of(one, two, name) - value)
+            error = difference_of(name, _on_side_of(one, two, name), value)
             told = [each.identifiable.get(name, True) for each in (one, two)]
             rows.append(_row(sensor, name, of_units.unit_of(name), value, value + error, error, sigma, told))
     return tuple(rows)
@@ -138,11 +139,6 @@ def _on_side_of(one: SensorCalibration, two: SensorCalibration, name: str) -> fl
     return value + 180.0 if name.startswith(("gamma", "psi")) else value
 
 
-def _off(name: str, difference: float) -> float:
-    """A difference, of angles by the shorter way round."""
-    return (difference + 180.0) % 360.0 - 180.0 if name.endswith("_deg") else difference
-
-
 def apart(rows: Sequence[Compared], *calibrations: Calibration) -> dict[str, Apart]:
     """Sensor -> how far its rows are apart in the sum of the calibrations' covariances, of parameters that are told."""
     found = {}
@@ -170,7 +166,7 @@ def _rows(sensor: str, truth: Truth, found: SensorCalibration) -> list[Compared]
         if stem not in true_values:
             continue
         estimate, true = float(found.values[index]), true_values[stem]
-        error = _off(name, estimate - true)
+        error = difference_of(name, estimate, true)
         told = [found.identifiable.get(name, True)]
         rows.append(_row(sensor, name, found.unit_of(name), true, estimate, error, float(sigmas[index]), told))
     return rows
