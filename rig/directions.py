@@ -46,6 +46,18 @@ def difference_of(name: str, value: float, other: float) -> float:
     return (difference + 180.0) % 360.0 - 180.0 if name.endswith("_deg") else difference
 
 
+def elevation_azimuth_basis(direction: ArrayLike) -> Array:
+    """Unit vectors (.., 2, 3) along growing elevation and growing azimuth at unit vectors (.., 3).
+
+    At the pole itself the azimuth is the one that ``angles_from_direction`` gives.
+    """
+    elevation, azimuth = (np.radians(angle) for angle in angles_from_direction(direction))
+    zero = np.zeros_like(azimuth)
+    along = [-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth), -np.cos(elevation)]
+    across = [-np.sin(azimuth), np.cos(azimuth), zero]
+    return np.stack([np.stack(along, axis=-1), np.stack(across, axis=-1)], axis=-2)
+
+
 def spiral(count: int, share: float) -> Array:
     """Unit vectors (count, 3) spread evenly from +z down, a Fibonacci lattice.
 

@@ -12,8 +12,8 @@ from statistics_draws import draw_many
 from estimators.batch import ManyParameters, fit_many
 from estimators.known_angle.model import METHODS, Method, SensorParameters, columns_of_channels, parameter_names
 from rig.arrays import Array
-from rig.directions import direction_from_angles
-from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, elevation_azimuth_basis
+from rig.directions import direction_from_angles, elevation_azimuth_basis
+from scenarios.studies.coordinates import RADIAN_DEG, Coordinates
 from scenarios.studies.second_order import _curvatures, second_order_bias
 
 
