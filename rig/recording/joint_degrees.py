@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations, product
+from math import comb
 from typing import Final
 
 import numpy as np
@@ -40,11 +41,12 @@ def degrees_words(run: Recording) -> str:
     turning = np.array([joint not in run.slides for joint in range(1, some.q.shape[1] + 1)])
     moving = some.q[:, turning & (np.ptp(some.q, axis=0) > 0.0)]
     readings = np.concatenate([some.readings(sensor) for sensor in some.sensors], axis=1)
-    readings = readings[:, np.ptp(readings, axis=0) > 0.0]
+    spread = np.ptp(readings, axis=0)
+    readings = (readings - readings[0])[:, spread > 0.0] / spread[spread > 0.0]
     if not moving.size or not readings.size:
         return ""
     left = [_left_over(some.t, angles, readings) for angles in (moving, np.radians(moving))]
-    if left[1] is None or left[0] is None or left[0] < _TIMES * left[1]:
+    if left[0] is None or left[1] is None or left[0] < _TIMES * left[1]:
         return ""
     times = f"{left[0] / left[1]:.3g} times"
     return f"the readings follow the joints {times} as closely if their angles are degrees: under the name of radians?"
@@ -60,10 +62,9 @@ def _left_over(t: Array, angles: Array, readings: Array) -> float | None:
     terms = [np.ones_like(time), time, time**2]
     single = [(np.cos(angle), np.sin(angle)) for angle in angles.T]
     for joints in range(1, len(single) + 1):
-        more = [np.prod(parts, axis=0) for some in combinations(single, joints) for parts in product(*some)]
-        if _SAMPLES_A_TERM * (len(terms) + len(more)) > len(t):
+        if _SAMPLES_A_TERM * (len(terms) + comb(len(single), joints) * 2**joints) > len(t):
             break
-        terms += more
+        terms += [np.prod(parts, axis=0) for some in combinations(single, joints) for parts in product(*some)]
     if len(terms) <= 3:
         return None
     columns = np.stack(terms, axis=1)
