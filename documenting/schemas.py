@@ -43,6 +43,7 @@ from rig.effects import EFFECTS
 from rig.files import write_text
 from rig.recording.metadata import FORMAT as RECORDING_FORMAT
 from rig.recording.metadata import Metadata
+from rig.units import FIELD_UNITS
 from scenarios.diagnosing.fleet import FORMAT as FLEET_FORMAT
 from scenarios.diagnosing.kept import ABOUT, CORRECTED, ORIGIN
 from scenarios.diagnosing.task import About
@@ -125,6 +126,7 @@ def _calibration() -> Schema:
         "weighting": TEXT,
         "convention": TEXT,
         "reads": one_of(*READS),
+        "field_unit": one_of(*(unit for units in FIELD_UNITS.values() for unit in units)),
         "vector_parameters": list_of(TEXT),
         "vector_values": list_of(TOLD),
         "vector_covariance": square,

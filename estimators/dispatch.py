@@ -20,6 +20,7 @@ from estimators.known_angle.from_recording import (
     PathLike,
     arm_of,
     chosen_sensors,
+    field_unit_of,
     floors_of,
     has_pose,
     points_of,
@@ -98,7 +99,10 @@ def calibrate(
         options = Options() if attitude_free is None else attitude_free
         found = calibrate_attitude_free(source, chosen, known, floors.source, options, progress)
         sensors_found = {
-            sensor: replace(own, reads=reads_of(source.metadata, sensor)) for sensor, own in found.sensors.items()
+            sensor: replace(
+                own, reads=reads_of(source.metadata, sensor), field_unit=field_unit_of(source.metadata, sensor)
+            )
+            for sensor, own in found.sensors.items()
         }
         return Calibration(sensors_found, source.name, None, found.extra)
     summed = summarise(source, chosen, arm, progress)
@@ -124,6 +128,7 @@ def calibrate(
             floor_std=0.0 if floor is None else floor[1],
             field_points=points[sensor],
             reads=reads_of(summed.metadata, sensor),
+            field_unit=field_unit_of(summed.metadata, sensor),
         )
     return Calibration(results, source.name, summed.arm)
 

@@ -40,6 +40,24 @@ def angles_from_direction(direction: ArrayLike) -> tuple[Array, Array]:
     return elevation, np.where(azimuth >= 360.0, 0.0, azimuth)  # a tiny negative angle rounds up to 360
 
 
+def difference_of(name: str, value: float, other: float) -> float:
+    """A parameter's value less another one, of angles, "beta1_deg", by the shorter way round: in [-180, 180) [deg]."""
+    difference = value - other
+    return (difference + 180.0) % 360.0 - 180.0 if name.endswith("_deg") else difference
+
+
+def elevation_azimuth_basis(direction: ArrayLike) -> Array:
+    """Unit vectors (.., 2, 3) along growing elevation and growing azimuth at unit vectors (.., 3).
+
+    At the pole itself the azimuth is the one that ``angles_from_direction`` gives.
+    """
+    elevation, azimuth = (np.radians(angle) for angle in angles_from_direction(direction))
+    zero = np.zeros_like(azimuth)
+    along = [-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth), -np.cos(elevation)]
+    across = [-np.sin(azimuth), np.cos(azimuth), zero]
+    return np.stack([np.stack(along, axis=-1), np.stack(across, axis=-1)], axis=-2)
+
+
 def spiral(count: int, share: float) -> Array:
     """Unit vectors (count, 3) spread evenly from +z down, a Fibonacci lattice.
 

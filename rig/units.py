@@ -21,6 +21,9 @@ UNITS: Final[dict[str, tuple[str, ...]]] = {
     MAGNETOMETER: ("V", "mV", "raw", "G", "uT", "nT"),
 }
 
+#: The units of the field that a sensor feels, of a magnetic one where its magnitude is not relative.
+FIELD_UNITS: Final[dict[str, tuple[str, ...]]] = {ACCELEROMETER: ("m_s2",), MAGNETOMETER: ("G", "uT", "nT")}
+
 #: What a sensor's output is recorded in before anything is made of it: a voltage, or the converter's count.
 ELECTRICAL: Final = ("V", "mV", "raw")
 
@@ -35,6 +38,37 @@ _BASE: Final[dict[str, tuple[str, float]]] = {
     "uT": ("G", 1e-2),
     "nT": ("G", 1e-5),
 }
+
+#: A recorded unit as readers write it, where that is not its name in files.
+_WRITTEN: Final = {"m_s2": "m/s²", "uT": "µT"}
+
+
+def written_unit(unit: str) -> str:
+    """A recorded unit as readers write it: "m/s²" of "m_s2"."""
+    return _WRITTEN.get(unit, unit)
+
+
+def per_field(reading: str, field: str) -> str:
+    """The unit of a sensitivity, of a reading's unit and a field's."""
+    return f"{reading}/({field})" if "/" in field else f"{reading}/{field}"
+
+
+def parameter_unit(name: str, reading: str, field: str | None) -> str:
+    """The unit of a calibration's parameter as readers write it.
+
+    Args:
+        name: such as "sensitivity2", "offset1", "beta3_deg" or "axis1_x".
+        reading: the recorded unit. field: the field's unit; None: not known, or relative to its stated magnitude.
+
+    Returns:
+        "deg" of an angle; "" of a component of a unit vector.
+    """
+    if name.endswith("_deg"):
+        return "deg"
+    if name.startswith("offset"):
+        return written_unit(reading)
+    of_gain = name.startswith(("sensitivity", "gain"))
+    return per_field(written_unit(reading), "field" if field is None else written_unit(field)) if of_gain else ""
 
 
 def conversion_factor(unit: str, to: str) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from rig.documents import read_json
 from rig.errors import RigError, one_line
 from rig.recording import Recording, RecordingScan, locked_beside, scan_recording
+from rig.recording.joint_degrees import degrees_words
 from rig.recording.stuck_readings import stuck_words
 
 _AT_AN_END: Final = 0.02  # of the samples at the least or greatest value are many
@@ -37,7 +38,7 @@ class Checked:
 
 
 def check_file(path: Path, joints: int | None = None) -> Checked:
-    """Look into a recording, scenario, mapping, calibration, diagnosis or cause.
+    """Look into a recording, scenario, mapping, prior, calibration, diagnosis or cause.
 
     Args:
         path: the file.
@@ -106,20 +107,23 @@ def _findings(scan: RecordingScan, run: Recording) -> list[str]:
     ):
         ends = f"{run.temperature.min():.4g} to {run.temperature.max():.4g}"
         found.append(f"temperature_degC goes from {ends}, expected {_POSSIBLE_DEGC[0]:g} to {_POSSIBLE_DEGC[1]:g}")
-    degrees = any(stated for _, stated in scan.columns.joints)
-    if run.q is not None and np.abs(run.q).max() > 100.0 * np.pi and not degrees:
-        found.append("joint angles beyond 50 turns: degrees under the name of radians?")
+    if degrees := degrees_words(run):
+        found.append(degrees)
     return found
 
 
 def _toml(path: Path) -> Checked:
+    from estimators.gap.hypotheses.prior import read_prior
     from rig.documents import parse_toml, read_toml
     from scenarios.importing.mapping import FORMAT, read_mapping
     from scenarios.loader import load
 
-    if parse_toml(read_toml(path, "a scenario or a mapping"), str(path)).get("format") == FORMAT:
+    content = parse_toml(read_toml(path, "a scenario, a mapping or a prior"), str(path))
+    if content.get("format") == FORMAT:
         mapping = read_mapping(path)
         return Checked("mapping", {"columns": mapping.columns}, ())
+    if set(content) == {"effects"}:  # a scenario has its sensors as well
+        return Checked("prior", {"weights": dict(read_prior(path))}, ())
     scenario = load(path)
     arm = scenario.rig.arm
     holds = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,9 +11,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
+from rig.channels import MAGNETOMETER
+from rig.directions import difference_of
 from rig.errors import RigError
 from scenarios.scenario import Truth
-from scenarios.shown_units import field_unit, per_field
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,19 @@ def compare(truth: Truth, calibration: Calibration) -> tuple[Compared, ...]:
     """Every parameter that the calibration and the truth both have, sensor by sensor.
 
     The truth is turned to the calibration's side of the ambiguity (f, P), (-f, -P): where its field points.
+
+    Raises:
+        RigError: the calibration's magnetic field is in another unit than the truth's.
     """
+    stated = calibration.with_field_unit(truth.magnetic_field_unit)
+    magnetic = stated.sensors.get(MAGNETOMETER)
+    if magnetic is not None and truth.magnetic_field_unit not in (None, magnetic.field_unit):
+        raise RigError(
+            f"magnetometer.field_unit: found {magnetic.field_unit} and {truth.magnetic_field_unit}, expected the same"
+        )
     return tuple(
         row
-        for sensor, found in calibration.sensors.items()
+        for sensor, found in stated.sensors.items()
         if sensor in truth.sensors
         for row in _rows(sensor, truth, found)
     )
@@ -81,8 +91,10 @@ def compare_two(first: Calibration, second: Calibration) -> tuple[Compared, ...]
         )
     for sensor in shared:
         one, two = first[sensor], second[sensor]
+        known = one.field_unit is not None and two.field_unit is not None  # what an old file does not say may be so
         for what, pair in (
             ("unit", (one.unit, two.unit)),
+            ("field_unit", (one.field_unit, two.field_unit) if known else (None, None)),
             ("reference_magnitude", (one.reference_magnitude, two.reference_magnitude)),
         ):
             if pair[0] != pair[1]:
@@ -90,12 +102,12 @@ def compare_two(first: Calibration, second: Calibration) -> tuple[Compared, ...]
         names = [name for name in one.parameters if name in two.parameters]
         if not names:
             raise RigError(f"{sensor}: found methods {one.method} and {two.method}, expected a parameter in common")
-        unit = units(sensor, one, None)
+        of_units = one if one.field_unit is not None else two
         for name in names:
             value, sigma = one.value(name), math.hypot(one.std(name), two.std(name))
-            error = _off(name, _on_side_of(one, two, name) - value)
+            error = difference_of(name, _on_side_of(one, two, name), value)
             told = [each.identifiable.get(name, True) for each in (one, two)]
-            rows.append(_row(sensor, name, unit[name], value, value + error, error, sigma, told))
+            rows.append(_row(sensor, name, of_units.unit_of(name), value, value + error, error, sigma, told))
     return tuple(rows)
 
 
@@ -127,11 +139,6 @@ def _on_side_of(one: SensorCalibration, two: SensorCalibration, name: str) -> fl
     return value + 180.0 if name.startswith(("gamma", "psi")) else value
 
 
-def _off(name: str, difference: float) -> float:
-    """A difference, of angles by the shorter way round."""
-    return (difference + 180.0) % 360.0 - 180.0 if name.endswith("_deg") else difference
-
-
 def apart(rows: Sequence[Compared], *calibrations: Calibration) -> dict[str, Apart]:
     """Sensor -> how far its rows are apart in the sum of the calibrations' covariances, of parameters that are told."""
     found = {}
@@ -149,25 +156,17 @@ def apart(rows: Sequence[Compared], *calibrations: Calibration) -> dict[str, Apa
     return found
 
 
-def units(sensor: str, calibration: SensorCalibration, magnetic_field_unit: str | None) -> Mapping[str, str]:
-    """The unit of each parameter of a sensor's calibration."""
-    reading = calibration.unit.replace("_", "/")
-    kinds = {"sensitivity": per_field(reading, field_unit(sensor, magnetic_field_unit)), "offset": reading}
-    return {name: kinds.get(name.rstrip("0123456789"), "deg") for name in calibration.parameters}
-
-
 def _rows(sensor: str, truth: Truth, found: SensorCalibration) -> list[Compared]:
     down = found.field_direction is None or found.field_direction.vector[2] <= 0.0
     true_values = truth.values(sensor, "down" if down else "up")
     sigmas = np.sqrt(np.diagonal(found.covariance))
-    unit = units(sensor, found, truth.magnetic_field_unit)
     rows = []
     for index, name in enumerate(found.parameters):
         stem = name if name in true_values else f"{name.removesuffix('_deg')[:-1]}_deg"  # phi1_deg of a separate fit
         if stem not in true_values:
             continue
         estimate, true = float(found.values[index]), true_values[stem]
-        error = _off(name, estimate - true)
+        error = difference_of(name, estimate, true)
         told = [found.identifiable.get(name, True)]
-        rows.append(_row(sensor, name, unit[name], true, estimate, error, float(sigmas[index]), told))
+        rows.append(_row(sensor, name, found.unit_of(name), true, estimate, error, float(sigmas[index]), told))
     return rows

@@ -106,7 +106,7 @@ def _told(folder: Path, seed: int, tell: Tell, working: Working) -> Demo:
     tell(_heading(3, "Both sensors are calibrated from joint angles and volts alone\n"))
     with working("calibrating"):
         calibration = estimators.judged(recording, estimators.calibrate(recording, noise=floor))
-    tell(calibration_report(calibration, recording.metadata.magnetic_field_unit))
+    tell(calibration_report(calibration))
 
     compared = compare(scenario.truth, calibration)
     tell(_heading(4, "The truth, which only a simulation knows\n"))

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
 
 from rig.channels import ACCELEROMETER, CHANNELS_OF
-
-_WRITTEN: Final = {"m_s2": "m/s²", "uT": "µT"}
+from rig.units import parameter_unit, written_unit
 
 
 @dataclass(frozen=True)
@@ -21,7 +19,7 @@ class Shown:
 
 def shown_unit(unit: str) -> Shown:
     """Of a recorded unit; volts are shown in millivolts."""
-    return Shown(1e3, "mV") if unit == "V" else Shown(1.0, _WRITTEN.get(unit, unit))
+    return Shown(1e3, "mV") if unit == "V" else Shown(1.0, written_unit(unit))
 
 
 def shown_units(units: Mapping[str, str]) -> dict[str, Shown]:
@@ -34,13 +32,8 @@ def field_unit(sensor: str, magnetic_field_unit: str | None) -> str:
     return "m/s²" if sensor == ACCELEROMETER else magnetic_field_unit or "field"
 
 
-def per_field(reading: str, field: str) -> str:
-    """The unit of a sensitivity, of a reading's unit and a field's."""
-    return f"{reading}/({field})" if "/" in field else f"{reading}/{field}"
-
-
-def parameter_unit(name: str, units: Mapping[str, str], magnetic_field_unit: str | None) -> str:
-    """The unit of a calibration's parameter, such as "mag1.offset".
+def shift_unit(name: str, units: Mapping[str, str], magnetic_field_unit: str | None) -> str:
+    """The unit of a parameter that a gap shifts, such as "mag1.offset".
 
     Args:
         units: sensor -> recorded unit. magnetic_field_unit: as the recording states it.
@@ -51,8 +44,4 @@ def parameter_unit(name: str, units: Mapping[str, str], magnetic_field_unit: str
     sensor = next((sensor for sensor in units if place in CHANNELS_OF[sensor]), None)
     if sensor is None:
         return ""
-    reading = _WRITTEN.get(units[sensor], units[sensor])
-    if kind == "offset":
-        return reading
-    field = field_unit(sensor, magnetic_field_unit)
-    return per_field(reading, _WRITTEN.get(field, field))
+    return parameter_unit(kind, units[sensor], "m_s2" if sensor == ACCELEROMETER else magnetic_field_unit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,6 +83,13 @@ def test_calibrate_does_without_the_attitude_where_there_is_none(rig: Rig, swept
     assert json.loads(insisted) == json.loads((swept / "cal.json").read_text())
     six = json.loads(rig.not_good("calibrate", "run.parquet", "--method", "ellipsoid", "--parameters", "6", "--json"))
     assert len(six["sensors"]["magnetometer"]["parameters"]) == 6
+
+
+def test_the_noise_of_the_helps_example_is_that_of_two_sensors(rig: Rig, swept: Path) -> None:
+    """As its neighbours' run has."""
+    (example,) = re.findall(r"rig (calibrate run.csv --noise .*)", rig.done("calibrate", "--help"))
+    read_recording("run.parquet").write("run.csv")
+    assert "noise as given" in rig(*example.split()).out
 
 
 def test_calibrate_leaves_out_outliers_where_it_is_asked_to(rig: Rig, swept: Path) -> None:

@@ -218,6 +218,22 @@ def test_what_is_wrong_is_named_with_its_place(
         Calibration.from_text(json.dumps(spoilt), "cal.json")
 
 
+def test_a_file_of_before_there_was_a_fields_unit_says_none_of_a_magnetic_one(content: dict[str, Any]) -> None:
+    old = json.loads(json.dumps(content))
+    for sensor in old["sensors"].values():
+        sensor.pop("field_unit", None)
+    found = Calibration.from_text(json.dumps(old))
+    assert [found[name].field_unit for name in ("accelerometer", "magnetometer")] == ["m_s2", None]
+    assert found.with_field_unit("nT")["magnetometer"].field_unit == "nT"
+    assert found.with_field_unit("nT").with_field_unit("G")["magnetometer"].field_unit == "nT", "its own word counts"
+    assert Calibration.from_text(found.with_field_unit("nT").to_text())["magnetometer"].field_unit == "nT"
+    for name, unit in (("magnetometer", "m_s2"), ("accelerometer", "G"), ("magnetometer", "T")):
+        old["sensors"][name]["field_unit"] = unit
+        with pytest.raises(RigError, match=f"sensors.{name}.field_unit: unknown unit '{unit}'"):
+            Calibration.from_text(json.dumps(old))
+        del old["sensors"][name]["field_unit"]
+
+
 def test_missing_keys_and_files_are_named(content: dict[str, Any], tmp_path: Path) -> None:
     spoilt = json.loads(json.dumps(content))
     spoilt["sensors"]["accelerometer"]["matrx"] = spoilt["sensors"]["accelerometer"].pop("matrix")

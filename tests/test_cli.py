@@ -9,20 +9,24 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 from cli_support import SMALL, Rig
 
 import scenarios
 from rig.effects import EFFECTS, make_effect
+from rig.maneuver import MANEUVERS
 from rig.recording import read_recording
 from rig.simulate import ENGINES, MOTIONS
 from scenarios.cli import _app, _options
 from scenarios.cli._app import cli
+from scenarios.cli._checkout import CheckoutCommand
 from scenarios.demo import Demo, run_demo
 from scenarios.scenario import Scenario
 
@@ -70,10 +74,43 @@ def test_every_command_helps_with_an_example_and_speaks_json(rig: Rig, command: 
     assert "--json" in text
 
 
+def commands_of(command: click.Command, name: str) -> Iterator[tuple[str, click.Command]]:
+    """Every command that can be called, those of a group and of a checkout too."""
+    if isinstance(command, CheckoutCommand):
+        command = command.command
+    if not isinstance(command, click.Group):
+        yield name, command
+        return
+    for part in command.list_commands(click.Context(command)):
+        inner = command.get_command(click.Context(command), part)
+        assert inner is not None
+        yield from commands_of(inner, f"{name} {part}")
+
+
+ALL_COMMANDS = dict(commands_of(cli, "rig"))
+
+
+@pytest.mark.parametrize("name", ALL_COMMANDS)
+def test_every_command_of_a_command_speaks_json(name: str) -> None:
+    assert "--json" in [option for each in ALL_COMMANDS[name].params for option in each.opts]
+
+
+def test_the_same_thing_has_one_name_whatever_the_command() -> None:
+    """And the names that it had before."""
+    diagnosis = {option for each in ALL_COMMANDS["rig diagnose"].params for option in each.opts}
+    assert {"-o", "--output", "--out", "--jobs", "--workers"} <= diagnosis
+    for name, command in ALL_COMMANDS.items():
+        for each in command.params:
+            assert ("--jobs" in each.opts) == ("--workers" in each.opts), name
+            assert ("-o" in each.opts) == ("--output" in each.opts), name
+
+
 def test_choices_of_the_help_are_those_of_the_rig(rig: Rig) -> None:
     text = rig.done("sweep", "--help")
     assert f"[{'|'.join(ENGINES)}]" in text
     assert f"[{'|'.join(MOTIONS)}]" in text
+    for command in ("sweep", "bound"):
+        assert f"made to fit the arm: {', '.join(MANEUVERS)}." in " ".join(rig.done(command, "--help").split())
 
 
 def test_help_is_quick_because_it_imports_nothing_heavy() -> None:

@@ -18,8 +18,9 @@ import estimators
 import scenarios
 from estimators import calibrate, noise_floor
 from rig.effects import EFFECTS, make_effect
+from rig.errors import RigError
 from rig.number_text import with_std
-from scenarios.comparison import apart, compare, compare_two, units
+from scenarios.comparison import apart, compare, compare_two
 from scenarios.terminal.calibration import symbol
 from scenarios.terminal.tables import effect_record, plus_minus, shortened, show, table
 
@@ -159,10 +160,30 @@ def test_angles_differ_by_the_shorter_way_round() -> None:
 def test_units_follow_the_recording() -> None:
     scenario = scenarios.load("ann-arbor")
     calibration = estimators.calibrate(scenario.simulate(seed=0))
-    magnetic = units("magnetometer", calibration["magnetometer"], "G")
-    assert (magnetic["sensitivity1"], magnetic["offset2"], magnetic["phi_deg"]) == ("V/G", "V", "deg")
-    assert units("magnetometer", calibration["magnetometer"], None)["sensitivity1"] == "V/field"
-    assert units("accelerometer", calibration["accelerometer"], None)["sensitivity1"] == "V/(m/s²)"
+    names = ("sensitivity1", "offset2", "phi_deg", "axis1_x")
+    magnetic = calibration["magnetometer"]
+    assert [magnetic.unit_of(name) for name in names] == ["V/G", "V", "deg", ""]
+    assert [calibration["accelerometer"].unit_of(name) for name in names] == ["V/(m/s²)", "V", "deg", ""]
+    assert replace(magnetic, field_unit=None).unit_of("sensitivity1") == "V/field"
+    assert "V/G" in str(calibration)
+    for rows in (compare(scenario.truth, calibration), compare_two(calibration, calibration)):
+        assert [row.unit for row in rows if row.parameter == "sensitivity1"] == ["V/(m/s²)", "V/G"]
+
+
+def test_a_calibration_without_its_fields_unit_is_compared_as_that_of_the_other() -> None:
+    """As of an earlier version's file; one that says another unit is not the same field."""
+    scenario = scenarios.load("ann-arbor")
+    calibration = estimators.calibrate(scenario.simulate(seed=0))
+    magnetic = calibration["magnetometer"]
+    old, other = (
+        replace(calibration, sensors={"magnetometer": replace(magnetic, field_unit=unit)}) for unit in (None, "uT")
+    )
+    for rows in (compare(scenario.truth, old), compare_two(old, calibration), compare_two(calibration, old)):
+        assert rows[0].unit == "V/G"
+    with pytest.raises(RigError, match=r"^magnetometer.field_unit: found uT and G, expected the same$"):
+        compare(scenario.truth, other)
+    with pytest.raises(RigError, match=r"^magnetometer.field_unit: found G and uT, expected the same$"):
+        compare_two(calibration, other)
 
 
 @pytest.mark.parametrize(

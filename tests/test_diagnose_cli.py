@@ -93,6 +93,7 @@ def test_a_digital_sensors_rig_is_written_and_runs(rig: Rig, here: Path) -> None
         "accelerometer": "g",
         "magnetometer": "uT",
     }
+    assert corrected["magnetometer"].field_unit == "G", "as the recording's field is stated"
     rig.done("sweep", "better.toml", "-o", "again.parquet")
     assert read_recording("again.parquet").units == {"accelerometer": "g", "magnetometer": "uT"}
 

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 import yaml
 from cli_support import SMALL, Rig
+from diagnosed_recordings import recorded
 
 import scenarios
 from estimators import Calibration, calibrate
 from estimators.calibration.export import FORMULA, contents, export
-from estimators.calibration.fields import field_of
+from estimators.calibration.fields import apply, field_of
 from estimators.calibration.parts import Quality
 from rig.errors import RigError
 from rig.number_text import number
@@ -69,9 +70,9 @@ def test_the_formula_is_that_of_apply(calibration: Calibration) -> None:
 @pytest.mark.parametrize("nastily", [False, True])
 def test_yaml_holds_the_same_bits(calibration: Calibration, nastily: bool) -> None:
     used = nasty(calibration) if nastily else calibration
-    text = export(used, "yaml", "uT")
+    text = export(used, "yaml", "G")
     assert text.startswith(f"# {FORMULA}\n")
-    assert read_yaml(text) == contents(used, "uT")
+    assert read_yaml(text) == contents(used, "G")
 
 
 def test_yaml_is_what_a_library_reads(calibration: Calibration) -> None:
@@ -187,9 +188,9 @@ def test_without_attitude_the_frame_is_the_sensors_own(calibration: Calibration)
     sensor = replace(
         calibration["magnetometer"], axes=(), parameters=(), vector_parameters=(), noise=None, quality=Quality()
     )
-    found = contents(replace(calibration, sensors={"magnetometer": sensor}), "uT")["sensors"]["magnetometer"]
+    found = contents(replace(calibration, sensors={"magnetometer": sensor}), "G")["sensors"]["magnetometer"]
     assert "sensor's own frame" in found["field"]
-    assert found["field_unit"] == "uT"
+    assert found["field_unit"] == "G"
     assert found["bias_std"] == [None, None, None]
     assert found["noise"] is None
 
@@ -232,3 +233,47 @@ def test_a_unit_from_elsewhere_stays_in_its_comment(calibration: Calibration) ->
     assert export(found, "c").isascii()
     with pytest.raises(RigError, match=r"accelerometer.unit: unknown unit 'V\] "):
         Calibration.from_text(found.to_text())
+
+
+@pytest.mark.parametrize(("unit", "tesla"), [("G", 1e-4), ("uT", 1e-6), ("nT", 1e-9)])
+def test_ros_is_in_tesla_whatever_unit_the_calibration_is_in(calibration: Calibration, unit: str, tesla: float) -> None:
+    """By the calibration's own word, or by the option's where it says nothing: the same file."""
+    magnetic = replace(calibration["magnetometer"], field_unit=unit)
+    said = replace(calibration, sensors={"magnetometer": magnetic})
+    unsaid = replace(calibration, sensors={"magnetometer": replace(magnetic, field_unit=None)})
+    text = export(said, "ros")
+    assert text == export(said, "ros", unit) == export(unsaid, "ros", unit)
+    found = yaml.safe_load(text)["magnetometer"]
+    assert found["unit"] == "T"
+    readings = np.random.default_rng(3).uniform(1.0, 4.0, (5, 3))
+    felt = tesla * field_of(magnetic, readings)
+    np.testing.assert_allclose((readings - found["bias"]) @ np.reshape(found["matrix"], (3, 3)).T, felt, rtol=1e-12)
+
+
+def test_an_export_says_the_unit_that_the_calibration_says(rig: Rig, here: Path) -> None:
+    """Of the recording, through the file; without one what it is relative to."""
+    scenario = replace(scenarios.load("small.toml"), magnetic_field_unit="uT")
+    calibrate(scenario.simulate(seed=0)).write("cal.json")
+    for target in ("yaml", "json"):
+        found = yaml.safe_load(rig.done("export", "cal.json", "--to", target))
+        assert found["sensors"]["magnetometer"]["field_unit"] == "uT"
+    assert "the magnetic field, in the tool frame [uT]" in rig.done("export", "cal.json", "--to", "c")
+    refused = rig.refused("export", "cal.json", "--to", "ros", "--field-unit", "G")
+    assert "field_unit: found G, expected uT, which the calibration says its field is in" in refused
+    document = json.loads(Path("cal.json").read_text())
+    del document["sensors"]["magnetometer"]["field_unit"]
+    Path("old.json").write_text(json.dumps(document))
+    size = document["sensors"]["magnetometer"]["reference_magnitude"]
+    relative = yaml.safe_load(rig.done("export", "old.json", "--to", "ros"))["magnetometer"]
+    assert relative["unit"] == f"not stated, one in which the field's magnitude is {number(size)}"
+    assert "[that of reference_magnitude]" in rig.done("export", "old.json", "--to", "c")
+
+
+def test_fields_are_in_the_unit_that_their_recording_states(calibration: Calibration) -> None:
+    run = recorded()[0]
+    run = replace(run, metadata=replace(run.metadata, magnetic_field_unit="uT"))
+    magnetic = replace(calibration["magnetometer"], field_unit="G")
+    found = apply(replace(calibration, sensors={"magnetometer": magnetic}), run)
+    assert found.units == {"magnetometer": "uT"}
+    expected = 100.0 * field_of(magnetic, run.readings("magnetometer"))
+    np.testing.assert_allclose(found.readings("magnetometer"), expected, rtol=1e-12)

@@ -359,6 +359,31 @@ def test_a_log_without_times_is_of_poses_held_still(tmp_path: Path, run: Recordi
     assert any(line.startswith("no time: each of the") for line in found.said)
 
 
+def test_an_arm_that_is_not_the_rigs_own_is_asked_for(rig: Rig, here: Path, run: Recording) -> None:
+    """Six joints that are numbered: within the limits of the rig's own arm they are taken for its, beyond them not."""
+    own = scenarios.load("./small.toml").simulate(0)
+    for recording, name in ((run, "unknown"), (own, "a465")):
+        columns = {"t [s]": run.t[:500], **{f"Acc {x} [g]": run.accelerometer[:500, k] for k, x in enumerate("XYZ")}}
+        columns |= {f"q{k + 1} [rad]": recording.q[:500, k] for k in range(6)}
+        found = imported([write_text(here / "log.csv", columns)], None)
+        assert found.recording.metadata.arm == name
+        assert any("without --arm FILE" in line and ("a465" in line) == (name == "a465") for line in found.findings)
+    replace(found.recording, q=run.q[:500]).write("other.parquet")
+    refused = rig.refused("calibrate", "other.parquet")
+    assert "of arm 'a465'; the model of another arm is stated by --arm FILE" in refused
+
+
+def test_degrees_under_the_name_of_radians_are_said(tmp_path: Path) -> None:
+    """Of an arm that nobody stated; the sweep itself, of more than 100 rad, is as it should be."""
+    swept = scenarios.load("ann-arbor").simulate(seed=0)
+    assert np.ptp(swept.q[:, 5]) > 100.0
+    for factor, wrong in ((1.0, False), (np.degrees(1.0), True)):
+        columns = {"t [s]": swept.t, **{f"Acc {axis} [V]": swept.accelerometer[:, k] for k, axis in enumerate("XYZ")}}
+        columns |= {f"q{k + 1} [rad]": factor * swept.q[:, k] for k in range(6)}
+        found = imported([write_text(tmp_path / "log.csv", columns)], None)
+        assert any("degrees" in line for line in found.findings) == wrong
+
+
 def test_three_angles_of_a_pose_are_known_by_their_names(tmp_path: Path, run: Recording, arm: Arm) -> None:
     columns = {name: x for name, x in tool_table(run, arm).items() if name[0] in "tamyp" or name == "roll"}
     found = imported([write_text(tmp_path / "log.csv", columns)], arm, euler="ZYX")

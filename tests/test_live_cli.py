@@ -35,6 +35,12 @@ def here(here: Path) -> Path:
     return here
 
 
+def test_a_streams_sensitivity_is_in_the_unit_of_its_field(here: Path, rig: Rig) -> None:
+    scenario = replace(scenarios.load("./small.toml"), magnetic_field_unit="uT")
+    scenario.simulate(seed=0).write("run.csv")
+    assert "S [V/µT]" in rig("live", "run.csv", "-o", "live.parquet", "--keep-going", "--idle", "0.2").out
+
+
 def by_hand(seconds: float = 120.0) -> Recording:
     """A magnetometer turned slowly through all directions at 50 Hz, in microtesla."""
     rng = np.random.default_rng(0)

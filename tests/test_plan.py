@@ -276,6 +276,8 @@ def test_causes_are_told_apart_better_than_by_the_first_draws(monkeypatch: pytes
         made = make_plan(base, 60.0, tell=keys, seed=3)
         assert made.told is not None
         least.append(float(made.told.pairs[0, 1]))
+        # In the time that was asked for, the curve has the plan itself, though fewer of its poses calibrate better.
+        assert made.curve[:, 1][made.curve[:, 0] == 60.0] == pytest.approx(made.found.worst, rel=1e-12)
     assert least[1] > least[0]
     # The sweep cannot tell them apart at all.
     assert least[0] > 5.0 > isolability_of(base, keys).here.pairs[0, 1]

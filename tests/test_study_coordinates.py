@@ -13,9 +13,9 @@ from estimators.batch import ManyParameters, fit_many
 from estimators.design.exchange import coordinate_names as planned_names
 from estimators.known_angle.model import METHODS, Method, SensorParameters, columns_of_channels, parameter_names
 from rig.arrays import Array
-from rig.directions import direction_from_angles
+from rig.directions import direction_from_angles, elevation_azimuth_basis
 from scenarios.parameter_names import shown_name
-from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, coordinate_names, elevation_azimuth_basis
+from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, coordinate_names
 from scenarios.studies.second_order import _curvatures, second_order_bias
 
 

@@ -60,6 +60,8 @@ def test_subsets_are_every_25th_sample(recording: Recording, plain: SubsetStudy)
     row = next(k for k, one in enumerate(plain.parameters) if one.parameter == "sensitivity2")
     assert plain.estimates[row, 7] == pytest.approx(fit.parameters.sensitivity[1], rel=1e-9)
     assert len(plain.parameters) == 28
+    units = [each.unit for each in plain.parameters if each.parameter == "sensitivity1"]
+    assert units == ["V/(m/s²)", "V/G"]
     assert plain.estimates.shape == (28, 25)
     assert plain.samples == 166_400
 

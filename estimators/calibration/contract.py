@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Self
 
@@ -19,11 +19,11 @@ from estimators._json import Reader, dump
 from estimators.calibration.parts import AxisCalibration, FieldDirection, Quality
 from estimators.calibration.table import summary
 from rig.arrays import Array
-from rig.channels import READS, SENSORS
+from rig.channels import MAGNETOMETER, READS, SENSORS
 from rig.documents import parse_json, plain, read_bytes
 from rig.errors import RigError, shown, unknown_name
 from rig.files import write_text
-from rig.units import UNITS
+from rig.units import FIELD_UNITS, UNITS, parameter_unit
 
 #: The format of a calibration, version included.
 FORMAT: Final = "rig-calibration/1"
@@ -37,6 +37,7 @@ class SensorCalibration:
     Attributes:
         method: "simultaneous", "separate", or that of an attitude-free estimator.
         unit: the recorded unit of ``offset`` and ``bias``.
+        field_unit: of the field: "m_s2", or "G", "uT", "nT" of a magnetic one; None: it was relative, or not said.
         reads: of an accelerometer, "g-a" or "a-g": its field, and the one along which its axes lie; None: "g-a".
         reference_magnitude: of the field [m/s^2, field unit].
         matrix, bias: (3, 3), (3,): field = matrix @ (reading - bias), in frame 6; the accelerometer's field is what it
@@ -86,6 +87,7 @@ class SensorCalibration:
     convention: str | None = None
     quality: Quality = field(default_factory=Quality)
     reads: str | None = None
+    field_unit: str | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -112,6 +114,10 @@ class SensorCalibration:
     def warned(self, *words: str) -> Self:
         """With further warnings of its quality, behind those it has."""
         return replace(self, quality=replace(self.quality, warnings=(*self.quality.warnings, *words)))
+
+    def unit_of(self, name: str) -> str:
+        """The unit of a parameter of either form as readers write it: "V/G", "V/field" without ``field_unit``."""
+        return parameter_unit(name, self.unit, self.field_unit)
 
     def value(self, name: str) -> float:
         """The estimate of a parameter; of either form, angles or components."""
@@ -156,7 +162,15 @@ class SensorCalibration:
         for name in ("fit_rms", "fit_rms_root_sum_square", "parameters", "values", "covariance", "identifiable"):
             content[name] = getattr(self, name)
         content |= {"samples": self.samples, "quality": self.quality}
-        for name in ("noise", "noise_degrees_of_freedom", "noise_source", "weighting", "convention", "reads"):
+        for name in (
+            "noise",
+            "noise_degrees_of_freedom",
+            "noise_source",
+            "weighting",
+            "convention",
+            "reads",
+            "field_unit",
+        ):
             if (value := getattr(self, name)) is not None:
                 content[name] = value
         if self.vector_parameters:
@@ -166,8 +180,13 @@ class SensorCalibration:
         return found
 
     @classmethod
-    def read(cls, reader: Reader) -> Self:
+    def read(cls, reader: Reader, field_units: Sequence[str]) -> Self:
         """From the contract's object.
+
+        Args:
+            reader: of the object.
+            field_units: those its field may have. The only one holds where the object, of before there was the key,
+                does not say it.
 
         Raises:
             RigError: a key is missing or holds something else.
@@ -212,6 +231,7 @@ class SensorCalibration:
             weighting=reader.optional_text("weighting"),
             convention=reader.optional_text("convention"),
             reads=_reads(reader),
+            field_unit=_field_unit(reader, field_units),
             quality=Quality() if (quality := reader.optional("quality")) is None else Quality.read(quality),
             extra={name: value for name, value in reader.content.items() if name not in _KNOWN},
         )
@@ -249,6 +269,13 @@ def _unit(reader: Reader) -> str:
     if found not in (known := sorted({unit for units in UNITS.values() for unit in units})):
         raise RigError(f"{reader.where}.unit: {unknown_name('unit', found, known)}")
     return found
+
+
+def _field_unit(reader: Reader, known: Sequence[str]) -> str | None:
+    found = reader.optional_text("field_unit")
+    if found is not None and found not in known:
+        raise RigError(f"{reader.where}.field_unit: {unknown_name('unit', found, known)}")
+    return known[0] if len(known) == 1 else found
 
 
 def _values(names: tuple[str, ...], axes: tuple[AxisCalibration, ...], common: FieldDirection | None) -> Array:
@@ -291,6 +318,17 @@ class Calibration:
             raise unknown_name("calibrated sensor", sensor, self.sensors)
         return self.sensors[sensor]
 
+    def with_field_unit(self, unit: str | None) -> Self:
+        """With the magnetic field's unit, where the calibration does not say it itself.
+
+        Args:
+            unit: "G", "uT" or "nT"; None: not known.
+        """
+        own = self.sensors.get(MAGNETOMETER)
+        if own is None or own.field_unit is not None:
+            return self
+        return replace(self, sensors={**self.sensors, MAGNETOMETER: replace(own, field_unit=unit)})
+
     def __str__(self) -> str:
         """A readable table."""
         return summary(self)
@@ -331,7 +369,7 @@ class Calibration:
             if name not in SENSORS:
                 raise RigError(f"{inside.where}: {unknown_name('sensor', name, SENSORS)}")
         return cls(
-            sensors={name: SensorCalibration.read(inside.within(name)) for name in inside.content},
+            sensors={name: SensorCalibration.read(inside.within(name), FIELD_UNITS[name]) for name in inside.content},
             recording=reader.text("recording", missing=""),
             arm=reader.optional_text("arm"),
             extra={

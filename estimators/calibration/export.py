@@ -16,7 +16,7 @@ from typing import Any, Final
 from estimators._json import dump
 from estimators.calibration.contract import Calibration, SensorCalibration
 from estimators.calibration.export_ros import ros_yaml
-from rig.channels import ACCELEROMETER, CHANNELS_OF
+from rig.channels import ACCELEROMETER, CHANNELS_OF, MAGNETOMETER
 from rig.errors import RigError, unknown_name
 from rig.number_text import number
 
@@ -32,15 +32,16 @@ def export(calibration: Calibration, target: str, field_unit: str | None = None)
     Args:
         calibration: to be used elsewhere.
         target: "yaml", "json", "c" or "ros".
-        field_unit: unit of the magnetic field, G or uT; None: that of its reference magnitude.
+        field_unit: unit of the calibration's magnetic field, G, uT or nT, where it does not say it itself.
 
     Raises:
-        RigError: an unknown target, or a sensor whose axes do not span space, which has no matrix.
+        RigError: an unknown target, another unit than the calibration says, or a sensor whose axes do not span space,
+            which has no matrix.
     """
     if target not in TARGETS:
         raise unknown_name("export", target, TARGETS)
     if target == "ros":
-        return ros_yaml(calibration, field_unit)
+        return ros_yaml(in_field_unit(calibration, field_unit))
     content = contents(calibration, field_unit)
     if target == "json":
         return dump(content)
@@ -49,22 +50,32 @@ def export(calibration: Calibration, target: str, field_unit: str | None = None)
 
 def contents(calibration: Calibration, field_unit: str | None = None) -> dict[str, Any]:
     """What every export holds; arguments and errors as of ``export``."""
+    stated = in_field_unit(calibration, field_unit)
     return {
         "format": FORMAT,
         "recording": calibration.recording,
         "formula": FORMULA,
-        "sensors": {name: _sensor(name, sensor, field_unit) for name, sensor in calibration.sensors.items()},
+        "sensors": {name: _sensor(name, sensor) for name, sensor in stated.sensors.items()},
     }
 
 
-def _sensor(name: str, sensor: SensorCalibration, field_unit: str | None) -> dict[str, Any]:
+def in_field_unit(calibration: Calibration, unit: str | None) -> Calibration:
+    """The calibration with the unit of its magnetic field; arguments and errors as of ``export``."""
+    own = calibration.sensors.get(MAGNETOMETER)
+    said = None if own is None else own.field_unit
+    if unit is not None and said is not None and unit != said:
+        raise RigError(f"field_unit: found {unit}, expected {said}, which the calibration says its field is in")
+    return calibration.with_field_unit(unit)
+
+
+def _sensor(name: str, sensor: SensorCalibration) -> dict[str, Any]:
     numbers = (*sensor.matrix.ravel(), *sensor.bias)
     if not all(math.isfinite(value) for value in numbers):
         raise RigError(f"{name}: its axes do not span space, so there is no matrix to export")
     force = "a - g, the specific force" if sensor.reads == "a-g" else "g - a, minus the specific force"
     about = force if name == ACCELEROMETER else "the magnetic field"
     frame = "the tool frame" if sensor.axes else "the sensor's own frame"
-    unit = "m/s^2" if name == ACCELEROMETER else field_unit or "that of reference_magnitude"
+    unit = "m/s^2" if name == ACCELEROMETER else sensor.field_unit or "that of reference_magnitude"
     return {
         "field": f"{about}, in {frame}",
         "field_unit": unit,

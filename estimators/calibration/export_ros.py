@@ -16,15 +16,12 @@ from rig.units import conversion_factor
 _TESLA_PER_GAUSS = 1e-4
 
 
-def ros_yaml(calibration: Calibration, field_unit: str | None = None) -> str:
+def ros_yaml(calibration: Calibration) -> str:
     """YAML with one section a sensor; matrices and covariances are row-major lists of nine, as in ``sensor_msgs``.
 
     ``sensor_msgs/Imu`` has the specific force a - g (up at rest), in m/s^2: the matrix is that of the calibration, with
-    the other sign of one that gives g - a. ``sensor_msgs/MagneticField`` is in tesla, where the field's unit is known.
-
-    Args:
-        calibration: to be used elsewhere.
-        field_unit: unit of the magnetic field, G, uT or nT; None: relative, which is said in the file.
+    the other sign of one that gives g - a. ``sensor_msgs/MagneticField`` is in tesla, where the calibration says its
+    field's unit; where it does not, the file says so.
 
     Raises:
         RigError: a sensor whose axes do not span space, which has no matrix.
@@ -37,18 +34,18 @@ def ros_yaml(calibration: Calibration, field_unit: str | None = None) -> str:
     for name, sensor in calibration.sensors.items():
         if not np.isfinite(sensor.matrix).all():
             raise RigError(f"{name}: its axes do not span space, so there is no matrix to export")
-        lines += _section(name, sensor, field_unit)
+        lines += _section(name, sensor)
     return "\n".join(lines) + "\n"
 
 
-def _section(name: str, sensor: SensorCalibration, field_unit: str | None) -> list[str]:
+def _section(name: str, sensor: SensorCalibration) -> list[str]:
     if name == ACCELEROMETER:
         factor = 1.0 if sensor.reads == "a-g" else -1.0
         unit, message, member = "m/s^2", "sensor_msgs/Imu", "linear_acceleration"
     else:
-        known = field_unit is not None
-        factor = conversion_factor(field_unit, "G") * _TESLA_PER_GAUSS if field_unit is not None else 1.0
-        unit = "T" if known else "relative to the field's magnitude"
+        factor, unit = 1.0, f"not stated, one in which the field's magnitude is {number(sensor.reference_magnitude)}"
+        if sensor.field_unit is not None:
+            factor, unit = conversion_factor(sensor.field_unit, "G") * _TESLA_PER_GAUSS, "T"
         message, member = "sensor_msgs/MagneticField", "magnetic_field"
     matrix = factor * sensor.matrix
     noise = np.full(3, np.nan) if sensor.noise is None else np.asarray(sensor.noise, dtype=float)

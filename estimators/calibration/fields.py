@@ -49,12 +49,13 @@ def apply(calibration: Calibration, recording: Recording) -> Recording:
             f"{recording.origin or recording.name}: found {', '.join(recording.sensors)},"
             f" expected a sensor that was calibrated: {', '.join(calibration.sensors)}"
         )
-    return recording.with_fields(
-        {
-            sensor: field_of(calibration[sensor], recording.readings(sensor), recording.units[sensor])
-            for sensor in sensors
-        }
-    )
+    fields = {}
+    for sensor in sensors:
+        own, stated = calibration[sensor], recording.metadata.field_unit(sensor)
+        fields[sensor] = field_of(own, recording.readings(sensor), recording.units[sensor])
+        if own.field_unit is not None and stated != "raw":  # the recording's columns have the unit that it states
+            fields[sensor] *= conversion_factor(own.field_unit, stated)
+    return recording.with_fields(fields)
 
 
 def apply_file(

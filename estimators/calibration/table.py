@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from rig.channels import ACCELEROMETER
 from rig.number_text import with_std
 
 if TYPE_CHECKING:
@@ -19,17 +18,7 @@ def summary(calibration: Calibration) -> str:
     return "\n\n".join([title, *blocks])
 
 
-def _unit(calibration: SensorCalibration, name: str, field_unit: str) -> str:
-    """The unit of a parameter by its name."""
-    if name.endswith("_deg"):
-        return "deg"
-    if name.startswith("sensitivity"):
-        return f"{calibration.unit}/({field_unit})"
-    return calibration.unit if name.startswith("offset") else ""
-
-
 def _sensor(name: str, sensor: SensorCalibration) -> str:
-    field_unit = "m/s^2" if name == ACCELEROMETER else "field"
     lines = [f"{name}: {sensor.method}, {sensor.samples} samples"]
     if sensor.noise_source is not None:
         lines[0] += f", noise from {sensor.noise_source}"
@@ -38,7 +27,7 @@ def _sensor(name: str, sensor: SensorCalibration) -> str:
     for parameter in sensor.parameters:
         told = sensor.identifiable.get(parameter, True)
         value, std = with_std(sensor.value(parameter), sensor.std(parameter), "-")
-        rows.append((parameter.removesuffix("_deg"), value, std, _unit(sensor, parameter, field_unit)))
+        rows.append((parameter.removesuffix("_deg"), value, std, sensor.unit_of(parameter)))
         if told is not True:
             reasons.append((parameter.removesuffix("_deg"), str(told)))
     if sensor.field_direction is not None:

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.known_angle.model import SensorParameters, columns_of_channels
+from estimators.known_angle.model import SensorParameters
 from rig.arrays import Array, Mask, Rows
 from rig.threads import one_blas_thread
 
@@ -58,8 +58,7 @@ class Criterion:
                 much it counts; one where nothing is said, zero to leave it out.
         """
         names = coordinate_names()
-        turn = _along_angles(truth)
-        jacobian = truth.jacobian("simultaneous") @ turn.T
+        jacobian = truth.jacobian("simultaneous") @ truth.along_angles("simultaneous").T
         weight = np.array([_weight(name, weights or {}) for name in names])
         found = cls(sensor, names, jacobian, noise, np.ones(_PARAMETERS), weight, truth.gain)
         return replace(found, reference=found.std(found.information(gram)[None])[0])
@@ -111,24 +110,6 @@ def coordinate_names() -> tuple[str, ...]:
 def _weight(name: str, weights: Mapping[str, float]) -> float:
     stem = name.partition("_")[0]
     return float(weights.get(stem, weights.get(stem.rstrip("123"), 1.0)))
-
-
-def _along_angles(truth: SensorParameters) -> Array:
-    """(14, 14) from tangent coordinates to those along elevation and azimuth."""
-    axis_basis, field_basis = truth.bases
-    turn = np.eye(_PARAMETERS)
-    for k, start, of_field in columns_of_channels("simultaneous"):
-        turn[start + 2 : start + 4, start + 2 : start + 4] = _angles(truth.axes[k]) @ axis_basis[k].T
-        turn[of_field, of_field] = _angles(truth.fields[k]) @ field_basis[k].T
-    return turn
-
-
-def _angles(direction: Array) -> Array:
-    """(2, 3) unit vectors along growing elevation and azimuth; any two at a pole."""
-    x, y, _ = direction
-    level = float(np.hypot(x, y))
-    azimuth = np.array([-y, x, 0.0]) / level if level > 1e-9 else np.array([0.0, 1.0, 0.0])
-    return np.stack([np.cross(azimuth, direction), azimuth])
 
 
 def exchange(

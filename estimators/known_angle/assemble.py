@@ -30,6 +30,7 @@ def assemble(
     floor_std: ArrayLike = 0.0,
     field_points: ArrayLike = (0.0, 0.0, -1.0),
     reads: str | None = None,
+    field_unit: str | None = None,
 ) -> SensorCalibration:
     """A calibration with its covariance in every form, and with its quality.
 
@@ -40,6 +41,7 @@ def assemble(
         floor_std: (3,) standard deviation of a given noise floor itself [recorded unit].
         field_points: (3,) what ``fit_sensor`` was given.
         reads: of an accelerometer, "g-a" or "a-g".
+        field_unit: of the field; None: relative.
     """
     parameters = fit.parameters
     reported = report(parameters, fit.covariance, fit.method)
@@ -94,6 +96,7 @@ def assemble(
         f" positive component along {_numbers(field_points)} in the base frame",
         quality=quality,
         reads=reads,
+        field_unit=field_unit,
     )
 
 

@@ -142,6 +142,11 @@ def reads_of(metadata: Metadata, sensor: str) -> str | None:
     return metadata.accelerometer_reads if sensor == ACCELEROMETER else None
 
 
+def field_unit_of(metadata: Metadata, sensor: str) -> str | None:
+    """The unit of a sensor's field: "m_s2", "G", "uT", "nT"; None of a magnetic one that is relative."""
+    return "m_s2" if sensor == ACCELEROMETER else metadata.magnetic_field_unit
+
+
 @dataclass(frozen=True)
 class Floors:
     """The noise by sensor, from wherever it is known.
@@ -212,4 +217,7 @@ def arm_or_named(arm: Arm | None, name: str | None) -> Arm | None:
 def _check_limits(arm: Arm, q: Array, where: str) -> None:
     """As ``Arm.check_limits``, without its intermediate arrays where all is well."""
     if q.shape[1] != arm.dof or (q.min(axis=0) < arm.lower).any() or (q.max(axis=0) > arm.upper).any():
-        arm.check_limits(q, where)
+        try:
+            arm.check_limits(q, where)
+        except RigError as error:
+            raise RigError(f"{error} of arm {arm.name!r}; the model of another arm is stated by --arm FILE") from None

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rig.arrays import Array
-from rig.directions import angles_from_direction, tangent_basis
+from rig.directions import angles_from_direction, elevation_azimuth_basis, tangent_basis
 from rig.sensor import TriaxialSensor
 
 Method = Literal["simultaneous", "separate"]
@@ -107,6 +107,18 @@ class SensorParameters:
             result[..., :9, 2 + a] = self._turned(self.fields, length[..., None] * axis_basis[..., a, :])
             result[..., :9, 4 + a] = self._turned(field_basis[..., a, :], m)
         return result
+
+    def along_angles(self, method: Method) -> Array:
+        """(p, p) from the coordinates of ``jacobian`` to those along growing elevation and azimuth of each unit
+        vector."""
+        bases = [
+            elevation_azimuth_basis(vectors) @ basis.swapaxes(-1, -2)
+            for vectors, basis in zip((self.axes, self.fields), self.bases, strict=True)
+        ]
+        turn = np.eye(PARAMETERS_OF[method])
+        for k, start, of_field in columns_of_channels(method):
+            turn[start + 2 : start + 4, start + 2 : start + 4], turn[of_field, of_field] = bases[0][k], bases[1][k]
+        return turn
 
     def jacobian(self, method: Method) -> Array:
         """Derivative of theta_k by the parameters in tangent coordinates.

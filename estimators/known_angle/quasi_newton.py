@@ -8,7 +8,7 @@ open. The cost is that of all samples, from their sufficient statistics as a sum
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,10 +17,10 @@ from scipy.optimize import minimize
 from estimators._json import AsJson
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.known_angle.from_recording import summarise
-from estimators.known_angle.model import Method, SensorParameters
+from estimators.known_angle.model import Method, SensorParameters, parameter_names
 from estimators.known_angle.statistics import Statistics
 from rig.arrays import Array
-from rig.directions import angles_from_direction, direction_from_angles
+from rig.directions import difference_of, direction_from_angles
 from rig.recording import Recording, RecordingScan
 from rig.threads import one_blas_thread
 
@@ -183,18 +183,16 @@ def as_renk(
         method: Method = "separate" if sensor.method == "separate" else "simultaneous"
         own = summed.statistics.select(slice(3 * place, 3 * place + 3))
         end = quasi_newton(own, sensor.reference_magnitude, method)
-        found[name] = _compared(end, sensor)
+        found[name] = _compared(end, sensor, method)
     return found
 
 
-def _compared(end: QuasiNewton, sensor: SensorCalibration) -> SearchEnd:
-    values = _named(end.parameters, sensor)
+def _compared(end: QuasiNewton, sensor: SensorCalibration, method: Method) -> SearchEnd:
+    values = _named(end.parameters, sensor, method)
     std = np.sqrt(sensor.covariance.diagonal())
     off: dict[str, float] = {}
     for name, value, own in zip(sensor.parameters, sensor.values, std, strict=True):
-        difference = values[name] - value
-        if name.endswith("_deg"):
-            difference = (difference + 180.0) % 360.0 - 180.0
+        difference = difference_of(name, values[name], float(value))
         if np.isfinite(difference) and np.isfinite(own) and own > 0.0:
             off[name] = abs(difference) / float(own)
     worst = max(off, key=lambda name: off[name])
@@ -202,21 +200,8 @@ def _compared(end: QuasiNewton, sensor: SensorCalibration) -> SearchEnd:
     return SearchEnd(end.iterations, end.evaluations, end.cost / least, worst, off[worst], values, end.message)
 
 
-def _named(parameters: SensorParameters, sensor: SensorCalibration) -> dict[str, float]:
+def _named(parameters: SensorParameters, sensor: SensorCalibration, method: Method) -> dict[str, float]:
     """The parameters by the calibration's names, on its side of (f, P) and (-f, -P)."""
-    separate = sensor.method == "separate"
-    values: dict[str, float] = {}
-    for k, axis in enumerate(sensor.axes):
-        sign = 1.0 if float(parameters.axes[k] @ axis.axis) >= 0.0 else -1.0
-        beta, gamma = angles_from_direction(sign * parameters.axes[k])
-        phi, psi = angles_from_direction(sign * parameters.fields[k])
-        number = k + 1
-        values |= {
-            f"sensitivity{number}": float(parameters.sensitivity[k]),
-            f"offset{number}": float(parameters.offset[k]),
-            f"beta{number}_deg": float(beta),
-            f"gamma{number}_deg": float(gamma),
-        }
-        own = str(number) if separate else ""
-        values |= {f"phi{own}_deg": float(phi), f"psi{own}_deg": float(psi)}
-    return values
+    sides = np.where((parameters.axes * sensor.axis_vectors).sum(axis=1, keepdims=True) >= 0.0, 1.0, -1.0)
+    turned = replace(parameters, axes=sides * parameters.axes, fields=sides * parameters.fields)
+    return dict(zip(parameter_names(method), turned.values(method).tolist(), strict=True))

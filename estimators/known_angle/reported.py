@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators.known_angle.model import Method, SensorParameters, columns_of_channels, parameter_names
 from rig.arrays import Array
-from rig.directions import angles_from_direction
+from rig.directions import angles_from_direction, elevation_azimuth_basis
 
 #: Standard deviation of an angle beyond which its linear interval does not hold [deg].
 ANGLE_LIMIT_DEG: Final = 2.0
@@ -78,13 +78,10 @@ def report(parameters: SensorParameters, covariance: Array, method: Method) -> R
     directions, rows = _directions(method)
     vectors = np.concatenate([parameters.axes, parameters.fields])[rows]
     bases = np.concatenate(parameters.bases)[rows]
-    elevation, azimuth = (np.radians(angle) for angle in angles_from_direction(vectors))
-    sin_e, sin_a, cos_a = np.sin(elevation), np.sin(azimuth), np.cos(azimuth)
+    elevation, azimuth = angles_from_direction(vectors)
     cos_e = np.hypot(vectors[:, 0], vectors[:, 1])
-    zero = np.zeros(len(vectors))
     # Unit tangents along growing elevation and azimuth, in each basis (d, 2).
-    along = np.einsum("dai,di->da", bases, np.stack([-sin_e * cos_a, -sin_e * sin_a, -cos_e], axis=1))
-    across = np.einsum("dai,di->da", bases, np.stack([-sin_a, cos_a, zero], axis=1))
+    along, across = np.einsum("dai,dei->eda", bases, elevation_azimuth_basis(vectors))
     blocks = np.stack([covariance[d.first : d.first + 2, d.first : d.first + 2] for d in directions])
     one, other, mixed = blocks[:, 0, 0], blocks[:, 1, 1], blocks[:, 0, 1]
     largest = np.sqrt(0.5 * (one + other) + np.hypot(0.5 * (one - other), mixed))  # eigenvalue of each block
@@ -99,7 +96,7 @@ def report(parameters: SensorParameters, covariance: Array, method: Method) -> R
     for i, direction in enumerate(directions):
         first, second = direction.first, direction.first + 1
         columns = slice(first, second + 1)
-        values[first], values[second] = np.degrees(elevation[i]), np.degrees(azimuth[i])
+        values[first], values[second] = elevation[i], azimuth[i]
         if near_pole[i]:
             name = direction.elevation.removesuffix("_deg")
             warnings.append(

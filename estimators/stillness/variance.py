@@ -36,28 +36,7 @@ def windowed_variance(channels: Sequence[Array], window: int) -> Array:
     count = len(channels[0])
     if window < 3 or window % 2 == 0 or window > count:
         raise RigError(f"window: found {window} samples of {count}, expected an odd number, 3 or more, at most as many")
-    half = window // 2
-    inside = count - 2 * half  # full windows
-    result = np.empty((len(channels), count))
-    centred = np.empty(min(_BLOCK, inside) + 2 * half)
-    squares, mean, mean_square = np.empty_like(centred), np.empty_like(centred), np.empty_like(centred)
-    for begin in range(0, inside, _BLOCK):
-        size = min(_BLOCK, inside - begin) + 2 * half
-        y, yy, m, mm = centred[:size], squares[:size], mean[:size], mean_square[:size]
-        full = slice(half, size - half)
-        for channel, values in enumerate(channels):
-            part = values[begin : begin + size]
-            np.subtract(part, part[size // 2], out=y)
-            np.multiply(y, y, out=yy)
-            uniform_filter1d(y, window, output=m)
-            uniform_filter1d(yy, window, output=mm)
-            m *= m
-            mm -= m
-            found = np.maximum(mm[full], 0.0, out=result[channel, begin + half : begin + size - half])
-            found *= window / (window - 1)
-    result[:, :half] = result[:, half, None]
-    result[:, count - half :] = result[:, count - half - 1, None]
-    return result
+    return np.array([weighted_variance([values], window, np.ones(1)) for values in channels])
 
 
 def weighted_variance(channels: Sequence[Array], window: int, weights: Array) -> Array:
@@ -66,7 +45,7 @@ def weighted_variance(channels: Sequence[Array], window: int, weights: Array) ->
     The weighted squares of all channels have one running sum.
     """
     count, half = len(channels[0]), window // 2
-    inside = count - 2 * half
+    inside = count - 2 * half  # full windows
     result = np.empty(count)
     scales = np.sqrt(weights * (window / (window - 1)))
     work = working_rows(3, min(_BLOCK, inside) + 2 * half)

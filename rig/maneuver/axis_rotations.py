@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rig.arrays import Array
 from rig.maneuver._checks import number
@@ -48,15 +49,7 @@ class AxisRotations:
         times = sample_times(self.duration_s, self.rate_Hz) if t is None else np.asarray(t, dtype=float)
         axis = np.clip(np.floor(times / self.turn_s), 0, 2).astype(int)
         angle = 2.0 * np.pi * quintic(times / self.turn_s - axis)[0]
-        turned = _about(np.eye(3)[axis], angle)
-        tilt = _about(np.array([[1.0, 1.0, 0.0]]) / np.sqrt(2.0), np.radians([self.tilt_deg]))[0]
+        turned = Rotation.from_rotvec(angle[:, None] * np.eye(3)[axis])
+        tilt = Rotation.from_rotvec(np.radians(self.tilt_deg) * np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0))
         still = np.zeros((len(times), 3))
-        return PoseTrajectory(times, tilt @ turned, still, still)
-
-
-def _about(axis: Array, angle: Array) -> Array:
-    """(n, 3, 3) rotations by angles (n,) [rad] about unit vectors (n, 3): Rodrigues' formula."""
-    cross = np.cross(np.eye(3)[None], axis[:, None, :])  # rows e_i x axis: the matrix of axis x .
-    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    outer = axis[:, :, None] * axis[:, None, :]
-    return np.asarray(cosine * np.eye(3) + sine * cross + (1.0 - cosine) * outer)
+        return PoseTrajectory(times, (tilt * turned).as_matrix(), still, still)

@@ -9,10 +9,11 @@ from datetime import datetime
 from numbers import Real
 from typing import Any, Final
 
-from rig.channels import ACCELEROMETER, READS, Reads
+from rig.channels import ACCELEROMETER, MAGNETOMETER, READS, Reads
 from rig.documents import parse_json
 from rig.environment import MAGNITUDES
 from rig.errors import RigError, closest, shown, unknown_name
+from rig.units import FIELD_UNITS
 
 #: The format of a recording, version included.
 FORMAT: Final = "rig-recording/1"
@@ -20,7 +21,6 @@ FORMAT: Final = "rig-recording/1"
 #: What a recording states of gravity and of the magnetic field.
 FIELD_SIZES: Final = ("gravity_m_s2", "magnetic_field")
 _LONGEST_NAME: Final = 200
-_FIELD_UNITS: Final = ("G", "uT", "nT")
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class Metadata:
             raise RigError(f"metadata still_poses: found {shown(self.still_poses)}, expected true or false")
         if not isinstance(self.arm, str) or not _is_name(self.arm):
             raise RigError(f"metadata arm: found {shown(self.arm)}, expected the name of an arm")
-        if self.magnetic_field_unit is not None and self.magnetic_field_unit not in _FIELD_UNITS:
-            raise unknown_name("metadata magnetic_field_unit", str(self.magnetic_field_unit), _FIELD_UNITS)
+        if self.magnetic_field_unit is not None and self.magnetic_field_unit not in FIELD_UNITS[MAGNETOMETER]:
+            raise unknown_name("metadata magnetic_field_unit", str(self.magnetic_field_unit), FIELD_UNITS[MAGNETOMETER])
         number = isinstance(self.serial, int) and not isinstance(self.serial, bool) and self.serial.bit_length() <= 256
         if self.serial is not None and not number and not (isinstance(self.serial, str) and _is_name(self.serial)):
             raise RigError(f"metadata serial: found {shown(self.serial)}, expected a text or a number")

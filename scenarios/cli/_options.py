@@ -188,10 +188,23 @@ def without_locked(runs: Sequence[Path]) -> list[Path]:
     return [run for run in runs if not run.stem.endswith(".locked") or run.with_name(run.stem[:-7]) not in stems]
 
 
+class _ManeuverOption(click.Option):
+    """Lists the maneuvers where its help is asked for: they need NumPy, which is not imported before."""
+
+    @property
+    def help(self) -> str | None:
+        from rig.maneuver import MANEUVERS
+
+        return f"Another maneuver than the scenario's, made to fit the arm: {', '.join(MANEUVERS)}."
+
+    @help.setter
+    def help(self, text: str | None) -> None:
+        """Click's own, which is none."""
+
+
 def maneuver_option(command: Command) -> Command:
     """``--maneuver``: another kind of maneuver, made to fit the arm."""
-    text = "Another maneuver than the scenario's, made to fit the arm: torus-sweep, static-poses, locked-poses."
-    return click.option("--maneuver", "kind", metavar="KIND", help=text)(command)
+    return click.option("--maneuver", "kind", metavar="KIND", cls=_ManeuverOption)(command)
 
 
 def on_arm(scenario: Scenario, arm_file: Path | None, tip: str | None, kind: str | None) -> Scenario:

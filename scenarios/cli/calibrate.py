@@ -110,7 +110,7 @@ def calibrate(
       rig calibrate poses.parquet monday.parquet tuesday.parquet -o cal.json
       rig calibrate tumble.csv --method ellipsoid --parameters 6 --coverage tumble.png
       rig calibrate tumble.csv --method ellipsoid --start datasheet --static-threshold 0.0016
-      rig calibrate run.csv --noise 13.4,13.6,14.6 --method separate
+      rig calibrate run.csv --noise 13.4,13.6,14.6,8.5,6.8,11.7 --method separate
       rig calibrate mine.parquet --arm mine.urdf --tip sensor_link --gravity 9.8029 --field 55.2uT -o cal.json
       rig calibrate mine.parquet --at 42.28,-83.74,260 --date 2026-11-22 -o cal.json
     """
@@ -220,7 +220,7 @@ def calibrate(
 
     if method is None and attitude_free:
         click.echo(f"{run}: has no pose: calibrated by the magnitude of the fields, as by --method ellipsoid\n")
-    show(calibration_report(calibration, scan.metadata.magnetic_field_unit))
+    show(calibration_report(calibration))
     for written in (output, coverage):
         if written is not None:
             click.echo(f"\n{written}: written")

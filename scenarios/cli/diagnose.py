@@ -49,7 +49,14 @@ if TYPE_CHECKING:
 @click.option("--prior", type=PATH, metavar="F.toml", help="Weights of the effects that this arm is prone to.")
 @click.option("--rig", "fitted", type=PATH, metavar="F.toml", help="Judge against this fitted rig, not the ideal one.")
 @arm_options
-@click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; one for each processor by default.")
+@click.option(
+    "--jobs",
+    "--workers",
+    "jobs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes; one for each processor by default.",
+)
 @cluster_option
 @click.option("--save-scenario", "saved", type=PATH, metavar="F.toml", help="Write the improved rig, for rig sweep.")
 @click.option(
@@ -58,7 +65,16 @@ if TYPE_CHECKING:
     metavar="M",
     help="For the next maneuver; as long as RUN by default.",
 )
-@click.option("--out", type=PATH, default="diagnosis", metavar="DIR", help="For the results; ./diagnosis by default.")
+@click.option(
+    "-o",
+    "--output",
+    "--out",
+    "out",
+    type=PATH,
+    default="diagnosis",
+    metavar="DIR",
+    help="For the results; ./diagnosis by default.",
+)
 @memory_option
 @json_option
 def diagnose(

@@ -204,7 +204,9 @@ def _tell(found: Imported, output: Path | None, written: Path | None) -> None:
 @arm_options
 @json_option
 def check(file: Path, arm_file: Path | None, tip: str | None, as_json: bool) -> int:
-    """Look into FILE: a recording, scenario, mapping, calibration, diagnosis or cause. Exit status 1: it looks wrong.
+    """Look into FILE: a recording, scenario, mapping, prior, calibration, diagnosis or cause.
+
+    Exit status 1: it looks wrong.
 
     \b
     Example:

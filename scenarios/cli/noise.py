@@ -46,5 +46,6 @@ def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: 
         save(noise_figure(study, recording.name), output)
     from scenarios.terminal.noise import noise_report
 
-    field_unit = recording.metadata.magnetic_field_unit
-    answer(as_json, study, lambda noise: noise_report(noise, found, field_unit), output)
+    if found is not None:
+        found = found.with_field_unit(recording.metadata.magnetic_field_unit)
+    answer(as_json, study, lambda noise: noise_report(noise, found), output)

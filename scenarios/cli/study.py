@@ -46,7 +46,12 @@ def study() -> None:
 def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """``--workers`` and ``--cluster``: where trials run."""
     workers = click.option(
-        "--workers", type=click.IntRange(min=0), metavar="N", help="Local processes; 0: this one. One a processor."
+        "--workers",
+        "--jobs",
+        "workers",
+        type=click.IntRange(min=0),
+        metavar="N",
+        help="Local processes; 0: this one. One a processor.",
     )
     return workers(cluster_option(command))
 

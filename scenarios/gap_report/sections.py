@@ -35,7 +35,7 @@ from scenarios.gap_report.words import (
     rig_words,
     worth_shifts,
 )
-from scenarios.shown_units import parameter_unit, shown_units
+from scenarios.shown_units import shift_unit, shown_units
 
 _SHIFTS = 12
 #: Where causes do the same to the recording.
@@ -204,7 +204,7 @@ def calibration(diagnosis: Diagnosis, recording: Recording) -> str:
     for name, shift in shown:
         difference = shift["before"] - shift["after"]
         cells = (_fixed(shift[key], difference) for key in ("before", "after"))
-        unit = parameter_unit(name, recording.units, recording.metadata.magnetic_field_unit)
+        unit = shift_unit(name, recording.units, recording.metadata.magnetic_field_unit)
         rows.append((f"<code>{escape(name)}</code>", *cells, escape(unit)))
     titles = ("parameter", "gap not modelled", "gap modelled", "unit")
     below = f"<p class='soft'>The other {rest} moved less.</p>" if rest else ""

@@ -15,6 +15,7 @@ from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
 from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording
+from rig.recording.joint_degrees import degrees_words
 from rig.recording.metadata import FIELD_SIZES
 from rig.units import STANDARD_GRAVITY
 from scenarios.importing.bag_log import is_bag, read_bag
@@ -224,13 +225,21 @@ def _slower(pose: Track, t: Array) -> float | None:
 
 
 def _arm_name(pose: Track | None, mapping: Mapping, arm: Arm | None) -> str:
-    """Of the recording's metadata; six joints that are numbered, not named, are taken for the rig's own arm's."""
+    """Of the recording's metadata; six joints that are numbered, not named, are the rig's own arm's if they
+    keep its limits."""
     if pose is None or pose.kind == "rotation":
         return "none"
     if arm is not None:
         return arm.name
+    own = Arm.a465()
     named = [name for name, target in mapping.columns.items() if is_joint(target) and not is_numbered(name)]
-    return "unknown" if named or pose.values.shape[1] != Arm.a465().dof else "a465"
+    if named or pose.values.shape[1] != own.dof:
+        return "unknown"
+    try:
+        own.check_limits(pose.values, pose.log)
+    except RigError:
+        return "unknown"
+    return own.name
 
 
 def _rotations(pose: Track, arm: Arm | None) -> Array | None:
@@ -297,7 +306,8 @@ def _checked(
     reads = mapping.conventions.accelerometer_reads
     rotations = None if pose is None else _rotations(pose, arm)
     if pose is not None and rotations is None:
-        findings.append("joint angles without --arm FILE: their conventions are not checked")
+        taken = " and taken for the a465's" if recording.metadata.arm == "a465" else ""
+        findings.append(f"joint angles without --arm FILE: their conventions are not checked{taken}")
     handed: dict[str, Array] = {}
     for sensor in recording.sensors:
         if rotations is None or pose is None:
@@ -357,8 +367,6 @@ def _unit_findings(recording: Recording) -> list[str]:
             found.append(
                 f"magnetometer: the median magnitude is {size:.3g} {unit}, expected {low:g} to {high:g}: its unit?"
             )
-    if recording.q is not None:
-        largest = float(np.abs(recording.q).max())
-        if largest > 100.0:
-            found.append(f"joints: angles up to {largest:.3g} rad: degrees, not radians?")
+    if degrees := degrees_words(recording):
+        found.append(f"joints: {degrees}")
     return found

@@ -86,7 +86,8 @@ class Plan:
     Attributes:
         scenario: that makes it. found: its poses, or its sweep.
         parameters: by sensor, the standard deviations that it promises.
-        curve: (m, 2) shorter and longer times [s] and the worst ratio in them.
+        curve: (m, 2) shorter and longer times [s] and the worst ratio in them, with fewer poses or harmonics where
+            that is better; of a plan that is to tell effects apart with the same ones.
         assumed: what the arm's file does not state. slender: whether links were taken for capsules.
         told: what it shows of the effects that it is to tell apart; None where it is to calibrate.
     """
@@ -217,10 +218,10 @@ def make_plan(
     if kind == "sweep":
         sweeps = SweepSearch(search)
         swept = sweeps.best(seconds, progress) if tell is None else telling_sweep(base, sweeps, seconds, tell, progress)
-        made = _swept(base, sweeps, swept, name)
+        made = _swept(base, sweeps, swept, name, tell is not None)
     else:
         found = search.best(seconds, progress) if tell is None else telling(base, search, seconds, tell, progress)
-        made = planned(base, search, found, seconds, name)
+        made = _posed(base, search, found, seconds, name, tell is not None)
     if tell is None:
         return made
     told = shown_by(made.scenario, made.maneuver, tell or None)
@@ -229,8 +230,11 @@ def make_plan(
     return replace(made, scenario=scenario, told=told)
 
 
-def planned(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float, name: str) -> Plan:
-    """The plan of poses that were found: rounded as a person reads them, and judged as they then are."""
+def _posed(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float, name: str, whole: bool) -> Plan:
+    """The plan of poses that were found: rounded as a person reads them, and judged as they then are.
+
+    ``whole``: in other times it is to have all of the poses, as where they were not chosen to calibrate.
+    """
     arm = search.arm
     shown = arm.in_degrees(found.q)
     shown = np.where(arm.slides, np.round(shown, 4), np.round(shown, _DIGITS)) + 0.0
@@ -254,14 +258,15 @@ def planned(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float,
         ),
         poses,
         tuple(Parameters.of(criterion, gram, np.zeros((len(q), 10, 3))) for criterion in search.criteria),
-        _curve(search, poses, seconds),
+        _curve(search, poses, seconds, whole),
         search.dynamics.assumed,
         search.clearance.slender,
     )
 
 
-def _swept(base: Scenario, search: SweepSearch, found: SweepPlan, name: str) -> Plan:
-    """The plan of a sweep that was found: rounded as a person reads it, and judged as it then is."""
+def _swept(base: Scenario, search: SweepSearch, found: SweepPlan, name: str, whole: bool) -> Plan:
+    """The plan of a sweep that was found: rounded as a person reads it, and judged as it then is; ``whole`` as of
+    ``_posed``, of its harmonics."""
     room, seconds = search.room, found.seconds
     maneuver = search.maneuver(found.values, seconds)
     swept = search.plan(search.values_of(maneuver), seconds)
@@ -279,7 +284,7 @@ def _swept(base: Scenario, search: SweepSearch, found: SweepPlan, name: str) -> 
             Parameters.of(one, gram, cross if one.sensor == ACCELEROMETER else np.zeros_like(cross))
             for one in room.criteria
         ),
-        sweep_curve(search, swept, np.array(_SHORTER) * seconds),
+        sweep_curve(search, swept, np.array(_SHORTER) * seconds, whole),
         room.dynamics.assumed,
         room.clearance.slender,
     )
@@ -304,10 +309,10 @@ def _scenario(
     )
 
 
-def _curve(search: PoseSearch, poses: PosePlan, seconds: float) -> Array:
-    """(m, 2) times and the worst ratio in them, with as many of the poses as are best then."""
+def _curve(search: PoseSearch, poses: PosePlan, seconds: float, whole: bool) -> Array:
+    """(m, 2) times and the worst ratio in them, with as many of the poses as are best then, or the ``whole``."""
     nested, q = [poses.q], poses.q
-    while len(q) > _FEWEST_POSES:
+    while len(q) > _FEWEST_POSES and not whole:
         fewer = [np.delete(q, place, axis=0) for place in range(len(q))]
         q = min(fewer, key=lambda rest: search.timed(rest, 2.0 * seconds).worst)
         nested.append(q)

@@ -70,7 +70,8 @@ def _parts(plan: Plan) -> Iterable[RenderableType]:
             " error is counted beside the standard deviation. Poses with holds have none."
         )
     curve = ", ".join(f"{time:.0f} s: {value:.2f}" for time, value in plan.curve)
-    yield Text(f"In other times the worst would be: {curve}.")
+    same = "" if plan.told is None else f" with the same {'sweep' if sweeps else 'poses'}"
+    yield Text(f"In other times{same} the worst would be: {curve}.")
     if plan.assumed:
         yield Text(f"Assumed, as the arm's file does not state them: {plan.assumed}.", style="yellow")
     if plan.slender:

@@ -261,11 +261,13 @@ def tenths(parts: Array) -> Array:
     return np.asarray(parts.reshape(10, -1, *parts.shape[1:]).sum(axis=1))
 
 
-def sweep_curve(search: SweepSearch, swept: SweepPlan, times: Array) -> Array:
-    """(m, 2) times [s] and the worst error of the sweep in them, slowed or with fewer harmonics as is best then."""
+def sweep_curve(search: SweepSearch, swept: SweepPlan, times: Array, whole: bool) -> Array:
+    """(m, 2) times [s] and the worst error of the sweep in them, slowed or with fewer harmonics as is best then; slowed
+    where it is to stay ``whole``."""
+    kept = [swept.values] if whole else _nested(swept.values)
     found = []
     for seconds in times:
-        tried = [search.plan(search.fitted(fewer, seconds), seconds) for fewer in _nested(swept.values)]
+        tried = [search.plan(search.fitted(fewer, seconds), seconds) for fewer in kept]
         free = (each for each in sorted(tried, key=lambda each: each.worst) if search.free(each.values, seconds))
         worst = next((each.worst for each in free), WORTHLESS)
         if worst < WORTHLESS:

@@ -18,7 +18,7 @@ from estimators.batch import ManyFits, ManyParameters
 from estimators.known_angle.identifiability import bound
 from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
 from rig.arrays import Array
-from rig.directions import angles_from_direction, tangent_basis
+from rig.directions import elevation_azimuth_basis, tangent_basis
 
 #: A unit vector's natural size: a radian, in degrees.
 RADIAN_DEG: Final = float(np.degrees(1.0))
@@ -59,17 +59,10 @@ class Coordinates:
     @cached_property
     def from_tangent(self) -> Array:
         """(p, p) from the coordinates of ``SensorParameters.jacobian`` at the truth to these."""
-        result = np.zeros((len(self.names),) * 2)
-        for k, start, of_field in columns_of_channels(self.method):
-            result[[start, start + 1], [start, start + 1]] = self.truth.scales[k]
-            for columns, own, basis in self._directions(k, start, of_field):
-                result[columns, columns] = RADIAN_DEG * own @ basis.T
-        return result
-
-    def _directions(self, k: int, start: int, of_field: slice) -> tuple[tuple[slice, Array, Array], ...]:
-        axes, fields = self._tangents
-        axis_basis, field_basis = self.truth.bases
-        return (slice(start + 2, start + 4), axes[k], axis_basis[k]), (of_field, fields[k], field_basis[k])
+        units = np.full(len(self.names), RADIAN_DEG)
+        for k, start, _ in columns_of_channels(self.method):
+            units[start : start + 2] = self.truth.scales[k]
+        return units[:, None] * self.truth.along_angles(self.method)
 
     def bound(self, gram: ArrayLike, noise: ArrayLike) -> Array:
         """The Cramer-Rao bound (p, p); NaN where the poses tell nothing.
@@ -125,15 +118,3 @@ def coordinate_names(method: Method) -> tuple[str, ...]:
         own = str(n) if method == "separate" else ""
         names[of_field] = f"field{own}_phi_deg", f"field{own}_psi_deg"
     return tuple(names)
-
-
-def elevation_azimuth_basis(direction: ArrayLike) -> Array:
-    """Unit vectors (.., 2, 3) along growing elevation and growing azimuth at unit vectors (.., 3).
-
-    At the pole itself the azimuth is the one that ``angles_from_direction`` gives.
-    """
-    elevation, azimuth = (np.radians(angle) for angle in angles_from_direction(direction))
-    zero = np.zeros_like(azimuth)
-    along = [-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth), -np.cos(elevation)]
-    across = [-np.sin(azimuth), np.cos(azimuth), zero]
-    return np.stack([np.stack(along, axis=-1), np.stack(across, axis=-1)], axis=-2)

@@ -18,7 +18,8 @@ from estimators.known_angle.model import Method, SensorParameters, columns_of_ch
 from estimators.known_angle.reported import Reported, report
 from estimators.known_angle.statistics import Statistics
 from rig.arrays import Array
-from rig.channels import ACCELEROMETER, CHANNELS_OF
+from rig.channels import CHANNELS_OF
+from rig.units import parameter_unit
 from scenarios.studies.coordinates import Coordinates
 from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetParameter
 
@@ -33,13 +34,14 @@ class SubsetsOfSensor:
     """One sensor's subsets, and its separate fits.
 
     Attributes:
-        name, unit, magnitude: of the sensor. where: the recording, for messages.
+        name, unit, field_unit, magnitude: of the sensor, as of its calibration. where: the recording, for messages.
         whole: of all samples. parts: of the subsets. floor: (3,) known noise, or None.
         fit: separate fit of all samples. fits: separate fits of the subsets.
     """
 
     name: str
     unit: str
+    field_unit: str | None
     magnitude: float
     where: str
     whole: Statistics
@@ -53,6 +55,7 @@ class SubsetsOfSensor:
         cls,
         name: str,
         unit: str,
+        field_unit: str | None,
         magnitude: float,
         whole: Statistics,
         parts: Sequence[Statistics],
@@ -66,7 +69,7 @@ class SubsetsOfSensor:
         """
         fit = fit_sensor(whole, magnitude, method="separate", noise=floor, name=f"{where}: {name}")
         fits = _fit(parts, fit.parameters, fit.noise, "separate")
-        return cls(name, unit, magnitude, where, whole, parts, floor, fit, fits)
+        return cls(name, unit, field_unit, magnitude, where, whole, parts, floor, fit, fits)
 
     def parameters(self, method: Method) -> tuple[list[SubsetParameter], Array]:
         """The parameters of a method, and the subsets' estimates of them (p, subsets)."""
@@ -90,7 +93,7 @@ class SubsetsOfSensor:
                 SubsetParameter(
                     self.name,
                     name,
-                    _unit(name, self.unit, self.name),
+                    parameter_unit(name, self.unit, self.field_unit),
                     float(reported.values[row]),
                     float(values[row].mean()),
                     std,
@@ -221,11 +224,3 @@ def _spread_interval(freedom: int) -> tuple[float, float]:
     """What a standard deviation of so many degrees of freedom is to be multiplied with, for the interval's ends."""
     tail = 0.5 * (1.0 - LEVEL)
     return float(np.sqrt(freedom / chi2.isf(tail, freedom))), float(np.sqrt(freedom / chi2.isf(1.0 - tail, freedom)))
-
-
-def _unit(name: str, unit: str, sensor: str) -> str:
-    if name.endswith("_deg"):
-        return "deg"
-    if name.startswith("offset"):
-        return unit
-    return f"{unit} s²/m" if sensor == ACCELEROMETER else f"{unit}/field"

@@ -15,9 +15,9 @@ from estimators.design.isolability import SEEN, Isolability, Key
 from estimators.design.maneuver_bound import Growth
 from estimators.design.prediction import KnownAnglePrediction, Prediction
 from rig.arrays import Array
+from rig.units import per_field
 from scenarios.bound import FreeGrowth, ScenarioBound, SensorBound
 from scenarios.isolability import EffectsBound
-from scenarios.shown_units import per_field
 from scenarios.terminal.calibration import symbol
 from scenarios.terminal.tables import plus_minus, table
 

@@ -13,18 +13,18 @@ from rich.text import Text
 from estimators.calibration import Calibration, SensorCalibration
 from rig.channels import ACCELEROMETER
 from rig.number_text import with_std
-from scenarios.comparison import Compared, units
+from scenarios.comparison import Compared
 from scenarios.shown_units import shown_unit
 from scenarios.terminal.tables import plus_minus, table
 
 _SYMBOLS = {"sensitivity": "S", "offset": "δ", "beta": "β", "gamma": "γ", "phi": "φ", "psi": "ψ"}
 
 
-def calibration_report(calibration: Calibration, magnetic_field_unit: str | None = None) -> Group:
-    """All sensors of a calibration; ``magnetic_field_unit`` as the recording's metadata have it."""
+def calibration_report(calibration: Calibration) -> Group:
+    """All sensors of a calibration."""
     parts: list[RenderableType] = []
     for name, sensor in calibration.sensors.items():
-        parts += [*_sensor(name, sensor, magnetic_field_unit), Text("")]
+        parts += [*_sensor(name, sensor), Text("")]
         if told := calibration.extra.get("recordings", {}).get(name):
             parts += [_recordings(told, sensor.unit), Text("")]
     if alignment := calibration.extra.get("alignment"):
@@ -64,12 +64,12 @@ def _searched(ends: Mapping[str, Any]) -> Iterable[RenderableType]:
     yield result
 
 
-def _sensor(name: str, sensor: SensorCalibration, field_unit: str | None) -> Iterable[RenderableType]:
+def _sensor(name: str, sensor: SensorCalibration) -> Iterable[RenderableType]:
     source = {None: "", "given": ", noise as given"}.get(sensor.noise_source, f", noise from the {sensor.noise_source}")
     weights = ", channels weighted equally" if sensor.weighting == "equal" else ""
     heading = Text(f"{name}  ", style="bold")
     yield heading.append(f"{sensor.method}, {sensor.samples:,} samples{source}{weights}", style="not bold")
-    yield _axes(name, sensor, field_unit) if sensor.axes else _matrix(name, sensor, field_unit)
+    yield _axes(sensor) if sensor.axes else _matrix(sensor)
     if sensor.reads == "a-g":
         yield Text("reads           a - g: up at rest, as the field below; the axes as they lie on the chip")
     for line in _lines(sensor):
@@ -85,11 +85,10 @@ def _sensor(name: str, sensor: SensorCalibration, field_unit: str | None) -> Ite
         yield Text(f"verdict         {verdict['text']}", style="green" if verdict["good"] else "bold red")
 
 
-def _axes(name: str, sensor: SensorCalibration, field_unit: str | None) -> Table:
+def _axes(sensor: SensorCalibration) -> Table:
     """One row an axis."""
-    unit = units(name, sensor, field_unit)
     stems = ("sensitivity{}", "offset{}", "beta{}_deg", "gamma{}_deg")
-    columns = [f"{symbol(stem.format(''))} [{unit[stem.format(1)]}]" for stem in stems]
+    columns = [f"{symbol(stem.format(''))} [{sensor.unit_of(stem.format(1))}]" for stem in stems]
     result = table("axis", *columns, numbers=columns)
     for axis in (1, 2, 3):
         result.add_row(str(axis), *(_tight(sensor, stem.format(axis)) for stem in stems))
@@ -100,10 +99,10 @@ def _tight(sensor: SensorCalibration, parameter: str) -> str:
     return plus_minus(sensor.value(parameter), sensor.std(parameter), "±")
 
 
-def _matrix(name: str, sensor: SensorCalibration, field_unit: str | None) -> Table:
+def _matrix(sensor: SensorCalibration) -> Table:
     """One row an axis, and what to multiply with, of a calibration that does not know the attitude."""
-    unit = units(name, sensor, field_unit)
-    columns = [f"S [{unit['sensitivity1']}]", f"δ [{unit['offset1']}]", "field = matrix (V - δ)", " ", "  "]
+    units = [sensor.unit_of(name) for name in ("sensitivity1", "offset1")]
+    columns = [f"S [{units[0]}]", f"δ [{units[1]}]", "field = matrix (V - δ)", " ", "  "]
     result = table("axis", *columns, numbers=columns)
     for axis, row in enumerate(sensor.matrix, 1):
         own = (_tight(sensor, f"sensitivity{axis}"), _tight(sensor, f"offset{axis}"))

@@ -13,6 +13,7 @@ from estimators.calibration import Calibration
 from estimators.noise.spectrum import Whiteness
 from estimators.noise.study import NoiseStudy
 from rig.channels import CHANNELS_OF
+from rig.units import written_unit
 from scenarios.shown_units import shown_unit
 from scenarios.terminal.tables import plus_minus, table
 
@@ -22,17 +23,16 @@ _WHITE = 1e-3
 _FITS = 1e-5
 
 
-def noise_report(study: NoiseStudy, calibration: Calibration | None = None, field_unit: str | None = None) -> Group:
+def noise_report(study: NoiseStudy, calibration: Calibration | None = None) -> Group:
     """How much noise, and of what kind.
 
     Args:
         study: of a locked-arm recording.
         calibration: of the same sensors, to give white noise in field units.
-        field_unit: of the magnetic field.
     """
     parts: list[RenderableType] = [_amounts(study), Text(""), _kinds(study), *map(Text, _remarks(study)), Text("")]
     if calibration is not None:
-        parts += [_fields(study, calibration, field_unit), Text("")]
+        parts += [_fields(study, calibration), Text("")]
     parts += [Text(f"warning: {warning}", style="bold yellow") for warning in study.warnings]
     return Group(*parts[:-1] if not study.warnings else parts)
 
@@ -99,13 +99,14 @@ def _remarks(study: NoiseStudy) -> Iterable[str]:
             yield f"{name}: its autoregression leaves something coloured, p = {noise.left_over.p_value:.2g}"
 
 
-def _fields(study: NoiseStudy, calibration: Calibration, field_unit: str | None) -> Table:
+def _fields(study: NoiseStudy, calibration: Calibration) -> Table:
     """White noise in field units: an accelerometer's is its velocity random walk."""
     result = table("channel", "N / S", "unit", numbers=("N / S",))
     for sensor, names in CHANNELS_OF.items():
         if sensor not in calibration.sensors or not calibration[sensor].axes:
             continue
-        unit = "(m/s²)/√Hz" if sensor == "accelerometer" else f"{field_unit or 'field'}/√Hz"
+        field = written_unit(calibration[sensor].field_unit or "field")
+        unit = f"({field})/√Hz" if "/" in field else f"{field}/√Hz"
         for name, sensitivity in zip(names, calibration[sensor].sensitivity, strict=True):
             if name in study.channels and study.channels[name].unit == calibration[sensor].unit:
                 term = study.channels[name].terms["white"]

@@ -10,7 +10,9 @@ import click
 from scenarios.cli._options import PATH, Command, check_output, json_option, print_json, progress_bar
 from validation.cli._options import MOST, MOST_SAMPLES
 
-_JOBS = click.option("--jobs", type=click.IntRange(min=0), metavar="N", help="Processes; one for each processor.")
+_JOBS = click.option(
+    "--jobs", "--workers", "jobs", type=click.IntRange(min=0), metavar="N", help="Processes; one for each processor."
+)
 _SEALED = click.option(
     "--truth", "sealed", type=PATH, metavar="DIR", help="The sealed folder; FOLDER.sealed by default."
 )
@@ -140,6 +142,7 @@ def score(
     "-o", "--output", type=PATH, required=True, metavar="PAGE", help="The page: .md, with a picture beside it."
 )
 @_JOBS
+@json_option
 def run(
     folder: Path,
     cases: int,
@@ -150,6 +153,7 @@ def run(
     draws: int,
     output: Path,
     jobs: int | None,
+    as_json: bool,
 ) -> None:
     """Make a set in FOLDER unless there is one, solve it, score it, and write the page; ended early, it goes on.
 
@@ -166,7 +170,7 @@ def run(
         _make(folder, None, cases, mechanics, samples, scenario, seed, jobs)
     with progress_bar(f"diagnosing {folder}") as progress:
         solve_set(folder, Workers(jobs), progress)
-    _score(folder, None, output, True, draws, jobs, False)
+    _score(folder, None, output, True, draws, jobs, as_json)
 
 
 def _make(

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from rig.arrays import Array
-from scenarios.studies.coordinates import RADIAN_DEG, elevation_azimuth_basis
+from rig.directions import elevation_azimuth_basis
+from scenarios.studies.coordinates import RADIAN_DEG
 from validation.paper.published import (
     STEMS,
     ParameterTable,
