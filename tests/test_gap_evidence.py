@@ -121,6 +121,17 @@ def test_a_tone_that_means_would_hide_is_taken_out_of_the_channels_that_it_moves
     assert moved == pytest.approx(found.gap, rel=1e-9, abs=1e-15)
 
 
+def test_a_harmonic_of_the_arms_motion_is_no_tone_beside_the_effect_that_makes_it(data: WhitenedData) -> None:
+    """A third of a radian in each mean of five: the fifth harmonic of the fastest joint is as fast as a tone."""
+    remembering = make_effect("hysteresis", {"where": "accel3", "half_width": 0.02})
+    changed = replace(data, readings=data.readings + data.change([remembering]))
+    alone, _ = fast_tones(changed, 5, ())
+    assert alone
+    beside, cleared = fast_tones(changed, 5, (), [remembering], data.pipeline)
+    assert beside == []
+    np.testing.assert_array_equal(cleared.readings, changed.readings)
+
+
 @pytest.mark.parametrize("alike", [0.0, 0.9, 1.0 - 1e-13])
 def test_the_evidence_of_effects_is_that_of_a_normal_vector(alike: float) -> None:
     """Two that hardly differ, and others: the determinant and the square of what they make, by the whole covariance."""

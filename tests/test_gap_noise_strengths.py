@@ -72,3 +72,9 @@ def test_noise_of_one_axis_costs_one_strength_and_leaves_the_others_open(data: W
         values = np.asarray(fitted.effect.sigma_V)
         holds += int(np.sum(values[[0, 2]] <= 1.96 * fitted.std[[0, 2]]))
     assert holds >= 31
+
+
+def test_of_a_large_strength_the_width_is_that_of_its_square_to_first_order() -> None:
+    """Of s, whose square has a standard deviation of v: v / (2 s), however many of its widths it is from nothing."""
+    roots, spread = np.array([1e2, 1e4, 1e8]), np.array([1e-3, 1e-3, 1e-3])
+    np.testing.assert_allclose(deviations(roots, spread), spread / (2.0 * roots), rtol=1e-9)

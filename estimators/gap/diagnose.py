@@ -134,15 +134,20 @@ def examined(
         laid = replace(laid, data=(own_data,))
     defects = [find_defects(data, step) for data, step in zip(laid.data, laid.steps, strict=True)]
     blocks = [block_size(len(data.base), data.interval_s) for data in laid.data]
+    found, follows, around = _tones(laid, defects, blocks, without), list[Effect](), None
+    again = True
     while True:
-        found = [
-            fast_tones(masked(data, own), block, without)
-            for data, own, block in zip(laid.data, defects, blocks, strict=True)
-        ]
         clean = laid.together([data.averaged(block) for (_, data), block in zip(found, blocks, strict=True)])
         posterior = explain(clean.pointwise(_POINTS), without, laid.at_rest, prior, progress)
         leading = posterior.leading
         effects = [fit.effect for fit in leading.explanation.fits]
+        if again and any(tones for tones, _ in found):
+            again = False
+            follows, around = [effect for effect in effects if not effect.tone], leading.explanation.data.pipeline
+            fewer = _tones(laid, defects, blocks, without, follows, around)
+            if _count(fewer) < _count(found):
+                found = fewer
+                continue
         unsure = [*leading.explanation.moved(-_UNSURE), *leading.explanation.moved(_UNSURE)]
         left = []
         for number, (data, own, block) in enumerate(zip(laid.data, defects, blocks, strict=True)):
@@ -154,6 +159,7 @@ def examined(
         if _affected(left) >= _FEWER * _affected(defects):
             break
         defects = left
+        found = _tones(laid, defects, blocks, without, follows, around)
     if rig is None:
         unmodelled = defects
     else:
@@ -223,6 +229,31 @@ def check_names(without: Sequence[str]) -> None:
 
 def _affected(defects: Sequence[Sequence[Defect]]) -> int:
     return sum(int(each.affected.sum()) for own in defects for each in own)
+
+
+def _tones(
+    laid: Laid,
+    defects: Sequence[Sequence[Defect]],
+    blocks: Sequence[int],
+    without: Sequence[str],
+    beside: Sequence[Effect] = (),
+    pipeline: Pipeline | None = None,
+) -> list[tuple[list[Defect], WhitenedData]]:
+    """Of each recording the tones that means over its blocks would hide, and its readings without these and without
+    defects.
+
+    Args:
+        beside: mean effects that are there. pipeline: the calibration beside them.
+    """
+    found = []
+    for number, (data, own, block) in enumerate(zip(laid.data, defects, blocks, strict=True)):
+        own_pipeline = None if pipeline is None else pipeline.restricted(data.pipeline.sensors)
+        found.append(fast_tones(masked(data, own), block, without, acting(beside, number), own_pipeline))
+    return found
+
+
+def _count(found: Sequence[tuple[list[Defect], WhitenedData]]) -> int:
+    return sum(len(tones) for tones, _ in found)
 
 
 def _raised(state: NoiseState, block: int, count: int, number: int, data: WhitenedData) -> Array | None:

@@ -32,6 +32,7 @@ class MotionAcceleration(Effect):
 
     name = "motion_acceleration"
     remembers = True
+    rapid = True
     stage = Stage.POSE
     places = ("accelerometer",)
     requires = ("position",)

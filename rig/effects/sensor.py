@@ -76,6 +76,7 @@ class Hysteresis(Effect):
 
     name = "hysteresis"
     remembers = True
+    rapid = True
     stage = Stage.INPUT
     places = CHANNELS
 

@@ -43,9 +43,6 @@ def concluded(
             unsaved = str(error) if task.improved else None
     if open_between:
         step = next_step(diagnosis, last, rig, task.minutes)
-    if (corrected := diagnosis.calibration) is not None:
-        stated = corrected.with_field_unit(last.recording.metadata.magnetic_field_unit)
-        diagnosis = replace(diagnosis, calibration=stated)
     words = {"maneuver": None, **({} if step is None else step.words)}
     diagnosis = replace(diagnosis, next=words)
     diagnosis = replace(diagnosis, next={**words, "steps": next_steps(diagnosis)})

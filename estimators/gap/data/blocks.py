@@ -17,6 +17,8 @@ _ENOUGH: Final = 8192
 _MAINS: Final = (50.0, 60.0)
 #: [rad] means over a turn of this hide little of an effect that turns with a joint: 3 % of its first harmonic.
 _TURN: Final = 0.8
+#: [rad] over a turn of this an effect's mean is its value in the middle: to 0.4 % of a third harmonic.
+_STRAIGHT: Final = 0.1
 #: Neighbours averaged at most for a first look, and the means this must leave.
 _MOST, _FEWEST = 8, 500
 
@@ -40,13 +42,22 @@ def each_used(count: int) -> bool:
 
 def neighbours(base: Signals) -> int:
     """How many neighbouring samples turn by no more than ``_TURN`` together, at most ``_MOST``."""
+    few_enough = max(1, len(base) // _FEWEST)
+    return int(min(_MOST, few_enough, max(1.0, _TURN / max(_turned(base), 1e-9))))
+
+
+def bent(base: Signals, block: int) -> bool:
+    """Whether so many samples turn by more than ``_STRAIGHT`` together."""
+    return _turned(base) * block > _STRAIGHT
+
+
+def _turned(base: Signals) -> float:
+    """[rad] by which the fastest joint, or the tool, turns from sample to sample, but for a tenth of all samples."""
     if base.q_encoder is not None:
         steps = np.abs(np.diff(np.unwrap(base.q_encoder, axis=0), axis=0)).max(axis=1)
     else:
         steps = np.linalg.norm(np.diff(base.R_base_tool, axis=0), axis=(1, 2)) / np.sqrt(2.0)
-    fastest = float(np.quantile(steps, 0.9)) if len(steps) else 0.0
-    few_enough = max(1, len(base) // _FEWEST)
-    return int(min(_MOST, few_enough, max(1.0, _TURN / max(fastest, 1e-9))))
+    return float(np.quantile(steps, 0.9)) if len(steps) else 0.0
 
 
 def block_means(values: Array, block: int, kept: NDArray[np.bool_] | None = None) -> Array:

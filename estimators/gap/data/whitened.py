@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data import tangent
-from estimators.gap.data.blocks import block_means, block_poses, each_used, neighbours, points_within
+from estimators.gap.data.blocks import bent, block_means, block_poses, each_used, neighbours, points_within
 from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.steps import Gaps, Step, after_steps
 from estimators.gap.data.tangent import ChannelTangent
@@ -70,7 +70,7 @@ class WhitenedData:
         steps: what selected noise adds to the whitening, in this order.
         given: mean effects that the model has, as a fitted rig has them; all others are asked for beside these.
         within: of pointwise data, the recording at some samples of each block, poses known: where effects are evaluated
-            whose mean over a block is not their value at its mean pose.
+            whose mean over a block is not their value at its mean pose. bent: whether that holds for every effect.
     """
 
     base: Signals
@@ -85,6 +85,7 @@ class WhitenedData:
     steps: tuple[Step, ...] = ()
     given: tuple[Effect, ...] = ()
     within: Signals | None = None
+    bent: bool = False
 
     @property
     def parts(self) -> tuple[WhitenedData, ...]:
@@ -255,7 +256,7 @@ class WhitenedData:
         """(n, 6) [recorded unit] what mean effects change, with the calibration held."""
         if not effects:
             return np.zeros_like(self.base.volts)
-        if len(effects) == 1 and effects[0].stage is Stage.FIELD and not self.given:
+        if len(effects) == 1 and effects[0].stage is Stage.FIELD and not self.given and not self.bent:
             found = self._of_field(effects[0])
             if found is not None:
                 return found
@@ -288,7 +289,7 @@ class WhitenedData:
 
     def _base_for(self, effects: Sequence[Effect]) -> Signals:
         """Where effects are evaluated."""
-        return self._within if any(each.jumps or each.rapid for each in effects) else self.base
+        return self._within if self.bent or any(each.jumps or each.rapid for each in effects) else self.base
 
     @property
     def _within(self) -> Signals:
@@ -369,15 +370,20 @@ class WhitenedData:
         """The data with the rig evaluated once a block, at its mean pose: quick, and to first order the same.
 
         Args:
-            points: samples of each block at which effects are evaluated that jump or vary within one.
+            points: samples of each block at which effects are evaluated that jump or vary within one; where the arm
+                turns far in a block, all effects are at all of its samples.
         """
         if self.block == 1:
             return self
         rng = np.random.default_rng(0)
         base = self.pipeline.expected(block_poses(self.base, self.block), rng)
-        within = points_within(self.base, self.block, points) if points > 1 and base.q_encoder is not None else None
+        several = points > 1 and base.q_encoder is not None
+        turning = several and bent(self.base, self.block)
+        within = points_within(self.base, self.block, self.block if turning else points) if several else None
         means = np.stack([self.means(column, self.residual[:, column]) for column in range(len(CHANNELS))], axis=1)
-        found = replace(self, base=known(base), readings=base.volts + means, kept=None, block=1, within=within)
+        found = replace(
+            self, base=known(base), readings=base.volts + means, kept=None, block=1, within=within, bent=turning
+        )
         return replace(found, readings=found.modelled + means) if self.given else found
 
 

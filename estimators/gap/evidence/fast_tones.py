@@ -1,6 +1,7 @@
 """Tones that means over blocks of a long recording would hide, found in its single samples.
 
-Nothing else that the rig knows is as fast: the calibration and the other mean effects follow the arm.
+The calibration and the other mean effects follow the arm. Where that turns far in a block, harmonics of its motion are
+as fast as a tone: what seems one is looked at again beside the effects that were found.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.tones import best_tone, envelopes
 from rig.arrays import Array
 from rig.channels import CHANNELS
+from rig.effects import Effect
+from rig.pipeline import Pipeline
 
 #: Logarithm of the largest p-value and the least evidence (twice a log Bayes factor) of a tone.
 SIGNIFICANT: Final = float(np.log(5e-4))
@@ -31,30 +34,39 @@ _MOST: Final = 2
 _FAST: Final = 0.4
 
 
-def fast_tones(data: WhitenedData, block: int, without: Sequence[str]) -> tuple[list[Defect], WhitenedData]:
+def fast_tones(
+    data: WhitenedData,
+    block: int,
+    without: Sequence[str],
+    beside: Sequence[Effect] = (),
+    pipeline: Pipeline | None = None,
+) -> tuple[list[Defect], WhitenedData]:
     """The tones of a recording that is to become means over blocks, and the data with them taken out of the readings.
 
     Args:
         data: of single samples.
         block: samples a mean. Nothing is hidden where it is one.
         without: effects to leave out of the catalogue.
+        beside: mean effects that are there. pipeline: the calibration beside them; None: that of the data.
     """
     found: list[Defect] = []
     if block == 1:
         return found, data
-    tones = [each for each in all_candidates(data, without) if each.effect.tone]
-    raw = {each.label: envelopes(each, data) for each in tones}
+    look = data if pipeline is None else data.around(pipeline)
+    look = replace(look, readings=look.readings - look.change(beside))
+    tones = [each for each in all_candidates(look, without) if each.effect.tone]
+    raw = {each.label: envelopes(each, look) for each in tones}
     lowest_Hz = _FAST / (block * data.interval_s)
     while len(found) < _MOST and tones:
-        explained = Explained(Basis((), data.size), data.whiten(data.residual))
-        tests = [_tested(each, data, explained, raw[each.label], lowest_Hz) for each in tones]
+        explained = Explained(Basis((), look.size), look.whiten(look.residual))
+        tests = [_tested(each, look, explained, raw[each.label], lowest_Hz) for each in tones]
         best = max(tests, key=lambda tested: tested.evidence)
         if best.evidence < STRONG or best.log_p + np.log(len(tones)) > SIGNIFICANT:
             break
-        fit = started(best, data, explained)
-        change = data.change([fit.effect])
-        found.append(_described(fit, best, data, change))
-        data = replace(data, readings=data.readings - change)
+        fit = started(best, look, explained)
+        change = look.change([fit.effect])
+        found.append(_described(fit, best, look, change))
+        look, data = (replace(each, readings=each.readings - change) for each in (look, data))
     return found, data
 
 

@@ -161,12 +161,13 @@ def deviations(roots: Array, spread: Array) -> Array:
     """(k,) root mean square distance of strengths from fitted ones (k,), whose squares are normal with this standard
     deviation (k,): near nothing a strength is as wide as the root of that."""
     unit = np.sqrt(np.maximum(spread, 1e-300))
-    fitted = (roots / unit)[:, None]
-    offset = np.linspace(0.0, fitted + _REACH, _POINTS, axis=-1)[:, 0] - fitted
-    weight = np.exp(-0.5 * (offset * (offset + 2.0 * fitted)) ** 2)
-    near = 0.5 / np.maximum(fitted[:, 0], 1.0)  # of a large one, narrower than the points are apart
+    fitted = roots / unit
+    near = 0.5 / np.maximum(fitted, 1.0)  # of a large one, narrower than points would be apart
+    small = np.minimum(fitted, _REACH)[:, None]
+    offset = np.linspace(0.0, small + _REACH, _POINTS, axis=-1)[:, 0] - small
+    weight = np.exp(-0.5 * (offset * (offset + 2.0 * small)) ** 2)
     broad = np.sqrt(np.sum(weight * offset**2, axis=1) / weight.sum(axis=1))
-    return np.asarray(unit * np.where(fitted[:, 0] > _REACH, near, broad))
+    return np.asarray(unit * np.where(fitted > _REACH, near, broad))
 
 
 #: Of each channel: the likeliest variance, twice the gain, the variance's deviation.
