@@ -1,7 +1,7 @@
 """Tones that means over blocks of a long recording would hide, found in its single samples.
 
 The calibration and the other mean effects follow the arm. Where that turns far in a block, harmonics of its motion are
-as fast as a tone: what seems one is looked at again beside the effects that were found.
+as fast as a tone: there tones are looked for beside the effects that were found.
 """
 
 from __future__ import annotations
