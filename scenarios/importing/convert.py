@@ -135,6 +135,13 @@ def _joined(
         sizes = {track.kind: len(track.values) for track in tracks.values()}
         if len(set(sizes.values())) > 1:
             raise RigError(f"{main.log}: without times all must have as many rows, found {sizes}")
+        gappy = next((track for track in tracks.values() if track.left_out), None)
+        if gappy is not None and len({track.log for track in tracks.values()}) > 1:
+            raise RigError(
+                f"{gappy.log}: {gappy.left_out} of {gappy.left_out + len(gappy.values)} rows left out for a cell"
+                " without a number, and without times logs are joined row by row: expected whole rows, or a column t"
+                " in each log"
+            )
         t = np.arange(len(main.values), dtype=float)
         metadata = replace(metadata, still_poses=True)
         said.append(f"no time: each of the {len(t)} rows is a still pose, t_s counts them")
