@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping as Table
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from scenarios.importing.mapping import Conventions, Mapping, check_columns
 from scenarios.importing.quantities import guess, is_joint, is_numbered, is_time
 from scenarios.importing.text_log import Log, read_text_log
 from scenarios.importing.tracks import LOUD, Track, tracks_of
+from scenarios.importing.unused import lacking_words, unused_columns, unused_words
 
 _GRAVITY: Final = 9.8  # where none is stated; as recordings have it
 _OTHER_CLOCK_S: Final = 0.5  # no sensor is later than this: more is another clock
@@ -39,12 +41,14 @@ class Imported:
         recording, mapping: what came out, and which column was taken for what.
         said: how the logs were read, line by line.
         findings: what looks wrong, and what it would be, line by line; empty where all is well.
+        unused: by log, the columns that the recording does not hold.
     """
 
     recording: Recording
     mapping: Mapping
     said: tuple[str, ...]
     findings: tuple[str, ...]
+    unused: Table[str, tuple[str, ...]]
 
 
 def import_logs(
@@ -84,8 +88,10 @@ def import_logs(
     recording, joined, findings = _joined(tracks, mapping, arm, said)
     recording, checked = _checked(recording, joined, mapping, arm)
     loud = [line.removeprefix(LOUD) for line in said if line.startswith(LOUD)]
-    quiet = tuple(line for line in said if not line.startswith(LOUD))
-    return Imported(recording, mapping, quiet, (*loud, *findings, *checked))
+    quiet = [line for line in said if not line.startswith(LOUD)]
+    unused = unused_columns(logs, mapping.columns, recording)
+    (loud if lacking_words(recording) else quiet).extend(unused_words(unused, recording))
+    return Imported(recording, mapping, tuple(quiet), (*loud, *findings, *checked), unused)
 
 
 def _check_numbers(logs: Sequence[Log], mapping: Mapping) -> None:
@@ -177,7 +183,7 @@ def _joined(
         raise RigError(
             f"{tracks['joints'].log}: found {joints.shape[1]} joints, expected {arm.dof} of arm {arm.name!r}"
         )
-    temperature, supply = at("temperature"), at("supply")
+    temperature, supply, currents = at("temperature"), at("supply"), at("current")
     stated = mapping.metadata
     unit = stated.magnetic_field_unit
     metadata = replace(
@@ -202,6 +208,7 @@ def _joined(
         units={sensor: tracks[kind].unit for sensor, kind in units.items() if kind in tracks},
         temperature=None if temperature is None else temperature[:, 0],
         supply=None if supply is None else supply[:, 0],
+        currents={} if currents is None else dict(zip(tracks["current"].joints, currents.T, strict=True)),
         metadata=metadata,
         name="import",
     )

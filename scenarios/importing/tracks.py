@@ -45,6 +45,7 @@ class Track:
         values: (n, k); of a rotation (n, 9), R_base_tool row by row.
         unit: recorded unit of readings; what it was made from, of a rotation.
         slides: of joints: the numbers of those that slide.
+        joints: of motor currents: the number of each one's joint.
         rate_Hz: of a pose out of transforms, as of its log.
         left_out: rows of its log that were left out for a cell without a number.
     """
@@ -55,6 +56,7 @@ class Track:
     values: Array
     unit: str = ""
     slides: tuple[int, ...] = ()
+    joints: tuple[int, ...] = ()
     rate_Hz: float | None = None
     left_out: int = 0
 
@@ -202,6 +204,8 @@ def _converted(track: Track, parts: dict[str, tuple[str, str, float]], conventio
     if kind in ("matrix", "quaternion", "euler"):
         unit = f"euler {conventions.euler}" if kind == "euler" else kind
         return replace(track, kind="rotation", values=_rotation(track, units[0], conventions), unit=unit)
+    if kind == "current":
+        return replace(track, joints=tuple(sorted(map(int, parts))))
     if kind == "position":
         return replace(track, values=values * LENGTHS[units[0]])
     return track
