@@ -98,7 +98,8 @@ def calibrate(
         options = Options() if attitude_free is None else attitude_free
         found = calibrate_attitude_free(source, chosen, known, floors.source, options, progress)
         sensors_found = {
-            sensor: replace(own, reads=reads_of(source.metadata, sensor)) for sensor, own in found.sensors.items()
+            sensor: floors.with_loudness(replace(own, reads=reads_of(source.metadata, sensor)))
+            for sensor, own in found.sensors.items()
         }
         return Calibration(sensors_found, source.name, None, found.extra)
     summed = summarise(source, chosen, arm, progress)
@@ -117,7 +118,7 @@ def calibrate(
             )
         except RefusedFit as refusal:
             raise _explained(refusal, source, points[sensor], arm) from refusal
-        results[sensor] = assemble(
+        made = assemble(
             fit,
             unit=summed.units[sensor],
             noise_source="residuals" if floor is None else floors.source,
@@ -125,6 +126,7 @@ def calibrate(
             field_points=points[sensor],
             reads=reads_of(summed.metadata, sensor),
         )
+        results[sensor] = floors.with_loudness(made)
     return Calibration(results, source.name, summed.arm)
 
 

@@ -17,6 +17,7 @@ from estimators.goodness.outliers import Outliers
 from estimators.goodness.own_optimum import Transfer
 from estimators.goodness.raw_readings import Clipped, Repeats, summary_of
 from estimators.goodness.whiteness import Whiteness
+from estimators.loud_floor import times_too_loud
 from rig.channels import CHANNELS_OF
 from rig.documents import plain
 
@@ -168,7 +169,11 @@ def remarks(found: Goodness) -> list[str]:
         told.append("no noise floor was recorded to hold the residuals against")
     else:
         ratios = ", ".join(f"{ratio:.3f}" for ratio in found.chi_square["residual_over_floor"])
-        told.append(f"residuals over noise floor {ratios} ({_p(found.chi_square['p_value'])})")
+        times = times_too_loud(found.chi_square)
+        how = _p(found.chi_square["p_value"])
+        if times is not None:
+            how = f"a floor that is too loud: standard deviations are {times:.3g} times too large"
+        told.append(f"residuals over noise floor {ratios} ({how})")
     if found.left_out:
         told.append(f"{found.left_out} samples were left out as outliers")
     if found.by_direction is None:
