@@ -28,6 +28,7 @@ from scenarios.importing.whole_rows import whole_rows
 
 LOUD: Final = "! "  #: begins what is to be said as a finding
 _EPOCH: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+_LATEST_S: Final = 1e11  # three thousand years: later is no time, or a unit that it is not in
 _ORTHOGONAL: Final = 0.02  # entries of R' R - 1: matrices rounded to two decimals pass, another kind of table does not
 #: theta1, theta5, theta6 of Renk's Table 1 as joints 1, 5, 6 [rad], and where the others are locked.
 _RENK_ZEROS: Final = {"1": -np.pi / 2, "5": 0.0, "6": -np.pi}
@@ -98,12 +99,19 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
             raise RigError(f"{log.name}: {name} holds no number, expected times")
         check_finite(np.nan_to_num(log.columns[name], nan=0.0, posinf=np.inf, neginf=-np.inf), (name,), log.name)
         t, words = _times(name, log.columns[name], conventions)
+        if np.nanmax(np.abs(t)) > _LATEST_S:
+            row = int(np.nanargmax(np.abs(t)))
+            raise RigError(
+                f"{log.name}: {name} in row {row} (first row 0) is {log.columns[name][row]:g}, {words}: expected times"
+                f" below {_LATEST_S:g} s, or another --time-unit"
+            )
         order = np.argsort(t, kind="stable")
         missing = np.flatnonzero(np.isnan(t))
         whole_t = t[np.isfinite(t)]
         if back := int((np.diff(whole_t) < 0).sum()):
             row = int(np.flatnonzero(np.isfinite(t))[np.argmax(np.diff(whole_t) < 0) + 1])
-            words += f"; it goes back {'once' if back == 1 else f'{back} times'}, at row {row} (first row 0): sorted"
+            often = "once" if back == 1 else f"{back} times"
+            said.append(f"{LOUD}{log.name}: time goes back {often}, first at row {row} (first row 0): sorted")
         said.append(f"{log.name}: time is {words}")
         if missing.size:
             left = f"{len(missing)} of {len(t)} rows, such as row {missing[0]} (first row 0)"

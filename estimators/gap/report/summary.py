@@ -139,10 +139,24 @@ def conclude(
         next=None,
         floor=" and ".join(dict.fromkeys(sources)),
         names={} if data.base.arm is None else data.base.arm.place_names,
-        warnings=(*((warned,) if estimated else ()), *loud_floor_words(recordings, channels, floors, sources)),
+        warnings=(
+            *((warned,) if estimated else ()),
+            *_import_findings(recordings),
+            *loud_floor_words(recordings, channels, floors, sources),
+        ),
         by_recording=dict(zip(names, channels, strict=True)) if len(names) > 1 else {},
         at_least_one=one_of,
     ), effects
+
+
+def _import_findings(recordings: Sequence[Recording]) -> list[str]:
+    """What looked wrong where the recordings were made, which the diagnosis may then find as a cause."""
+    several = len(recordings) > 1
+    return [
+        f"{recording.name}: " * several + f"rig import found: {line}"
+        for recording in recordings
+        for line in recording.metadata.findings
+    ]
 
 
 def _listed(
