@@ -45,7 +45,7 @@ def concluded(
         step = next_step(diagnosis, last, rig, task.minutes)
     words = {"maneuver": None, **({} if step is None else step.words)}
     diagnosis = replace(diagnosis, next=words)
-    diagnosis = replace(diagnosis, next={**words, "steps": next_steps(diagnosis)})
+    diagnosis = replace(diagnosis, next={**words, "steps": next_steps(diagnosis, task.arm_options)})
     units: dict[str, str] = {}
     for each in residuals:
         units |= each.recording.units

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from estimators.gap.cause_words import naming
@@ -32,6 +33,8 @@ _LOOK: Final = {
     "single readings": "look at the cable, the connector and the converter's range",
 }
 
+#: A command on the recordings of a diagnosis.
+_OF_RECORDINGS: Final = re.compile(r"rig diagnose RUN(?: OTHER| NEXT)?")
 #: So many errors at most are looked for.
 _LOOKS: Final = 4
 #: Where another maneuver speaks against the causes.
@@ -41,8 +44,21 @@ _REFUTED: Final = (
 )
 
 
-def next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """What to do next, one sentence or two each, the most useful first."""
+def next_steps(diagnosis: Diagnosis, options: str = "") -> tuple[str, ...]:
+    """What to do next, one sentence or two each, the most useful first; as the diagnosis has them, where it does.
+
+    Args:
+        options: that its recordings need in a command, such as ``--arm ur5e.urdf``.
+    """
+    if stored := (diagnosis.next or {}).get("steps"):
+        return tuple(map(str, stored))
+    steps = _steps(diagnosis)
+    return (
+        tuple(_OF_RECORDINGS.sub(lambda found: f"{found[0]} {options}", step) for step in steps) if options else steps
+    )
+
+
+def _steps(diagnosis: Diagnosis) -> tuple[str, ...]:
     verdicts = {
         "no-gap": _no_gap,
         "named": _named,
