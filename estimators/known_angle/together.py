@@ -33,6 +33,7 @@ from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import Method, Weighting
 from estimators.known_angle.statistics import Statistics
 from estimators.loud_floor import loud_words
+from estimators.p_words import p_words
 from rig.arrays import Array
 from rig.channels import SENSORS
 from rig.errors import RigError, in_short
@@ -365,7 +366,7 @@ def _disagreements(told: Sequence[Mapping[str, Any]]) -> list[str]:
         if test["p_value"] * len(told) < P_VALUE_LIMIT:
             found.append(
                 f"{each['recording']} does not agree with the other recordings on one calibration (chi-square"
-                f" {test['chi_square']:.3g} of {test['degrees_of_freedom']}, p = {test['p_value']:.1e}): rig diagnose"
+                f" {test['chi_square']:.3g} of {test['degrees_of_freedom']}, {p_words(test['p_value'])}): rig diagnose"
                 " --together says what differs"
             )
     return found
