@@ -235,6 +235,10 @@ def test_a_sensor_with_a_digital_output_has_a_rig_in_its_own_unit() -> None:
     ]
     made = from_toml(improved(*in_uT, *by_hand().causes), "digital.toml")
     assert made.rig.acquisition.units == ("V", "uT")
+    text = made.to_toml()
+    assert text.count("noise_V = ") == 1  # the accelerometer's
+    assert "\nnoise = " in text
+    np.testing.assert_array_equal(from_toml(text, "again.toml").rig.acquisition.noise_V, made.rig.acquisition.noise_V)
     again = made.simulate(seed=3)
     assert again.units == {"accelerometer": "V", "magnetometer": "uT"}
     assert again.magnetometer is not None
