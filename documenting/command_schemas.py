@@ -49,6 +49,7 @@ def imported() -> Schema:
             "columns": table_of(TEXT),
             "said": list_of(TEXT),
             "findings": list_of(TEXT),
+            "unused": table_of(list_of(TEXT)),
         }
     )
 

@@ -99,8 +99,8 @@ def calibrate(
         options = Options() if attitude_free is None else attitude_free
         found = calibrate_attitude_free(source, chosen, known, floors.source, options, progress)
         sensors_found = {
-            sensor: replace(
-                own, reads=reads_of(source.metadata, sensor), field_unit=field_unit_of(source.metadata, sensor)
+            sensor: floors.with_loudness(
+                replace(own, reads=reads_of(source.metadata, sensor), field_unit=field_unit_of(source.metadata, sensor))
             )
             for sensor, own in found.sensors.items()
         }
@@ -121,7 +121,7 @@ def calibrate(
             )
         except RefusedFit as refusal:
             raise _explained(refusal, source, points[sensor], arm) from refusal
-        results[sensor] = assemble(
+        made = assemble(
             fit,
             unit=summed.units[sensor],
             noise_source="residuals" if floor is None else floors.source,
@@ -130,6 +130,7 @@ def calibrate(
             reads=reads_of(summed.metadata, sensor),
             field_unit=field_unit_of(summed.metadata, sensor),
         )
+        results[sensor] = floors.with_loudness(made)
     return Calibration(results, source.name, summed.arm)
 
 

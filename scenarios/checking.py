@@ -14,6 +14,7 @@ from rig.errors import RigError, one_line
 from rig.recording import Recording, RecordingScan, locked_beside, scan_recording
 from rig.recording.joint_degrees import degrees_words
 from rig.recording.stuck_readings import stuck_words
+from rig.recording.time_gaps import gap_words
 
 _AT_AN_END: Final = 0.02  # of the samples at the least or greatest value are many
 _POSSIBLE_DEGC: Final = (-100.0, 300.0)  # of a board that works
@@ -69,7 +70,8 @@ def _recording(scan: RecordingScan) -> Checked:
         "joints": 0 if run.q is None else run.q.shape[1],
         "units": dict(run.units),
         "locked": locked_beside(scan.path),
-        "metadata": meta.to_json(),
+        # what the import found is among the findings
+        "metadata": {key: value for key, value in meta.to_json().items() if key != "findings"},
     }
     return Checked("recording", holds, tuple(_findings(scan, run)))
 
@@ -85,9 +87,7 @@ def _findings(scan: RecordingScan, run: Recording) -> list[str]:
         )
     if "magnetometer" in run.sensors and "magnetic_field" not in scan.stated:
         found.append(f"magnetic_field is not stated: {meta.magnetic_field:g} is taken, so that all is relative to it")
-    if len(steps) and steps.max() > 10.0 * np.median(steps):
-        row = int(np.argmax(steps))
-        found.append(f"a gap of {steps[row]:.4g} s after row {row}; the median step is {np.median(steps):.4g} s")
+    found += gap_words(run.t)
     if meta.rate_Hz and len(steps) and not 0.8 < meta.rate_Hz * float(np.median(steps)) < 1.25:
         found.append(f"rate_Hz says {meta.rate_Hz:g}, the times say {1.0 / float(np.median(steps)):.4g}")
     found += stuck_words(run)
@@ -109,7 +109,7 @@ def _findings(scan: RecordingScan, run: Recording) -> list[str]:
         found.append(f"temperature_degC goes from {ends}, expected {_POSSIBLE_DEGC[0]:g} to {_POSSIBLE_DEGC[1]:g}")
     if degrees := degrees_words(run):
         found.append(degrees)
-    return found
+    return [*found, *(f"rig import found: {line}" for line in meta.findings if line not in found)]
 
 
 def _toml(path: Path) -> Checked:

@@ -156,7 +156,7 @@ def _environment(table: Table) -> tuple[Environment, FieldUnit | None]:
 def _acquisition(table: Table, sensors: Mapping[str, SensorTable]) -> Acquisition:
     if "noise_V" in table.values:
         raise table.error("noise_V: found here, expected it in [accelerometer] and [magnetometer], three numbers each")
-    noise = [sensors[name].noise_V if name in sensors else (0.0, 0.0, 0.0) for name in SENSORS]
+    noise = [sensors[name].noise_of_readings if name in sensors else (0.0, 0.0, 0.0) for name in SENSORS]
     return build(Acquisition, table, leave_out=("noise_V",), given={"noise_V": (*noise[0], *noise[1])})
 
 

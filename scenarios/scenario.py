@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.known_angle.model import SensorParameters, parameter_names
 from rig.arm import Arm
-from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER, SENSORS
 from rig.effects import Effect
 from rig.effects.parameters import Value
 from rig.environment import Environment
@@ -232,7 +232,8 @@ def _tables(scenario: Scenario) -> Iterable[tuple[str, dict[str, Any]]]:
             sheet |= {f"nominal_{key}": value for key, value in zip(NOMINAL, scenario.nominal[name], strict=True)}
         if name == ACCELEROMETER and acquisition.accelerometer_reads == "a-g":
             sensor = sensor.turned()
-        yield f"[{name}]", {**asdict(sensor), "noise_V": acquisition.noise_V[COLUMNS_OF[name]], **sheet}
+        key = "noise_V" if acquisition.units[SENSORS.index(name)] == "V" else "noise"
+        yield f"[{name}]", {**asdict(sensor), key: acquisition.noise_V[COLUMNS_OF[name]], **sheet}
     written = {key: value for key, value in asdict(acquisition).items() if key != "noise_V"}
     if set(written["units"]) == {"V"}:  # volts need no word
         del written["units"]

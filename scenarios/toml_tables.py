@@ -103,7 +103,9 @@ class SensorTable:
         offset: of each axis, its reading in no field [V].
         beta_deg: elevation of each axis in the tool frame [deg], Renk (6).
         gamma_deg: azimuth of each axis in the tool frame [deg], Renk (6).
-        noise_V: standard deviation of each axis' white noise [V].
+        noise_V: standard deviation of each axis' white noise [V]; of readings in another unit, as before ``noise`` was
+            known, in that.
+        noise: the same, in the unit of the readings (``units`` of ``[acquisition]``); instead of ``noise_V``.
         datasheet: the sensor's file in models/sensors, without ``.toml``; for the reader.
         nominal_sensitivity: of all axes, as its maker and its electronics state it, in the unit of ``sensitivity``;
             goes with the recording, as the start of estimators that need one.
@@ -115,6 +117,7 @@ class SensorTable:
     beta_deg: Triple
     gamma_deg: Triple
     noise_V: Triple = (0.0, 0.0, 0.0)
+    noise: Triple | None = None
     datasheet: str | None = None
     nominal_sensitivity: float | None = None
     nominal_offset: float = 0.0
@@ -128,6 +131,15 @@ class SensorTable:
                 raise unknown_name("datasheet", self.datasheet, known)
         if min(self.noise_V) < 0:
             raise RigError(f"noise_V: found {list(self.noise_V)}, expected three numbers, none negative")
+        if self.noise is not None and min(self.noise) < 0:
+            raise RigError(f"noise: found {list(self.noise)}, expected three numbers, none negative")
+        if self.noise is not None and any(self.noise_V):
+            raise RigError("noise: found beside noise_V, expected one or the other")
+
+    @property
+    def noise_of_readings(self) -> Triple:
+        """The noise in the unit of the readings, under whichever name it stands."""
+        return self.noise_V if self.noise is None else self.noise
 
     def sensor(self) -> TriaxialSensor:
         """The sensor without its noise, which is the acquisition's."""

@@ -47,6 +47,7 @@ def test_calibrate_says_whether_it_is_good(rig: Rig, swept: Path) -> None:
     """One in a thousand good calibrations is called not good; the seed is the scenario's own."""
     text = rig.done("calibrate", "run.parquet", "-o", "cal.json")
     assert text.count("verdict         good: residuals over noise floor") == 2
+    assert "rig diagnose" not in text
     verdict = Calibration.read("cal.json")["magnetometer"].quality.verdict
     assert verdict is not None
     assert verdict["good"] is True
@@ -55,11 +56,40 @@ def test_calibrate_says_whether_it_is_good(rig: Rig, swept: Path) -> None:
     replace(run, accelerometer=np.minimum(run.accelerometer, 3.0)).write("clipped.parquet")
     text = rig.not_good("calibrate", "clipped.parquet", "-o", "cal.json")
     assert "verdict         not good: because " in text
+    assert "What is wrong: rig diagnose clipped.parquet looks for the cause." in " ".join(text.split())
     assert text.count("readings are clipped") == 1
     verdict = Calibration.read("cal.json")["accelerometer"].quality.verdict
     assert verdict is not None
     assert verdict["good"] is False
     assert any(reason.startswith("readings are clipped") for reason in verdict["reasons"])
+
+
+@pytest.mark.parametrize(
+    ("unit", "option", "words"),
+    [
+        ("G", "0.55uT", "--field: 0.55 uT is 0.01 times the 0.55 G that stated.parquet states: its unit?"),
+        ("G", "55uT", ""),
+        ("G", "0.3G", ""),
+        ("uT", "0.55G", "--field: 0.55 G is 100 times the 0.55 uT that stated.parquet states: its unit?"),
+        (None, "55", "--field: 55 is 100 times the 0.55 that stated.parquet states: its unit?"),
+        (None, "55uT", ""),
+    ],
+)
+def test_a_field_that_contradicts_the_recording_is_said(
+    rig: Rig, swept: Path, unit: str | None, option: str, words: str
+) -> None:
+    run = read_recording("run.parquet")
+    own = replace(run.metadata, magnetic_field=0.55, magnetic_field_unit=unit, assumed=())
+    replace(run, metadata=own).write("stated.parquet")
+    found = rig("calibrate", "stated.parquet", "--field", option)
+    assert found.err == (f"rig: {words}\n" if words else "")
+
+
+def test_a_gravity_that_contradicts_the_recording_is_said(rig: Rig, swept: Path) -> None:
+    assert (
+        "--gravity: 1 m/s^2 is 0.102 times the 9.8 m/s^2 that run.parquet states"
+        in rig("calibrate", "run.parquet", "--gravity", "1").err
+    )
 
 
 @pytest.mark.parametrize(("factor", "words"), [(1.0, "accel1 equals accel2"), (-0.5, "accel1 is -2 times accel2")])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -19,6 +20,7 @@ from diagnosed_recordings import backlash, only, recorded, write_small
 import scenarios
 from estimators import Calibration
 from estimators.gap import diagnose
+from rig.assets import model_path
 from rig.effects import make_effect
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, read_recording
@@ -277,6 +279,28 @@ def outcome_or_death(task: Task, progress: object = None) -> str | RefusedFit:
     if task.run.name == "fails":
         return RefusedFit("no answer")
     return task.run.name
+
+
+def test_a_printed_step_runs_as_it_is_printed_with_an_arm_of_ones_own(rig: Rig, here: Path) -> None:
+    """But for the name of the recording: the arm and its tip are in the command, quoted for a shell."""
+    write_small(here, backlash())
+    arm = here / "my arm.urdf"
+    arm.write_bytes(Path(model_path("a465/a465.urdf")).read_bytes())
+    shown = rig.done("diagnose", "run.parquet", "--arm", arm, "--tip", "imu", *only("backlash"))
+    (step, *_) = json.loads(Path("diagnosis/run.diagnosis.json").read_text())["next"]["steps"]
+    assert step in " ".join(shown.split())
+    command = step[step.index("rig diagnose RUN") : step.index(", then")]
+    words = ["run.parquet" if word == "RUN" else word for word in shlex.split(command)][1:]
+    assert words[2:6] == ["--arm", str(arm), "--tip", "imu"]
+    rig.done(*words, *only("backlash"))
+    assert Path("improved.toml").is_file()
+    page = Path("diagnosis/run.html").read_text()
+    assert "<span>--tip</span> <span>imu</span> <span>--save-scenario</span>" in page
+
+
+def test_without_an_arm_of_ones_own_a_step_names_none(rig: Rig, here: Path) -> None:
+    write_small(here, backlash())
+    assert "--arm" not in rig.done("diagnose", "run.parquet", *only("backlash"))
 
 
 def test_only_the_next_maneuver_of_an_earlier_diagnosis_is_removed(rig: Rig, here: Path) -> None:

@@ -88,7 +88,8 @@ def test_a_text_table_with_foreign_names_is_read_by_itself(
     assert found.mapping.columns["wrist_2_joint (deg)"] == "q5_deg"
     assert found.recording.units == {"accelerometer": "g", "magnetometer": "uT"}
     assert found.recording.metadata.accelerometer_reads == "a-g"
-    assert not [line for line in found.findings if line.startswith("poses")]
+    assert not [line for line in found.findings if line.startswith(("poses", "accelerometer"))]
+    assert any("accelerometer: reads +1 g upward at rest" in line for line in found.said)
     calibration = estimators.calibrate(found.recording, arm=arm)
     assert np.isfinite(calibration["accelerometer"].covariance[0, 0])
 
@@ -243,7 +244,9 @@ def test_a_wrong_mapping_is_named_or_refused(tmp_path: Path, run: Recording, arm
     poses, conventions, expected = WRONG[case]
     path = write_text(tmp_path / "log.csv", tool_table(run, arm))
     try:
-        findings = imported([path], arm, {**READINGS, **poses}, **conventions).findings
+        found = imported([path], arm, {**READINGS, **poses}, **conventions)
+        # where the sensor's axes point is no mistake: a calibration finds them
+        findings = found.said if expected == "axes in the tool" else found.findings
     except RigError as refused:
         findings = (str(refused),)
     assert any(expected in line for line in findings), findings

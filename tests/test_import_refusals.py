@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cli_support import SMALL, Rig
+from diagnosed_recordings import recorded
 
+import estimators
+from rig.effects import EFFECTS
+from rig.errors import RigError
+from rig.recording import Metadata, read_recording
 from scenarios.importing import Mapping, import_logs
 from scenarios.importing.mapping import Conventions
 from scenarios.loader import from_toml
@@ -66,9 +73,51 @@ def test_a_row_without_a_time_is_said_to_be_left_out(log: Path) -> None:
 
 def test_times_that_go_back_are_counted(log: Path) -> None:
     spoil(log, 50, "-1")
-    assert any(
-        "it goes back once, at row 50 (first row 0): sorted" in line for line in import_logs([log], None, None).said
+    found = import_logs([log], None, None)
+    assert f"{log}: time goes back once, first at row 50 (first row 0): sorted" in found.findings
+    assert found.recording.metadata.findings == (f"{log}: time goes back once, first at row 50 (first row 0): sorted",)
+
+
+def test_a_stamp_that_is_no_time_is_refused_and_an_early_one_is_a_gap(rig: Rig, log: Path) -> None:
+    spoil(log, 50, "1e15")
+    line = rig.refused("import", log, "-o", log.with_name("out.parquet"))
+    assert line == (
+        f"rig: {log}: t_s in row 50 (first row 0) is 1e+15, in s by the name 't_s': expected times below 1e+11 s, or"
+        " another --time-unit"
     )
+    assert rig.refused("import", log, "--time-unit", "ms").endswith("or another --time-unit")
+    spoil(log, 50, "1e6")
+    (gap,) = [line for line in import_logs([log], None, None).findings if "gap" in line]
+    assert gap == f"a gap of {1e6 - 59.9:.4g} s after row {ROWS - 2}; the median step is 0.1 s"
+
+
+def test_what_the_import_found_stays_with_the_recording(rig: Rig, log: Path) -> None:
+    out = log.with_name("out.parquet")
+    spoil(log, 50, "1e6")
+    rig.done("import", log, "-o", out, "--gravity", "9.8", "--field", "1G")
+    went_back = f"{log}: time goes back once, first at row 51 (first row 0): sorted"
+    gap = f"a gap of {1e6 - 59.9:.4g} s after row {ROWS - 2}; the median step is 0.1 s"
+    assert read_recording(out).metadata.findings == (went_back, gap)
+    checked = rig("check", out, "--json")
+    assert checked.status == 1
+    findings = json.loads(checked.out)["findings"]
+    assert f"rig import found: {went_back}" in findings
+    assert sum("a gap of" in line for line in findings) == 1  # check looks for that itself
+    again = log.with_name("again.csv")
+    read_recording(out).write(again)
+    assert read_recording(again).metadata.findings == (went_back, gap)
+
+
+def test_findings_of_another_kind_are_refused(log: Path) -> None:
+    with pytest.raises(RigError, match="metadata findings: found 'a word', expected a list of texts"):
+        Metadata(findings="a word")  # type: ignore[arg-type]
+
+
+def test_a_diagnosis_repeats_what_the_import_found() -> None:
+    run, locked = recorded()
+    found = replace(run, metadata=replace(run.metadata, findings=("poses: the other sign",)))
+    few = [name for name in EFFECTS if name != "joint_offset"]
+    assert "rig import found: poses: the other sign" in estimators.diagnose(found, locked, without=few).warnings
 
 
 def test_a_text_in_a_column_that_is_wanted_is_named(rig: Rig, log: Path) -> None:

@@ -162,6 +162,33 @@ def test_comments_say_what_the_scenario_is_not() -> None:
     assert "Others that the recording allows: joint scale of joint 5 (.38)." in comments
 
 
+def test_what_the_recording_did_not_feel_is_saved_as_it_was_fitted() -> None:
+    """Of the three diagonal numbers of a soft iron only the differences are felt: the calibration takes up the rest.
+
+    The saved rig must do again what was found, and say which numbers are its fit's alone.
+    """
+    chi = (0.021, -0.012, 0.009, 0.006, 0.0, 0.004)
+    run, locked = recorded(make_effect("link_soft_iron", {"where": "link3", "chi": chi}))
+    values = (None, None, None, *chi[3:])
+    stds = (None, None, None, 1e-5, 1e-5, 1e-5)
+    why = "this maneuver does not feel it"
+    found = cause("link_soft_iron", "link3", chi=(values, stds, "relative", why, chi))  # type: ignore[arg-type]
+    diagnosis = by_hand(causes=(found,))
+    residuals = gap_residuals(run, diagnosis, locked)
+    text = improved_rig(diagnosis, residuals, locked).to_toml()
+    made = from_toml(text, "iron.toml")
+    (effect,) = made.rig.effects
+    assert effect.chi == chi  # type: ignore[attr-defined]
+    assert "chi of link soft iron of link 3: numbers 1, 2 and 3 are not felt by the recording" in " ".join(
+        line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")
+    )
+    assert set(made.fitted_std[0]) == {"chi"}
+    # With the true effect only noise is left: of n readings a chi-square, and the floor known to 1/sqrt(2 x 1400)
+    white = residuals.white_after[:, 3:]  # type: ignore[index]
+    allowed = 5.0 * np.sqrt(2.0 / white.size + 2.0 / 1400.0 / 3.0)
+    assert abs(np.mean(white**2) - 1.0) < allowed
+
+
 def test_a_fitted_rigs_effects_on_a_sensor_that_was_not_recorded_are_left_out() -> None:
     run, locked = recorded(backlash())
     alone, still = (
@@ -208,6 +235,10 @@ def test_a_sensor_with_a_digital_output_has_a_rig_in_its_own_unit() -> None:
     ]
     made = from_toml(improved(*in_uT, *by_hand().causes), "digital.toml")
     assert made.rig.acquisition.units == ("V", "uT")
+    text = made.to_toml()
+    assert text.count("noise_V = ") == 1  # the accelerometer's
+    assert "\nnoise = " in text
+    np.testing.assert_array_equal(from_toml(text, "again.toml").rig.acquisition.noise_V, made.rig.acquisition.noise_V)
     again = made.simulate(seed=3)
     assert again.units == {"accelerometer": "V", "magnetometer": "uT"}
     assert again.magnetometer is not None

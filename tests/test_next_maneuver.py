@@ -20,7 +20,7 @@ import estimators
 import scenarios
 from estimators.gap.data.basefit import set_up
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.diagnosis import Cause, Diagnosis
 from estimators.gap.evidence.refine import refit
 from estimators.gap.report.separation import Explanation, contest, rivals
 from rig.arm import Arm
@@ -35,7 +35,8 @@ from scenarios.gap_report.maneuver_words import described
 from scenarios.loader import from_toml
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.plan.maneuver_family import Family, family
-from scenarios.plan.next_maneuver import NextManeuver, Search, _lasting, next_maneuver
+from scenarios.plan.next_maneuver import NextManeuver, Search, _lasting, next_maneuver, next_step
+from scenarios.plan.undecided import identical_pairs, undecided_words
 from scenarios.scenario import Scenario
 
 #: 4.5 standard deviations over the 1.96 of the interval.
@@ -97,6 +98,67 @@ def test_what_no_maneuver_can_split_is_said() -> None:
     split = {(each.truth[0].where, each.rival[0].where) for each in found.separations}
     assert split == {("joint5", "joint2"), ("joint5", "joint3"), ("joint2", "joint5"), ("joint3", "joint5")}
     assert "No maneuver tried separates" in found.why
+
+
+def advised(truth: Effect, *sets: tuple[Cause, ...]) -> str:
+    """What is said to do next of a recording of an effect, where these sets are as likely."""
+    _, run, locked = recorded(truth)
+    others = tuple(tuple((each.effect, each.where) for each in one) for one in sets[1:])
+    diagnosis = by_hand("ambiguous", sets[0], rivals=others)
+    step = next_step(diagnosis, gap_residuals(run, diagnosis, locked), None)
+    assert step is not None
+    assert step.words["maneuver"] is None
+    return str(step.words["why"])
+
+
+def test_twins_of_every_pose_are_said_to_be_that() -> None:
+    """The axes of joints 2 and 3 are parallel at every pose; more time would not help."""
+    truth = make_effect("joint_offset", {"where": "joint2", "offset_rad": 0.03})
+    named = [(cause("joint_offset", where, offset_rad=(0.03, 1e-3, "rad")),) for where in ("joint2", "joint3")]
+    words = advised(truth, *named)
+    assert words.startswith(
+        "No maneuver of this arm tells these apart, which do the same to the readings in every pose"
+    )
+    assert "(the axes of joint2 and joint3 are parallel in every pose)" in words
+    assert "--minutes" not in words
+
+
+def test_only_what_is_the_same_in_every_pose_is_called_so() -> None:
+    _, run, locked = recorded(make_effect("joint_offset", {"where": "joint2", "offset_rad": 0.03}))
+    named = cause("joint_offset", "joint2", offset_rad=(0.03, 1e-3, "rad"))
+    sets = ("joint3", "joint4", "joint5")
+    diagnosis = by_hand("ambiguous", (named,), rivals=tuple((("joint_offset", where),) for where in sets))
+    residuals = gap_residuals(run, diagnosis, locked)
+    group = contest(residuals.data, diagnosis)
+    assert len(group) == 4
+    arm = residuals.data.base.arm
+    assert arm is not None
+    (pair,) = identical_pairs(residuals, arm, group)
+    assert [effect.where for one in pair for effect in one] == ["joint2", "joint3"]
+    words = undecided_words(residuals, diagnosis)
+    assert "joint 2" in words
+    assert "Of the others: no maneuver that was tried" in words
+
+
+def test_a_set_within_another_is_not_called_its_twin() -> None:
+    effects = [make_effect("joint_offset", {"where": where, "offset_rad": 0.03}) for where in ("joint4", "joint5")]
+    run, locked = from_toml(SMALL, "small.toml").with_effects(effects).simulate(0), recorded(effects[0])[2]
+    both = tuple(cause("joint_offset", where, offset_rad=(0.03, 1e-3, "rad")) for where in ("joint4", "joint5"))
+    diagnosis = by_hand("ambiguous", both, rivals=((("joint_offset", "joint4"),),))
+    residuals = gap_residuals(run, diagnosis, locked)
+    assert residuals.data.base.arm is not None
+    assert not identical_pairs(residuals, residuals.data.base.arm, contest(residuals.data, diagnosis))
+
+
+@pytest.mark.parametrize(
+    ("other", "words"), [("joint3", "No maneuver of this arm"), ("joint5", "No maneuver is proposed")]
+)
+def test_what_all_explanations_have_hides_no_twins(other: str, words: str) -> None:
+    """The arm's own acceleration depends on the motion, so that no maneuver is tried; the offsets do not."""
+    lever = cause("motion_acceleration", "accelerometer", lever_m=((0.1, 0.0, 0.0), (1e-3,) * 3, "m"))
+    offsets = [cause("joint_offset", where, offset_rad=(0.03, 1e-3, "rad")) for where in ("joint2", other)]
+    truth = make_effect("joint_offset", {"where": "joint2", "offset_rad": 0.03})
+    assert advised(truth, *[(each, lever) for each in offsets]).startswith(words)
 
 
 def test_sets_are_told_apart_and_a_smaller_one_only_as_the_wrong_one() -> None:

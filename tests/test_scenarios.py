@@ -281,6 +281,14 @@ def test_a_urdf_is_found_beside_the_scenario(tmp_path: Path) -> None:
             ("noise_V = [0.0134, 0.0136, 0.0146]", "noise_V = [0.0134, -0.0136, 0.0146]"),
             r"\[accelerometer\] noise_V: found",
         ),
+        (
+            ("noise_V = [0.0134, 0.0136, 0.0146]", "noise = [0.0134, -0.0136, 0.0146]"),
+            r"\[accelerometer\] noise: found \[0.0134, -0.0136, 0.0146\], expected three numbers, none negative",
+        ),
+        (
+            ("noise_V = [0.0134, 0.0136, 0.0146]", "noise_V = [0.1, 0.1, 0.1]\nnoise = [0.1, 0.1, 0.1]"),
+            r"\[accelerometer\] noise: found beside noise_V, expected one or the other",
+        ),
         (("offset = [2.45, 2.55, 2.3]", ""), r"\[accelerometer\] offset: is missing, expected a list of 3 numbers$"),
         (
             ("offset =", 'datasheet = "3dn"\noffset ='),

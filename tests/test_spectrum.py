@@ -361,6 +361,9 @@ def test_rig_noise_prints_draws_and_speaks_json(rig: Rig, tmp_path: Path) -> Non
         "noise", tmp_path / "still.parquet", "--calibration", tmp_path / "cal.json", "-o", tmp_path / "n.png"
     )
     assert "dynamic range [dB]" in text
+    assert "dynamic range and bits: of a range of 5 V, as in Renk et al.; a recording states none" in " ".join(
+        text.split()
+    )
     assert "(m/s²)/√Hz" in text
     assert (tmp_path / "n.png").stat().st_size > 20_000
     said = json.loads(rig.done("noise", tmp_path / "still.parquet", "--json"))

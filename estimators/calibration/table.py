@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from estimators.p_words import p_words
 from rig.number_text import with_std
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def _sensor(name: str, sensor: SensorCalibration) -> str:
     if (chi_square := sensor.quality.chi_square) is not None:
         lines.append(
             f"  chi-square {chi_square['value']:.1f} for {chi_square['degrees_of_freedom']:.0f} degrees of freedom,"
-            f" p = {chi_square['p_value']:.2g}"
+            f" {p_words(chi_square['p_value'])}"
         )
     lines += [f"  not told: {parameter}: {reason}" for parameter, reason in reasons]
     verdict = sensor.quality.verdict

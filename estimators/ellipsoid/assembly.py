@@ -11,6 +11,7 @@ from estimators.calibration import SensorCalibration
 from estimators.calibration.parts import Quality
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.monomials import PAIRS
+from estimators.p_words import p_words
 from rig.arrays import Array
 
 METHOD: Final = "ellipsoid"
@@ -169,7 +170,7 @@ def _warnings(fit: EllipsoidFit, chi_square: dict[str, Any] | None, given: int, 
         worst = float(np.sqrt(chi_square["value"] / max(chi_square["degrees_of_freedom"], 1.0)))
         if worst > 1.0:
             found.append(
-                f"residuals are {worst:.3g} times the noise floor (p = {chi_square['p_value']:.1e}): the field's"
+                f"residuals are {worst:.3g} times the noise floor ({p_words(chi_square['p_value'])}): the field's"
                 " magnitude was not constant, or the model misses something, and the true errors exceed the standard"
                 " deviations"
             )

@@ -17,6 +17,8 @@ from estimators.goodness.outliers import Outliers
 from estimators.goodness.own_optimum import Transfer
 from estimators.goodness.raw_readings import Clipped, Repeats, summary_of
 from estimators.goodness.whiteness import Whiteness
+from estimators.loud_floor import times_too_loud
+from estimators.p_words import p_words
 from rig.channels import CHANNELS_OF
 from rig.documents import plain
 
@@ -124,7 +126,8 @@ def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
     if found.transfer is not None and found.transfer.p_value < P_VALUE_LIMIT:
         told.append(
             f"the calibration is not this recording's: its parameters have moved (chi-square"
-            f" {found.transfer.chi_square:.3g} of {found.transfer.parameters} degrees, {_p(found.transfer.p_value)})"
+            f" {found.transfer.chi_square:.3g} of {found.transfer.parameters} degrees,"
+            f" {p_words(found.transfer.p_value)})"
         )
     if found.outliers.significant and not found.left_out:
         told.append(
@@ -133,25 +136,26 @@ def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
         )
     if found.chi_square is not None and found.chi_square["p_value"] < P_VALUE_LIMIT:
         worst = max(found.chi_square["residual_over_floor"])
+        missed = np.sqrt(max(worst**2 - 1.0, 0.0))
         told.append(
-            f"residuals are {worst:.3g} times the noise floor ({_p(found.chi_square['p_value'])}): the model misses"
-            f" {np.sqrt(max(worst**2 - 1.0, 0.0)):.2g} times the noise"
+            f"residuals are {_times(worst)} times the noise floor ({p_words(found.chi_square['p_value'])}): the model"
+            f" misses {_times(missed)} times the noise"
         )
     if found.by_direction is not None and found.by_direction.p_value < P_VALUE_LIMIT:
         told.append(
-            f"residuals depend on the direction ({_p(found.by_direction.p_value)}), most about"
+            f"residuals depend on the direction ({p_words(found.by_direction.p_value)}), most about"
             f" {found.by_direction.worst_name}"
         )
     if found.cross_terms is not None and found.cross_terms.p_value < P_VALUE_LIMIT:
         told.append(
-            f"six parameters leave {found.cross_terms.ratio:.3g} times what nine do ({_p(found.cross_terms.p_value)}):"
-            " the axes are not square to each other"
+            f"six parameters leave {found.cross_terms.ratio:.3g} times what nine do"
+            f" ({p_words(found.cross_terms.p_value)}): the axes are not square to each other"
         )
     if found.hold_out is not None and found.hold_out.p_value < P_VALUE_LIMIT:
         first, last = found.hold_out.worst_s
         told.append(
             f"readings that were held out are predicted worse than the noise explains ({found.hold_out.ratio:.4f} times"
-            f" the residuals, {_p(found.hold_out.p_value)}), most from {first:.4g} to {last:.4g} s"
+            f" the residuals, {p_words(found.hold_out.p_value)}), most from {first:.4g} to {last:.4g} s"
         )
     if not _held(found) and found.whiteness.p_value < P_VALUE_LIMIT:
         told.append(
@@ -168,13 +172,17 @@ def remarks(found: Goodness) -> list[str]:
         told.append("no noise floor was recorded to hold the residuals against")
     else:
         ratios = ", ".join(f"{ratio:.3f}" for ratio in found.chi_square["residual_over_floor"])
-        told.append(f"residuals over noise floor {ratios} ({_p(found.chi_square['p_value'])})")
+        times = times_too_loud(found.chi_square)
+        how = p_words(found.chi_square["p_value"])
+        if times is not None:
+            how = f"a floor that is too loud: standard deviations are {times:.3g} times too large"
+        told.append(f"residuals over noise floor {ratios} ({how})")
     if found.left_out:
         told.append(f"{found.left_out} samples were left out as outliers")
     if found.by_direction is None:
         told.append("too few readings to look at them by direction")
     else:
-        told.append(f"no direction stands out ({_p(found.by_direction.p_value)})")
+        told.append(f"no direction stands out ({p_words(found.by_direction.p_value)})")
     if found.cross_terms is not None:
         told.append(f"six parameters leave {found.cross_terms.ratio:.3g} times what nine do")
     if found.hold_out is None:
@@ -197,5 +205,5 @@ def _held(found: Goodness) -> bool:
     return found.repeats.significant and bool(np.sqrt(found.repeats.held) > INFLATION_LIMIT)
 
 
-def _p(value: float) -> str:
-    return f"p = {value:.2g}" if value > 1e-99 else "p < 1e-99"
+def _times(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"

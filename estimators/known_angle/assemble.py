@@ -13,6 +13,7 @@ from estimators.calibration.parts import AxisCalibration, FieldDirection, Qualit
 from estimators.known_angle.agreement import angles_between, common_field
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.reported import Reported, report
+from estimators.p_words import p_words
 from rig.arrays import Array
 from rig.directions import angles_from_direction
 
@@ -177,12 +178,12 @@ def _warnings(
         worst = max(chi_square["residual_over_floor"])
         if worst > 1.0:
             found.append(
-                f"residuals are up to {worst:.3g} times the noise floor (p = {chi_square['p_value']:.1e}): the model"
+                f"residuals are up to {worst:.3g} times the noise floor ({p_words(chi_square['p_value'])}): the model"
                 " misses something, and the true errors exceed the standard deviations"
             )
     if agreement is not None and agreement["p_value"] < P_VALUE_LIMIT:
         found.append(
-            f"the separate fits do not agree on one field direction (p = {agreement['p_value']:.1e}): the model misses"
+            f"the separate fits do not agree on one field direction ({p_words(agreement['p_value'])}): the model misses"
             " something"
         )
     if fit.information.condition > CONDITION_LIMIT:

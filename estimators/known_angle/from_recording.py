@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimators.calibration import SensorCalibration
 from estimators.known_angle.statistics import Statistics
+from estimators.loud_floor import loud_words
 from estimators.noise import NoiseFloor, given_floor, noise_floor
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, SENSORS
@@ -166,6 +168,13 @@ class Floors:
         if self.given is not None and sensor in self.given:
             return self.given[sensor], np.zeros(3)
         return None
+
+    def with_loudness(self, made: SensorCalibration) -> SensorCalibration:
+        """A calibration made with these, warned where they are louder than its residuals."""
+        words = self.source
+        if self.measured is not None:
+            words += f", {int(self.measured.pose_samples.sum()):,} samples at {self.measured.rate_Hz:.4g} Hz"
+        return made.warned(*loud_words(made.quality.chi_square, words))
 
 
 def floors_of(path: PathLike | Recording | None, noise: Noise | None) -> Floors:

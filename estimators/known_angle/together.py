@@ -33,6 +33,8 @@ from estimators.known_angle.from_recording import (
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import Method, Weighting
 from estimators.known_angle.statistics import Statistics
+from estimators.loud_floor import loud_words
+from estimators.p_words import p_words
 from rig.arrays import Array
 from rig.channels import SENSORS
 from rig.errors import RigError, in_short
@@ -174,7 +176,8 @@ def calibrate_together(
         told[sensor] = contributions(joint)
         count = sum(part.statistics.count for part in parts[sensor])
         rms = np.sqrt(joint.residual_square.sum(axis=0) / count)
-        results[sensor] = replace(own, fit_rms=rms).warned(*_disagreements(told[sensor]))
+        loud = loud_words(own.quality.chi_square, source_of_noise)
+        results[sensor] = replace(own, fit_rms=rms).warned(*loud, *_disagreements(told[sensor]))
     name = in_short([each.name for each in sources])
     known_arm = next((each for each in arms if each is not None), None)
     return Calibration(results, name, known_arm, {"recordings": told})
@@ -365,7 +368,7 @@ def _disagreements(told: Sequence[Mapping[str, Any]]) -> list[str]:
         if test["p_value"] * len(told) < P_VALUE_LIMIT:
             found.append(
                 f"{each['recording']} does not agree with the other recordings on one calibration (chi-square"
-                f" {test['chi_square']:.3g} of {test['degrees_of_freedom']}, p = {test['p_value']:.1e}): rig diagnose"
+                f" {test['chi_square']:.3g} of {test['degrees_of_freedom']}, {p_words(test['p_value'])}): rig diagnose"
                 " --together says what differs"
             )
     return found

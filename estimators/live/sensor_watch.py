@@ -25,6 +25,7 @@ from estimators.live.noise_memory import CERTAIN, Memory, exceeded
 from estimators.live.reference import Reference, Residuals
 from estimators.live.residual_blocks import LEAST, Blocks, Rested, within
 from estimators.live.stuck import Stuck
+from estimators.p_words import p_words
 from rig.arrays import Array, Rows
 from rig.recording import Recording
 
@@ -270,7 +271,7 @@ class SensorWatch:
         first = int(over[0])
         what = "the residuals' mean" if p_shift[first] <= p_noise[first] else "the residuals' squares"
         p = float(both[first])
-        words = f"{what} over {length * self._block_s:.1f} s (p = {p:.0e})"
+        words = f"{what} over {length * self._block_s:.1f} s ({p_words(p)})"
         return _Tests(place, shift, deviation, int(due[first]), p, words, least, apart)
 
     def _take_up(self, tests: list[_Tests], squares: Array) -> None:
@@ -388,6 +389,6 @@ class SensorWatch:
                 most = self.memory.most(-1, degrees)
                 self.memory.add(len(WINDOWS), min(square, most) / PARTS, 1.0 / PARTS, degrees)
             if p < self._chance * PART * self._block_s:
-                words = f"the residuals toward {self.by_direction.worst} (p = {p:.0e})"
+                words = f"the residuals toward {self.by_direction.worst} ({p_words(p)})"
                 found += self._raise(now, now - PART * self._block_s, words, p)
         return found

@@ -47,6 +47,7 @@ class NoiseFloor:
         pose_rms: (p, c) of each pose. pose_samples: (p,).
         dynamic_range_dB, dynamic_range_std_dB: (c,) 20 log10(full scale / RMS); NaN for channels not in volts.
         bits, bits_std: (c,) dynamic range over 6.02 dB.
+        rate_Hz: of the recording.
     """
 
     channels: tuple[str, ...]
@@ -59,6 +60,7 @@ class NoiseFloor:
     dynamic_range_std_dB: Array
     bits: Array
     bits_std: Array
+    rate_Hz: float = np.nan
 
     def of(self, sensor: str, unit: str | None = None) -> tuple[Array, Array] | None:
         """RMS and its standard error of a sensor's channels, (3,) each, in ``unit``; None where it was not recorded.
@@ -156,6 +158,7 @@ def noise_floor(
         spread,
         dynamic_range / DB_PER_BIT,
         spread / DB_PER_BIT,
+        locked.rate_Hz,
     )
 
 

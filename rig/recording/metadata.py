@@ -41,6 +41,7 @@ class Metadata:
         serial: of the arm, which tells it from others of its model; None: not stated.
         recorded: date and time of the first sample, ISO 8601; None: not stated.
         assumed: those of ``gravity_m_s2`` and ``magnetic_field`` that nobody has stated: their defaults stand in.
+        findings: what looked wrong where the recording was made, as by ``rig import``, line by line.
         extra: further JSON keys, which are kept as they are.
 
     Raises:
@@ -59,6 +60,7 @@ class Metadata:
     serial: str | int | None = None
     recorded: str | None = None
     assumed: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -85,6 +87,10 @@ class Metadata:
                 f"metadata assumed: found {shown(self.assumed)}, expected a list of {', '.join(FIELD_SIZES)}"
             )
         object.__setattr__(self, "assumed", tuple(self.assumed))
+        lines = self.findings
+        if not isinstance(lines, list | tuple) or not all(isinstance(line, str) for line in lines):
+            raise RigError(f"metadata findings: found {shown(lines)}, expected a list of texts")
+        object.__setattr__(self, "findings", tuple(lines))
         object.__setattr__(self, "extra", dict(self.extra))
         if taken := sorted(set(self.extra) & _RESERVED):
             raise RigError(f"metadata extra: found {taken[0]!r}, which has its own field")
@@ -106,9 +112,10 @@ class Metadata:
             del stated["accelerometer_reads"]
         if not self.still_poses:
             del stated["still_poses"]
-        stated["assumed"] = list(self.assumed)
-        if not self.assumed:
-            del stated["assumed"]
+        for name in ("assumed", "findings"):
+            stated[name] = list(getattr(self, name))
+            if not stated[name]:
+                del stated[name]
         return {"format": FORMAT, **stated, **self.extra}
 
     def to_text(self) -> str:

@@ -226,6 +226,12 @@ def on_arm(scenario: Scenario, arm_file: Path | None, tip: str | None, kind: str
     return scenario.with_arm(arm, kind)
 
 
+def given_arm(arm_file: Path | None, tip: str | None) -> list[str]:
+    """The words of ``--arm`` and ``--tip`` as they were given; none where they were not."""
+    given = {"--arm": arm_file, "--tip": tip}
+    return [word for option, value in given.items() if value is not None for word in (option, str(value))]
+
+
 def chosen_arm(arm_file: Path | None, tip: str | None) -> Arm | None:
     """The arm of ``--arm`` and ``--tip``; None where neither is given.
 

@@ -63,6 +63,35 @@ def stated_metadata(gravity: float | None, field: str | None) -> dict[str, Any]:
     return found
 
 
+#: A stated magnitude that is so many times the recording's own is another unit, or a slip.
+_CONTRADICTS = 2.0
+
+
+def contradiction_words(stated: dict[str, Any], scan: RecordingScan) -> list[str]:
+    """The magnitudes of the options that are far from what the recording states itself, in words.
+
+    A relative field is held against a relative one alone.
+    """
+    from rig.units import conversion_factor
+
+    own, found = scan.metadata, []
+    if "gravity_m_s2" in stated and "gravity_m_s2" in scan.stated:
+        ratio = stated["gravity_m_s2"] / own.gravity_m_s2
+        if not 1.0 / _CONTRADICTS < ratio < _CONTRADICTS:
+            words = f"--gravity: {stated['gravity_m_s2']:g} m/s^2 is {ratio:.3g} times the {own.gravity_m_s2:g} m/s^2"
+            found.append(f"{words} that {scan.path} states")
+    unit, recorded = stated.get("magnetic_field_unit"), own.magnetic_field_unit
+    comparable = (unit is None) == (recorded is None)
+    if "magnetic_field" in stated and "magnetic_field" in scan.stated and comparable:
+        factor = 1.0 if unit is None or recorded is None else conversion_factor(unit, recorded)
+        ratio = factor * stated["magnetic_field"] / own.magnetic_field
+        if not 1.0 / _CONTRADICTS < ratio < _CONTRADICTS:
+            one, other = (f" {each}" * (each is not None) for each in (unit, recorded))
+            words = f"--field: {stated['magnetic_field']:g}{one} is {ratio:.3g} times the {own.magnetic_field:g}{other}"
+            found.append(f"{words} that {scan.path} states: its unit?")
+    return found
+
+
 def unit_of_field(scan: RecordingScan) -> str:
     """The unit of the field that a recording states or records; uT where that is none of the field's."""
     from rig.units import UNITS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -19,13 +20,21 @@ from scenarios.cli._options import (
     check_picture,
     chosen_arm,
     counted,
+    given_arm,
     json_option,
     memory_option,
     print_json,
     progress_bar,
     without_locked,
 )
-from scenarios.cli._stated import stated_by_place, stated_metadata, stated_options, unit_of_field, with_assumptions
+from scenarios.cli._stated import (
+    contradiction_words,
+    stated_by_place,
+    stated_metadata,
+    stated_options,
+    unit_of_field,
+    with_assumptions,
+)
 
 if TYPE_CHECKING:
     from estimators import Calibration
@@ -139,6 +148,8 @@ def calibrate(
         click.echo(f"rig: {unused}", err=True)
     stated = stated_metadata(gravity, field)
     by_place, words = stated_by_place(stated, at, date, scan.sensors, unit_of_field(scan))
+    for line in contradiction_words(stated, scan):
+        click.echo(f"rig: {line}", err=True)
     stated |= by_place
     if words:
         click.echo(f"rig: {words}", err=True)
@@ -224,7 +235,12 @@ def calibrate(
     for written in (output, coverage):
         if written is not None:
             click.echo(f"\n{written}: written")
-    return _status(calibration)
+    status = _status(calibration)
+    if status and not attitude_free:
+        together = " --together" if len(several) > 1 else ""
+        command = shlex.join(["rig", "diagnose", *map(str, several), *given_arm(arm_file, tip)])
+        click.echo(f"\nWhat is wrong: {command}{together} looks for the cause.")
+    return status
 
 
 def _status(calibration: Calibration) -> int:

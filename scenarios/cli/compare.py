@@ -90,6 +90,7 @@ def _calibrations(first: Path, second: Path, kind: str) -> _Found:
     from rich.text import Text
 
     from estimators.calibration import Calibration
+    from estimators.p_words import p_words
     from scenarios.comparison import apart, compare, compare_two
     from scenarios.loader import load
     from scenarios.plots import errors_figure
@@ -119,7 +120,7 @@ def _calibrations(first: Path, second: Path, kind: str) -> _Found:
         shown.append(
             Text(
                 f"{sensor}: {verdict}: chi-square {each.chi_square:.1f} for {each.degrees_of_freedom} parameters, "
-                f"p = {each.p_value:.2g}"
+                f"{p_words(each.p_value)}"
             )
         )
     return _Found(document, shown, lambda: errors_figure(rows, f"({names[1]} − {names[0]}) / σ"))

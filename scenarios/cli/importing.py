@@ -181,6 +181,7 @@ def _document(found: Imported, output: Path | None, map_file: Path | None) -> di
         "columns": found.mapping.columns,
         "said": list(found.said),
         "findings": list(found.findings),
+        "unused": {log: list(names) for log, names in found.unused.items()},
     }
 
 

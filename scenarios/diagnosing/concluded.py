@@ -10,6 +10,7 @@ from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import rivals
 from rig.errors import RigError
 from rig.recording import Recording
+from scenarios.diagnosing.equivalents import equivalents_of
 from scenarios.diagnosing.improved_rig import improved_rig
 from scenarios.diagnosing.task import About, Outcome, Task
 from scenarios.gap_report.advice import next_steps
@@ -43,9 +44,11 @@ def concluded(
             unsaved = str(error) if task.improved else None
     if open_between:
         step = next_step(diagnosis, last, rig, task.minutes)
-    words = {"maneuver": None, **({} if step is None else step.words)}
+    words: dict[str, Any] = {"maneuver": None, **({} if step is None else step.words)}
+    if len(residuals) == 1 and (same := equivalents_of(diagnosis, last)):
+        words["equivalents"] = same
     diagnosis = replace(diagnosis, next=words)
-    diagnosis = replace(diagnosis, next={**words, "steps": next_steps(diagnosis)})
+    diagnosis = replace(diagnosis, next={**words, "steps": next_steps(diagnosis, task.arm_options)})
     units: dict[str, str] = {}
     for each in residuals:
         units |= each.recording.units

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.gap.data.basefit import all_readings
 from estimators.gap.data.defects import lattice
-from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.diagnosis import Diagnosis, Estimate
 from estimators.gap.report.fitted_rig import FittedRig, delayed, known_to
 from estimators.gap.share_words import chance
 from rig.acquisition import Acquisition
@@ -166,12 +166,28 @@ def _warming(environment: Environment, recording: Recording) -> Environment:
     )
 
 
+def _unfelt_numbers(estimate: Estimate) -> str:
+    """Which numbers of a parameter the recording did not feel, in words; empty where it felt all."""
+    if not isinstance(estimate.value, tuple):
+        return "" if estimate.value is not None else "it is"
+    numbers = [str(number) for number, value in enumerate(estimate.value, start=1) if value is None]
+    if len(numbers) > 1:
+        return f"numbers {', '.join(numbers[:-1])} and {numbers[-1]} are"
+    return f"number {numbers[0]} is" if numbers else ""
+
+
 def _remarks(diagnosis: Diagnosis, residuals: GapResiduals, rig: Rig) -> list[str]:
     remarks: list[str] = []
     for cause in diagnosis.leading:
         if cause.equivalent:
             title = cause_title(cause.effect, cause.where)
             remarks.append(f"To the recording the same as {title}: {alike_words(cause)}.")
+        remarks += [
+            f"{name} of {cause_title(cause.effect, cause.where)}: {unfelt_numbers} not felt by the recording: as in the"
+            " fit, to which the other values and the calibration belong; other values would do the same."
+            for name, estimate in cause.parameters.items()
+            if estimate.fitted is not None and (unfelt_numbers := _unfelt_numbers(estimate))
+        ]
     others = diagnosis.alternatives[1:] if diagnosis.verdict == "ambiguous" else ()
     if others:
         listed = "; ".join(f"{explanation_words(one)} ({chance(one.probability)})" for one in others)

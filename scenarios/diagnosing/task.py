@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,6 +54,12 @@ class Task:
     rig: FittedRig | None = None
     others: tuple[Path, ...] = ()
     calibration: Path | None = None
+
+    @property
+    def arm_options(self) -> str:
+        """The options of the arm, as a shell takes them; empty where none was given."""
+        given = {"--arm": self.arm_file, "--tip": self.tip}
+        return " ".join(f"{option} {shlex.quote(str(value))}" for option, value in given.items() if value is not None)
 
 
 @dataclass(frozen=True)

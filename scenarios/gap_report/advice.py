@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from estimators.gap.cause_words import naming
 from estimators.gap.choices import and_words, cause_names, count_words, parted
 from estimators.gap.diagnosis import NAMED, Diagnosis
+from estimators.gap.parameter_words import sizes_words
 from estimators.gap.remainder_words import STRENGTH, WORTH_A_LOOK, error_words, grouped, noisy_channel, source_words
 from estimators.gap.report.separation import rivals
 from estimators.gap.share_words import chance
 from scenarios.gap_report.maneuver_words import decides
 from scenarios.gap_report.untold import another_maneuver_tells
-from scenarios.gap_report.words import cause_title, explanation_words, readable
+from scenarios.gap_report.words import cause_title, explanation_words, on_paper, readable
 
 #: What is left over acts like an error; how its name begins -> what to look at on the rig.
 _LOOK: Final = {
@@ -32,6 +34,8 @@ _LOOK: Final = {
     "single readings": "look at the cable, the connector and the converter's range",
 }
 
+#: A command on the recordings of a diagnosis.
+_OF_RECORDINGS: Final = re.compile(r"rig diagnose RUN(?: OTHER| NEXT)?")
 #: So many errors at most are looked for.
 _LOOKS: Final = 4
 #: Where another maneuver speaks against the causes.
@@ -41,8 +45,21 @@ _REFUTED: Final = (
 )
 
 
-def next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """What to do next, one sentence or two each, the most useful first."""
+def next_steps(diagnosis: Diagnosis, options: str = "") -> tuple[str, ...]:
+    """What to do next, one sentence or two each, the most useful first; as the diagnosis has them, where it does.
+
+    Args:
+        options: that its recordings need in a command, such as ``--arm ur5e.urdf``.
+    """
+    if stored := (diagnosis.next or {}).get("steps"):
+        return tuple(map(str, stored))
+    steps = _steps(diagnosis)
+    return (
+        tuple(_OF_RECORDINGS.sub(lambda found: f"{found[0]} {options}", step) for step in steps) if options else steps
+    )
+
+
+def _steps(diagnosis: Diagnosis) -> tuple[str, ...]:
     verdicts = {
         "no-gap": _no_gap,
         "named": _named,
@@ -110,10 +127,18 @@ def _named(diagnosis: Diagnosis) -> list[str]:
 
 def _alike(diagnosis: Diagnosis) -> str:
     """What the leading causes cannot be told from on this maneuver."""
+    sizes = {(each["effect"], each["where"]): each["size"] for each in (diagnosis.next or {}).get("equivalents", ())}
+
+    def titled(effect: str, where: str, size: str) -> str:
+        return cause_title(effect, where) + (f" ({on_paper(size)})" if size and sizes else "")
+
     groups = "; ".join(
         and_words(
-            [cause_title(cause.effect, cause.where)]
-            + [cause_title(each["effect"], each["where"]) for each in cause.equivalent]
+            [titled(cause.effect, cause.where, sizes_words(cause))]
+            + [
+                titled(each["effect"], each["where"], sizes.get((each["effect"], each["where"]), ""))
+                for each in cause.equivalent
+            ]
         )
         for cause in diagnosis.leading
         if cause.equivalent

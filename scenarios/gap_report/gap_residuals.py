@@ -119,11 +119,15 @@ def channel_floor(recording: Recording, locked: Recording | None, arm: Arm | Non
 def diagnosed_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The causes of the likeliest explanation as effects that the simulator can apply.
 
-    Values beyond their bounds are moved to these; what the recording did not feel is neutral.
+    Values beyond their bounds are moved to these. What the recording did not feel is as it stood in the fit, to which
+    the other values belong: alone they would not do again what was found. Where nothing stood there it is neutral.
     """
     found = []
     for cause in diagnosis.leading:
-        given = {name: estimate.value for name, estimate in cause.parameters.items()}
+        given = {
+            name: estimate.value if estimate.fitted is None else estimate.fitted
+            for name, estimate in cause.parameters.items()
+        }
         values = without_nulls(cause.effect, {"where": cause.where, **given})
         for item in EFFECTS[cause.effect].parameters():
             if item.name in values:

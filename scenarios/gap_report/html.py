@@ -12,7 +12,9 @@ from typing import Final
 from scenarios.gap_report.words import VERDICTS
 
 #: A command within a sentence.
-_COMMAND: Final = re.compile(r"rig [a-z]+(?: (?:[A-Z]{3,}(?:\.\w+)?|--?[a-z-]+|[\w/-]+\.\w+))+")
+_COMMAND: Final = re.compile(
+    r"rig [a-z]+(?: (?:[A-Z]{3,}(?:\.\w+)?|--(?:arm|tip) (?:&#x27;.*?&#x27;|\S+)|--?[a-z-]+|[\w/-]+\.\w+))+"
+)
 #: Nothing may be loaded from anywhere; the style is the page's own.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping as Table
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,21 +16,17 @@ from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
 from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording
-from rig.recording.joint_degrees import degrees_words
 from rig.recording.metadata import FIELD_SIZES
-from rig.units import STANDARD_GRAVITY
 from scenarios.importing.bag_log import is_bag, read_bag
+from scenarios.importing.checks import GRAVITY_M_S2, rotations_of, shown_by
 from scenarios.importing.clocks import clock_offset
-from scenarios.importing.conventions import axis_words, judged, suspicious
 from scenarios.importing.mapping import Conventions, Mapping, check_columns
 from scenarios.importing.quantities import guess, is_joint, is_numbered, is_time
 from scenarios.importing.text_log import Log, read_text_log
 from scenarios.importing.tracks import LOUD, Track, tracks_of
+from scenarios.importing.unused import lacking_words, unused_columns, unused_words
 
-_GRAVITY: Final = 9.8  # where none is stated; as recordings have it
 _OTHER_CLOCK_S: Final = 0.5  # no sensor is later than this: more is another clock
-_G: Final = {"g": 1.0, "m_s2": STANDARD_GRAVITY}
-_FIELD: Final = {"G": (0.1, 1.2), "uT": (10.0, 120.0), "nT": (1e4, 1.2e5)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +36,16 @@ class Imported:
     Attributes:
         recording, mapping: what came out, and which column was taken for what.
         said: how the logs were read, line by line.
-        findings: what looks wrong, and what it would be, line by line; empty where all is well.
+        findings: what looks wrong, and what it would be, line by line, which stays with the recording; and what nobody
+            has stated. Empty where all is well.
+        unused: by log, the columns that the recording does not hold.
     """
 
     recording: Recording
     mapping: Mapping
     said: tuple[str, ...]
     findings: tuple[str, ...]
+    unused: Table[str, tuple[str, ...]]
 
 
 def import_logs(
@@ -83,10 +83,16 @@ def import_logs(
                 said.append(f"{track.log}: {track.kind} is taken from {tracks[track.kind].log}: passed over here")
             tracks.setdefault(track.kind, track)
     recording, joined, findings = _joined(tracks, mapping, arm, said)
-    recording, checked = _checked(recording, joined, mapping, arm)
+    shown = shown_by(recording, joined, mapping, arm)
     loud = [line.removeprefix(LOUD) for line in said if line.startswith(LOUD)]
-    quiet = tuple(line for line in said if not line.startswith(LOUD))
-    return Imported(recording, mapping, quiet, (*loud, *findings, *checked))
+    quiet = [line for line in said if not line.startswith(LOUD)]
+    wrong = (*loud, *findings, *shown.wrong)
+    recording = replace(shown.recording, metadata=replace(shown.recording.metadata, findings=wrong))
+    unused = unused_columns(logs, mapping.columns, recording)
+    listed = unused_words(unused, recording)
+    open_questions = (*shown.open, *(listed if lacking_words(recording) else ()))
+    remarks = (*quiet, *shown.said, *(() if lacking_words(recording) else listed))
+    return Imported(recording, mapping, remarks, (*wrong, *open_questions), unused)
 
 
 def _check_numbers(logs: Sequence[Log], mapping: Mapping) -> None:
@@ -136,6 +142,13 @@ def _joined(
         sizes = {track.kind: len(track.values) for track in tracks.values()}
         if len(set(sizes.values())) > 1:
             raise RigError(f"{main.log}: without times all must have as many rows, found {sizes}")
+        gappy = next((track for track in tracks.values() if track.left_out), None)
+        if gappy is not None and len({track.log for track in tracks.values()}) > 1:
+            raise RigError(
+                f"{gappy.log}: {gappy.left_out} of {gappy.left_out + len(gappy.values)} rows left out for a cell"
+                " without a number, and without times logs are joined row by row: expected whole rows, or a column t"
+                " in each log"
+            )
         t = np.arange(len(main.values), dtype=float)
         metadata = replace(metadata, still_poses=True)
         said.append(f"no time: each of the {len(t)} rows is a still pose, t_s counts them")
@@ -171,12 +184,12 @@ def _joined(
         raise RigError(
             f"{tracks['joints'].log}: found {joints.shape[1]} joints, expected {arm.dof} of arm {arm.name!r}"
         )
-    temperature, supply = at("temperature"), at("supply")
+    temperature, supply, currents = at("temperature"), at("supply"), at("current")
     stated = mapping.metadata
     unit = stated.magnetic_field_unit
     metadata = replace(
         metadata,
-        gravity_m_s2=stated.gravity_m_s2 or _GRAVITY,
+        gravity_m_s2=stated.gravity_m_s2 or GRAVITY_M_S2,
         magnetic_field=stated.magnetic_field or 1.0,
         assumed=tuple(name for name in FIELD_SIZES if getattr(stated, name) is None),
         serial=stated.serial,
@@ -196,6 +209,7 @@ def _joined(
         units={sensor: tracks[kind].unit for sensor, kind in units.items() if kind in tracks},
         temperature=None if temperature is None else temperature[:, 0],
         supply=None if supply is None else supply[:, 0],
+        currents={} if currents is None else dict(zip(tracks["current"].joints, currents.T, strict=True)),
         metadata=metadata,
         name="import",
     )
@@ -242,14 +256,6 @@ def _arm_name(pose: Track | None, mapping: Mapping, arm: Arm | None) -> str:
     return own.name
 
 
-def _rotations(pose: Track, arm: Arm | None) -> Array | None:
-    if pose.kind == "rotation":
-        return pose.values
-    if arm is None or pose.values.shape[1] != arm.dof:
-        return None
-    return arm.rotation_map.rotations(pose.values)
-
-
 def _on_one_clock(
     main: Track, pose: Track, conventions: Conventions, arm: Arm | None, said: list[str], findings: list[str]
 ) -> Track:
@@ -263,7 +269,7 @@ def _on_one_clock(
         return replace(pose, t=pose.t + conventions.clock_offset_s)
     overlap = min(main.t[-1], pose.t[-1]) - max(main.t[0], pose.t[0])
     apart = overlap < 0.5 * min(np.ptp(main.t), np.ptp(pose.t))
-    rotations = _rotations(pose, arm)
+    rotations = rotations_of(pose, arm)
     if rotations is None or len(pose.t) < 2:
         if apart:
             raise RigError(
@@ -289,84 +295,3 @@ def _on_one_clock(
     else:
         said.append(f"clock: one for poses and readings (offset {words})")
     return pose
-
-
-def _checked(
-    recording: Recording, pose: Track | None, mapping: Mapping, arm: Arm | None
-) -> tuple[Recording, list[str]]:
-    """The recording with the accelerometer's sign, and what its conventions show."""
-    findings = _unit_findings(recording)
-    stated = mapping.metadata
-    if ACCELEROMETER in recording.sensors and stated.gravity_m_s2 is None:
-        findings.append(
-            f"gravity is not stated: {_GRAVITY} m/s^2 taken; 1 % in it is 1 % in every sensitivity (--gravity)"
-        )
-    if MAGNETOMETER in recording.sensors and stated.magnetic_field is None:
-        findings.append("the magnetic field is not stated: 1 assumed, so that all is relative to it (--field)")
-    reads = mapping.conventions.accelerometer_reads
-    rotations = None if pose is None else _rotations(pose, arm)
-    if pose is not None and rotations is None:
-        taken = " and taken for the a465's" if recording.metadata.arm == "a465" else ""
-        findings.append(f"joint angles without --arm FILE: their conventions are not checked{taken}")
-    handed: dict[str, Array] = {}
-    for sensor in recording.sensors:
-        if rotations is None or pose is None:
-            break
-        verdict = judged(pose, rotations, recording.readings(sensor), arm)
-        if verdict.rival is not None:
-            words, times = verdict.rival
-            better = "only" if times is None else f"{times:.3g} times better"
-            findings.append(f"poses: the {sensor} fits them {better} {words}: look at the mapping")
-        elif suspicious(verdict):
-            findings.append(
-                f"poses: {100 * (verdict.misfit or 0.0):.0f} % of the {sensor}'s field is left over, whatever usual"
-                " convention is tried: look at the mapping (axes, order of joints, clock)"
-            )
-        if verdict.fit is None:
-            findings.append(f"poses: they do not tell the {sensor}'s axes, so its conventions cannot be checked")
-        elif verdict.rival is None:
-            handed[sensor] = verdict.fit.parameters.axes
-    if ACCELEROMETER in handed:
-        left = np.linalg.det(handed[ACCELEROMETER]) < 0
-        digital = recording.unit(ACCELEROMETER) in _G
-        if reads == "detect" and digital and not left:
-            findings.append(
-                "accelerometer: reads -1 g upward at rest (g-a), rare for a chip: or an axis is mirrored, two exchanged"
-            )
-        if reads == "detect" and left:
-            reads = "a-g"
-            findings.append(
-                "accelerometer: reads +1 g upward at rest (a-g, the common one), or an axis is mirrored: taken as a-g"
-            )
-        elif reads != "detect" and left != (reads == "a-g"):
-            findings.append(
-                "accelerometer: its axes are left-handed: an axis is mirrored, two are exchanged, or its sign"
-            )
-    if reads == "a-g":
-        recording = replace(recording, metadata=replace(recording.metadata, accelerometer_reads="a-g"))
-    for sensor, axes in handed.items():
-        sign = -1.0 if sensor == ACCELEROMETER and reads == "a-g" else 1.0
-        words = axis_words(sign * axes)
-        if sensor == MAGNETOMETER and np.linalg.det(axes) < 0:
-            findings.append(f"{sensor}: left-handed axes where the field points down: mirrored, or it points up")
-        if words != "1 +x, 2 +y, 3 +z":
-            findings.append(f"{sensor}: axes in the tool: {words}; a calibration takes that up by itself")
-    return recording, findings
-
-
-def _unit_findings(recording: Recording) -> list[str]:
-    found = []
-    for sensor, unit in recording.units.items():
-        size = float(np.median(np.linalg.norm(recording.readings(sensor), axis=1)))
-        if unit in _G and sensor == ACCELEROMETER and not 0.5 < size / _G[unit] < 2.0:
-            found.append(
-                f"accelerometer: the median magnitude is {size:.3g} {unit}, expected near {_G[unit]:.3g}: its unit?"
-            )
-        if unit in _FIELD and not _FIELD[unit][0] < size < _FIELD[unit][1]:
-            low, high = _FIELD[unit]
-            found.append(
-                f"magnetometer: the median magnitude is {size:.3g} {unit}, expected {low:g} to {high:g}: its unit?"
-            )
-    if degrees := degrees_words(recording):
-        found.append(f"joints: {degrees}")
-    return found

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import interp1d
 from scipy.spatial.transform import Rotation, Slerp
 
-from rig.arrays import Array, Rows
+from rig.arrays import Array, Mask
 from rig.errors import RigError
 from rig.recording.checks import check_finite
 from scenarios.importing.mapping import Conventions
@@ -24,9 +24,11 @@ from scenarios.importing.quantities import (
     unit_word,
 )
 from scenarios.importing.text_log import Log
+from scenarios.importing.whole_rows import whole_rows
 
 LOUD: Final = "! "  #: begins what is to be said as a finding
 _EPOCH: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+_LATEST_S: Final = 1e11  # three thousand years: later is no time, or a unit that it is not in
 _ORTHOGONAL: Final = 0.02  # entries of R' R - 1: matrices rounded to two decimals pass, another kind of table does not
 #: theta1, theta5, theta6 of Renk's Table 1 as joints 1, 5, 6 [rad], and where the others are locked.
 _RENK_ZEROS: Final = {"1": -np.pi / 2, "5": 0.0, "6": -np.pi}
@@ -44,7 +46,9 @@ class Track:
         values: (n, k); of a rotation (n, 9), R_base_tool row by row.
         unit: recorded unit of readings; what it was made from, of a rotation.
         slides: of joints: the numbers of those that slide.
+        joints: of motor currents: the number of each one's joint.
         rate_Hz: of a pose out of transforms, as of its log.
+        left_out: rows of its log that were left out for a cell without a number.
     """
 
     log: str
@@ -53,7 +57,9 @@ class Track:
     values: Array
     unit: str = ""
     slides: tuple[int, ...] = ()
+    joints: tuple[int, ...] = ()
     rate_Hz: float | None = None
+    left_out: int = 0
 
     def at(self, t: Array) -> Array:
         """Values (m, k) at times (m,) within the track's: linear, rotations along the shortest way."""
@@ -93,23 +99,34 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
             raise RigError(f"{log.name}: {name} holds no number, expected times")
         check_finite(np.nan_to_num(log.columns[name], nan=0.0, posinf=np.inf, neginf=-np.inf), (name,), log.name)
         t, words = _times(name, log.columns[name], conventions)
+        if np.nanmax(np.abs(t)) > _LATEST_S:
+            row = int(np.nanargmax(np.abs(t)))
+            raise RigError(
+                f"{log.name}: {name} in row {row} (first row 0) is {log.columns[name][row]:g}, {words}: expected times"
+                f" below {_LATEST_S:g} s, or another --time-unit"
+            )
         order = np.argsort(t, kind="stable")
         missing = np.flatnonzero(np.isnan(t))
         whole_t = t[np.isfinite(t)]
         if back := int((np.diff(whole_t) < 0).sum()):
             row = int(np.flatnonzero(np.isfinite(t))[np.argmax(np.diff(whole_t) < 0) + 1])
-            words += f"; it goes back {'once' if back == 1 else f'{back} times'}, at row {row} (first row 0): sorted"
+            often = "once" if back == 1 else f"{back} times"
+            said.append(f"{LOUD}{log.name}: time goes back {often}, first at row {row} (first row 0): sorted")
         said.append(f"{log.name}: time is {words}")
         if missing.size:
             left = f"{len(missing)} of {len(t)} rows, such as row {missing[0]} (first row 0)"
             said.append(f"{LOUD}{log.name}: {name} is missing in {left}: left out")
     found: list[Track] = []
+    stacked = {kind: _stacked(kind, parts, log) for kind, parts in groups.items()}
+    rows: dict[str, Mask] = {}
+    left_out = 0
+    if stacked:
+        rows, left_out, wrong, notes = whole_rows(log.name, stacked, None if t is None else np.isfinite(t))
+        said += [*(f"{LOUD}{line}" for line in wrong), *notes]
+    when = None if t is None else t[order]
     for kind, parts in groups.items():
-        columns = _stacked(kind, parts, log, order)
-        whole = np.isfinite(columns).all(axis=1)
-        when = None if t is None else t[order]
+        columns, whole = stacked[kind][1][order], rows[kind][order]
         if when is not None:
-            whole &= np.isfinite(when)
             later = np.ones(len(when), dtype=bool)
             kept = np.flatnonzero(whole)
             later[kept[1:]] = np.diff(when[kept]) > 0
@@ -119,9 +136,14 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
                     f"{mark}{log.name}: {dropped} of {whole.sum()} rows of {kind} repeat the time before: dropped"
                 )
             whole &= later
-        if not whole.any():
-            raise RigError(f"{log.name}: {kind}: found no row with all of {', '.join(p[0] for p in parts.values())}")
-        track = Track(log.name, kind, None if when is None else when[whole], columns[whole], rate_Hz=log.rate_Hz)
+        track = Track(
+            log.name,
+            kind,
+            None if when is None else when[whole],
+            columns[whole],
+            rate_Hz=log.rate_Hz,
+            left_out=left_out,
+        )
         found.append(_converted(track, parts, conventions))
     return found, said
 
@@ -137,14 +159,16 @@ _PARTS: Final = {
 }
 
 
-def _stacked(kind: str, parts: dict[str, tuple[str, str, float]], log: Log, order: Rows) -> Array:
+def _stacked(kind: str, parts: dict[str, tuple[str, str, float]], log: Log) -> tuple[list[str], Array]:
+    """The names of a quantity's columns, and their numbers (n, k), in the order of its parts."""
     wanted = _PARTS.get(kind) or tuple(sorted(parts, key=lambda part: int(part or 0)))
     if kind == "joint":
         wanted = tuple(str(number) for number in range(1, max(map(int, parts)) + 1))
     if missing := [part for part in wanted if part not in parts]:
         have = ", ".join(repr(parts[part][0]) for part in parts)
         raise RigError(f"{log.name}: {kind}: part {missing[0]} is missing beside {have}, expected {', '.join(wanted)}")
-    return np.stack([parts[part][2] * log.columns[parts[part][0]][order] for part in wanted], axis=1)
+    values = np.stack([parts[part][2] * log.columns[parts[part][0]] for part in wanted], axis=1)
+    return [parts[part][0] for part in wanted], values
 
 
 def _times(name: str, values: Array, conventions: Conventions) -> tuple[Array, str]:
@@ -188,6 +212,8 @@ def _converted(track: Track, parts: dict[str, tuple[str, str, float]], conventio
     if kind in ("matrix", "quaternion", "euler"):
         unit = f"euler {conventions.euler}" if kind == "euler" else kind
         return replace(track, kind="rotation", values=_rotation(track, units[0], conventions), unit=unit)
+    if kind == "current":
+        return replace(track, joints=tuple(sorted(map(int, parts))))
     if kind == "position":
         return replace(track, values=values * LENGTHS[units[0]])
     return track

@@ -9,8 +9,6 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.design.maneuver_bound import predict
-from estimators.gap.data.basefit import set_up
-from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import Explanation, Separation, Trial, contest, rivals
 from estimators.known_angle.model import SensorParameters
@@ -26,6 +24,7 @@ from scenarios.gap_report.maneuver_words import decides, described, interval_wor
 from scenarios.gap_report.words import apart_words
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.plan.maneuver_family import Family, family, neighbours
+from scenarios.plan.undecided import fewer_rows, undecided_words
 from scenarios.scenario import Scenario
 from scenarios.writer import set_fields, toml_table
 
@@ -34,8 +33,6 @@ Joint = TorusSweep | StaticPoses
 #: Samples of a maneuver while maneuvers are compared, and when the best one's promise is made.
 _COMPARED: Final = 250
 _PROMISED: Final = 1800
-#: Rows of the recording to which the rivals are fitted.
-_FITTED: Final = 7000
 #: A pair that no maneuver separates by this noncentrality, five standard deviations, is told as such.
 _SEPARATED: Final = 25.0
 #: The arm's own acceleration, that the model does without, stays below so many standard deviations in all.
@@ -45,10 +42,6 @@ _QUASI_STATIC: Final = 3.0
 _NOISIER: Final = 2.0
 #: By how much another room's temperature differs [degC]: as much as a window or a heater does.
 _ANOTHER_ROOM: Final = 5.0
-_NONE: Final = (
-    "No maneuver that was tried tells them apart in this time: allow more of it (--minutes M), or repair one cause and "
-    "see whether the gap changes."
-)
 #: Rounds of refinement, with ever smaller steps.
 _STEPS: Final = (1.0, 0.4)
 
@@ -172,7 +165,7 @@ def next_maneuver(
     recording, arm = residuals.recording, residuals.data.base.arm
     if arm is None or recording.q is None:
         return None
-    group = contest(_fewer(residuals), diagnosis)
+    group = contest(fewer_rows(residuals), diagnosis)
     if not group:
         return None
     played = closest_maneuver(recording.t, recording.q, recording.rate_Hz, arm).maneuver
@@ -215,7 +208,7 @@ def next_step(
     if found is None:
         if residuals.data.base.arm is None:
             advice = "Without joint angles no maneuver can be proposed: record tool poses that differ more, or faster."
-        return NextStep({"why": advice or _NONE, "maneuver": None}, None)
+        return NextStep({"why": advice or undecided_words(residuals, diagnosis), "maneuver": None}, None)
     scenario = None if rig is None else found.to_toml(rig)
     words = {**found.to_json(), "why": " ".join(filter(None, [found.why, advice]))}
     if scenario is not None:
@@ -375,17 +368,6 @@ def _lasting(maneuver: Joint, duration_s: float, arm: Arm) -> Joint:
     poses = arm.in_degrees(maneuver.angles)[np.arange(count) % len(maneuver.angles)]
     cycle = duration_s / count
     return replace(maneuver, poses_deg=tuple(map(tuple, poses.tolist())), hold_s=0.1 * cycle, move_s=0.9 * cycle)
-
-
-def _fewer(residuals: GapResiduals) -> WhitenedData:
-    """The data of the recording, or of some of its rows where it is long, without the readings that defects spoilt."""
-    recording = residuals.recording
-    stride = -(-len(recording) // _FITTED)
-    if stride == 1:
-        return residuals.data.without(residuals.left_out)
-    rows = np.arange(0, len(recording), stride)
-    data = set_up(recording.select(rows), residuals.floor, residuals.data.base.arm)
-    return data.without(residuals.left_out[rows])
 
 
 def _titles(one: Sequence[Effect], other: Sequence[Effect]) -> tuple[str, str]:

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estimators.calibration import Calibration, SensorCalibration
+from estimators.p_words import p_words
 from rig.channels import ACCELEROMETER
 from rig.number_text import with_std
 from scenarios.comparison import Compared
@@ -156,13 +157,13 @@ def _lines(sensor: SensorCalibration) -> Iterable[str]:
         ratios = ", ".join(f"{ratio:.3f}" for ratio in chi_square["residual_over_floor"])
         yield (
             f"chi-square      {chi_square['value']:.0f} for {chi_square['degrees_of_freedom']:.0f} degrees of freedom, "
-            f"p = {chi_square['p_value']:.2g}"
+            f"{p_words(chi_square['p_value'])}"
         )
         yield f"over the floor  {ratios} times"
     if agreement := sensor.quality.field_agreement:
         yield (
             f"one field?      chi-square {agreement['chi_square']:.1f} for {agreement['degrees_of_freedom']:.0f} "
-            f"degrees of freedom, p = {agreement['p_value']:.2g}"
+            f"degrees of freedom, {p_words(agreement['p_value'])}"
         )
 
 

@@ -12,8 +12,9 @@ from rich.text import Text
 from estimators.calibration import Calibration
 from estimators.noise.spectrum import Whiteness
 from estimators.noise.study import NoiseStudy
+from estimators.p_words import p_words
 from rig.channels import CHANNELS_OF
-from rig.units import written_unit
+from rig.units import conversion_factor, written_unit
 from scenarios.shown_units import shown_unit
 from scenarios.terminal.tables import plus_minus, table
 
@@ -81,10 +82,16 @@ def _kinds(study: NoiseStudy) -> Table:
 
 
 def _white(test: Whiteness) -> str:
-    return f"{'yes' if test.p_value > _WHITE else 'no'}, p = {test.p_value:.2g}"
+    return f"{'yes' if test.p_value > _WHITE else 'no'}, {p_words(test.p_value)}"
 
 
 def _remarks(study: NoiseStudy) -> Iterable[str]:
+    floor = study.floor
+    if (told := np.flatnonzero(np.isfinite(floor.dynamic_range_dB))).size:
+        channel = int(told[0])
+        factor = conversion_factor(floor.units[channel], "V")
+        full_scale = factor * floor.rms[channel] * 10.0 ** (floor.dynamic_range_dB[channel] / 20.0)
+        yield f"dynamic range and bits: of a range of {full_scale:.4g} V, as in Renk et al.; a recording states none"
     test = next((noise.whiteness for noise in study.channels.values()), None)
     if test is not None:
         yield (
@@ -94,9 +101,9 @@ def _remarks(study: NoiseStudy) -> Iterable[str]:
         yield "that whitens. A number after < is what the term does not exceed with 95 % confidence."
     for name, noise in study.channels.items():
         if noise.terms.p_value < _FITS:
-            yield f"{name}: these terms do not describe its Allan deviation, p = {noise.terms.p_value:.2g}"
+            yield f"{name}: these terms do not describe its Allan deviation, {p_words(noise.terms.p_value)}"
         if noise.left_over.p_value < _WHITE and noise.autoregression.order > 0:
-            yield f"{name}: its autoregression leaves something coloured, p = {noise.left_over.p_value:.2g}"
+            yield f"{name}: its autoregression leaves something coloured, {p_words(noise.left_over.p_value)}"
 
 
 def _fields(study: NoiseStudy, calibration: Calibration) -> Table:

@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
+from estimators.p_words import p_words
 from rig.number_text import with_std
 from scenarios.parameter_names import shown_name
 from scenarios.shown_units import shown_unit
@@ -116,7 +117,7 @@ def _channel(row: SubsetChannel) -> Iterable[str]:
 
 def _agreement(row: FieldAgreement, subsets: int) -> str:
     verdict = "agree on" if row.p_value > 1e-3 else "do not agree on"
-    p_value = f"p = {row.p_value:.2g}" if row.p_value > 1e-99 else "p < 1e-99"
+    p_value = p_words(row.p_value)
     return (
         f"The separate fits of the {row.sensor} {verdict} one field direction: chi-square {row.chi_square:.1f} for"
         f" {row.degrees_of_freedom} degrees of freedom, {p_value}; they lie up to {row.apart_deg:.3g}° apart,"

@@ -12,6 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from estimators.p_words import p_words
 from rig.arrays import Array
 from rig.files import in_utf8
 from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
@@ -155,7 +156,7 @@ def _subsets(stream: rr.RecordingStream, study: SubsetStudy) -> rrb.Blueprint:
     for agreement in study.agreements:
         lines.append(
             f"{agreement.sensor}: separate fits' field directions, chi-square {agreement.chi_square:.1f} for"
-            f" {agreement.degrees_of_freedom}, p = {agreement.p_value:.2g}"
+            f" {agreement.degrees_of_freedom}, {p_words(agreement.p_value)}"
         )
     return _blueprint(stream, "\n\n".join(lines), views, 5, _SUBSET)
 

@@ -22,6 +22,7 @@ from estimators.gap.evidence.states import log_det
 from estimators.gap.hypotheses.stochastic import known_steps
 from estimators.gap.readable_units import two_digits
 from estimators.gap.report.p_values import log_bayes_factor
+from estimators.p_words import p_words
 from rig.channels import CHANNELS
 from rig.effects import Effect, Kind
 from rig.effects.parameters import Value
@@ -180,7 +181,7 @@ def _why(ratio: float, at_floor: bool, refused: float | None, chose: bool, diagn
         )
     if refused is not None:
         return (
-            f"what the fitted rig leaves looks like more than the noise floor (p = {refused:.2g}; a rig that leaves"
+            f"what the fitted rig leaves looks like more than the noise floor ({p_words(refused)}; a rig that leaves"
             f" nothing is refused so in {100.0 * REFUSED:.0f} % of recordings)"
         )
     if chose:

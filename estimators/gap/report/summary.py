@@ -18,6 +18,7 @@ from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.pooled import pooled
 from estimators.gap.report import by_channel, closed_shares, closure, left_over, marginal
 from estimators.gap.report.by_recording import of_several
+from estimators.gap.report.loud_floor import loud_floor_words
 from estimators.gap.report.one_of import at_least_one
 from estimators.gap.report.p_values import defect_probability, doubts
 from estimators.gap.report.recorded_units import in_recorded_units
@@ -138,10 +139,24 @@ def conclude(
         next=None,
         floor=" and ".join(dict.fromkeys(sources)),
         names={} if data.base.arm is None else data.base.arm.place_names,
-        warnings=(warned,) if estimated else (),
+        warnings=(
+            *((warned,) if estimated else ()),
+            *_import_findings(recordings),
+            *loud_floor_words(recordings, channels, floors, sources),
+        ),
         by_recording=dict(zip(names, channels, strict=True)) if len(names) > 1 else {},
         at_least_one=one_of,
     ), effects
+
+
+def _import_findings(recordings: Sequence[Recording]) -> list[str]:
+    """What looked wrong where the recordings were made, which the diagnosis may then find as a cause."""
+    several = len(recordings) > 1
+    return [
+        f"{recording.name}: " * several + f"rig import found: {line}"
+        for recording in recordings
+        for line in recording.metadata.findings
+    ]
 
 
 def _listed(

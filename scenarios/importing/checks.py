@@ -1,0 +1,139 @@
+"""What a recording made of logs shows of itself: its times, its units, and the conventions of its poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from rig.arm import Arm
+from rig.arrays import Array
+from rig.channels import ACCELEROMETER, MAGNETOMETER
+from rig.recording import Recording
+from rig.recording.joint_degrees import degrees_words
+from rig.recording.time_gaps import gap_words
+from rig.units import STANDARD_GRAVITY
+from scenarios.importing.conventions import axis_words, judged, suspicious
+from scenarios.importing.mapping import Mapping
+from scenarios.importing.tracks import Track
+
+GRAVITY_M_S2: Final = 9.8  #: where none is stated; as recordings have it
+_G: Final = {"g": 1.0, "m_s2": STANDARD_GRAVITY}
+_FIELD: Final = {"G": (0.1, 1.2), "uT": (10.0, 120.0), "nT": (1e4, 1.2e5)}
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a recording shows.
+
+    Attributes:
+        recording: with the sign of its accelerometer.
+        wrong: what looks wrong; said: what is as it may be; open: what nobody has stated. All line by line.
+    """
+
+    recording: Recording
+    wrong: tuple[str, ...]
+    said: tuple[str, ...]
+    open: tuple[str, ...]
+
+
+def rotations_of(pose: Track, arm: Arm | None) -> Array | None:
+    """(n, 9) R_base_tool of a pose; None where its joints are of an arm that is not known."""
+    if pose.kind == "rotation":
+        return pose.values
+    if arm is None or pose.values.shape[1] != arm.dof:
+        return None
+    return arm.rotation_map.rotations(pose.values)
+
+
+def shown_by(recording: Recording, pose: Track | None, mapping: Mapping, arm: Arm | None) -> Shown:
+    """The recording with the accelerometer's sign, and what its times, units and conventions show.
+
+    Args:
+        pose: of the recording, at its instants.
+        mapping: what was stated.
+        arm: of the joints.
+    """
+    findings = [*gap_words(recording.t), *_unit_findings(recording)]
+    remarks: list[str] = []
+    unstated: list[str] = []
+    stated = mapping.metadata
+    if ACCELEROMETER in recording.sensors and stated.gravity_m_s2 is None:
+        unstated.append(
+            f"gravity is not stated: {GRAVITY_M_S2} m/s^2 taken; 1 % in it is 1 % in every sensitivity (--gravity)"
+        )
+    if MAGNETOMETER in recording.sensors and stated.magnetic_field is None:
+        unstated.append("the magnetic field is not stated: 1 assumed, so that all is relative to it (--field)")
+    reads = mapping.conventions.accelerometer_reads
+    rotations = None if pose is None else rotations_of(pose, arm)
+    if pose is not None and rotations is None:
+        taken = " and taken for the a465's" if recording.metadata.arm == "a465" else ""
+        unstated.append(f"joint angles without --arm FILE: their conventions are not checked{taken}")
+    handed: dict[str, Array] = {}
+    for sensor in recording.sensors:
+        if rotations is None or pose is None:
+            break
+        verdict = judged(pose, rotations, recording.readings(sensor), arm)
+        if verdict.rival is not None:
+            words, times = verdict.rival
+            better = "only" if times is None else f"{times:.3g} times better"
+            findings.append(f"poses: the {sensor} fits them {better} {words}: look at the mapping")
+        elif suspicious(verdict):
+            findings.append(
+                f"poses: {100 * (verdict.misfit or 0.0):.0f} % of the {sensor}'s field is left over, whatever usual"
+                " convention is tried: look at the mapping (axes, order of joints, clock)"
+            )
+        if verdict.fit is None and verdict.rival is None:
+            findings.append(f"poses: they do not tell the {sensor}'s axes, so its conventions cannot be checked")
+        elif verdict.fit is not None and verdict.rival is None:
+            handed[sensor] = verdict.fit.parameters.axes
+    if ACCELEROMETER in handed:
+        left = np.linalg.det(handed[ACCELEROMETER]) < 0
+        digital = recording.unit(ACCELEROMETER) in _G
+        if reads == "detect" and digital and not left:
+            findings.append(
+                "accelerometer: reads -1 g upward at rest (g-a), rare for a chip: or an axis is mirrored, two exchanged"
+            )
+        elif reads == "detect" and not left:
+            remarks.append(
+                "accelerometer: reads -1 g upward at rest (g-a); if it is one that reads +1 g, an axis is mirrored or"
+                " two are exchanged"
+            )
+        if reads == "detect" and left:
+            reads = "a-g"
+            remarks.append(
+                "accelerometer: reads +1 g upward at rest (a-g, the common one), or an axis is mirrored: taken as a-g"
+            )
+        elif reads != "detect" and left != (reads == "a-g"):
+            findings.append(
+                "accelerometer: its axes are left-handed: an axis is mirrored, two are exchanged, or its sign"
+            )
+    if reads == "a-g":
+        recording = replace(recording, metadata=replace(recording.metadata, accelerometer_reads="a-g"))
+    for sensor, axes in handed.items():
+        sign = -1.0 if sensor == ACCELEROMETER and reads == "a-g" else 1.0
+        words = axis_words(sign * axes)
+        if sensor == MAGNETOMETER and np.linalg.det(axes) < 0:
+            findings.append(f"{sensor}: left-handed axes where the field points down: mirrored, or it points up")
+        if words != "1 +x, 2 +y, 3 +z":
+            remarks.append(f"{sensor}: axes in the tool: {words}; a calibration takes that up by itself")
+    return Shown(recording, tuple(findings), tuple(remarks), tuple(unstated))
+
+
+def _unit_findings(recording: Recording) -> list[str]:
+    found = []
+    for sensor, unit in recording.units.items():
+        size = float(np.median(np.linalg.norm(recording.readings(sensor), axis=1)))
+        if unit in _G and sensor == ACCELEROMETER and not 0.5 < size / _G[unit] < 2.0:
+            found.append(
+                f"accelerometer: the median magnitude is {size:.3g} {unit}, expected near {_G[unit]:.3g}: its unit?"
+            )
+        if unit in _FIELD and not _FIELD[unit][0] < size < _FIELD[unit][1]:
+            low, high = _FIELD[unit]
+            found.append(
+                f"magnetometer: the median magnitude is {size:.3g} {unit}, expected {low:g} to {high:g}: its unit?"
+            )
+    if degrees := degrees_words(recording):
+        found.append(f"joints: {degrees}")
+    return found

@@ -1,0 +1,53 @@
+"""The columns of logs that no recording came to hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Table
+from collections.abc import Sequence
+from typing import Final
+
+from rig.channels import SENSORS
+from rig.recording import Recording
+from scenarios.importing.quantities import parse_target
+from scenarios.importing.text_log import Log
+
+_LISTED: Final = 24
+
+
+def unused_columns(logs: Sequence[Log], targets: Table[str, str], recording: Recording) -> dict[str, tuple[str, ...]]:
+    """By log, the columns that are nothing in the mapping, or nothing that this recording holds.
+
+    Args:
+        targets: column -> what it is.
+    """
+    idle = {name for name, text in targets.items() if recording.tool_position is None and _is_position(text)}
+    found: dict[str, tuple[str, ...]] = {}
+    for log in logs:
+        every = dict.fromkeys((*log.columns, *log.unread))
+        if left := tuple(name for name in every if name not in targets or name in idle):
+            found[log.name] = left
+    return found
+
+
+def _is_position(text: str) -> bool:
+    target = parse_target(text)
+    return target is not None and target.kind == "position"
+
+
+def lacking_words(recording: Recording) -> str:
+    """The sensors and the pose that a recording does not have; empty where it has all."""
+    lacking = [sensor for sensor in SENSORS if sensor not in recording.sensors]
+    lacking += ["pose"] * (recording.pose == "none")
+    return " and ".join(f"no {each}" for each in lacking)
+
+
+def unused_words(unused: Table[str, Sequence[str]], recording: Recording) -> list[str]:
+    """A line a log; where the recording lacks something, with how these columns may be it."""
+    lacking = lacking_words(recording)
+    meant = f"; {lacking} was recognised: name the columns in --map MAP.toml if they hold it" if lacking else ""
+    found = []
+    for log, names in unused.items():
+        listed = ", ".join(map(repr, names[:_LISTED]))
+        more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+        found.append(f"{log}: {len(names)} column{'s' * (len(names) > 1)} not used: {listed}{more}{meant}")
+    return found
