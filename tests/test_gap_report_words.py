@@ -9,7 +9,7 @@ import pytest
 from diagnosed_recordings import backlash, by_hand, cause, recorded
 from shown_diagnoses import SHOWN, TWIN, TWINS, UNITS, read, spoken
 
-from estimators.gap.diagnosis import Channel, Hypothesis
+from estimators.gap.diagnosis import Channel, Closed, Hypothesis
 from estimators.gap.remainder_words import course_words
 from rig.maneuver import TorusSweep
 from scenarios.gap_report import GapResiduals, diagnosis_tables, gap_residuals
@@ -51,6 +51,16 @@ def test_what_is_left_is_said_as_errors_of_the_rig_and_noise_beside_them(residua
     assert "noise of mag1 alone 2 to 9 Hz 1 %" in text
     alone = replace(diagnosis, remainder=replace(left, follows=tuple(noise)))
     assert "it acts like noise of mag1 alone" in alone.sentence()
+
+
+@pytest.mark.parametrize(("closed", "first"), [(0.9, "Repair what is established"), (0.1, "Look at joint 5")])
+def test_what_most_of_the_gap_is_comes_first(closed: float, first: str) -> None:
+    angle = {"source": "the angle of joint5", "course": "time", "share": 0.8}
+    told = by_hand("partly")
+    left = replace(told, remainder=replace(told.remainder, follows=(angle,)), closed=Closed(closed, 0.0, 1.0))
+    steps = next_steps(left)
+    assert steps[0].startswith(first)
+    assert sum(step.startswith(("Repair what is established", "Look at joint 5")) for step in steps) == 2
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,8 @@ _LOOK: Final = {
 _OF_RECORDINGS: Final = re.compile(r"rig diagnose RUN(?: OTHER| NEXT)?")
 #: So many errors at most are looked for.
 _LOOKS: Final = 4
+#: Share of the squared gap below which what closes it is less than what is left.
+_LITTLE: Final = 0.5
 #: Where another maneuver speaks against the causes.
 _REFUTED: Final = (
     "Do not rely on what is named: the other maneuver speaks against it. Diagnose both with rig diagnose RUN OTHER "
@@ -179,11 +181,13 @@ def _maneuver(diagnosis: Diagnosis) -> str:
 def _partly(diagnosis: Diagnosis) -> list[str]:
     name = naming(diagnosis.causes, cause_title)
     names = and_words(cause_names([(cause.effect, cause.where) for cause in diagnosis.established], name))
-    steps = [
+    repair = (
         f"Repair what is established ({names}), or put it into the simulator, and record again: the rest is easier to "
-        "tell once this is gone.",
-        *_looks(diagnosis),
-    ]
+        "tell once this is gone."
+    )
+    looks = _looks(diagnosis)
+    little = diagnosis.closed.value < _LITTLE
+    steps = [*looks, repair] if looks and little else [repair, *looks]
     if diagnosis.posterior["other"] < 0.5:
         steps.append("To see what else is there, if anything, record longer, or a maneuver that moves other joints.")
     if len(diagnosis.established) < len(diagnosis.causes):
