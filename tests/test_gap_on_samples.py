@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from whitened_examples import recorded, unexplained
@@ -65,6 +67,23 @@ def test_what_is_slow_is_the_same_of_samples(course: str, swept: tuple[WhitenedD
     assert [each.term.course for each in again] == [course]
     assert again[0].term.of_samples is None
     assert gained(again[0]) == pytest.approx(gained(of_means), rel=5e-3, abs=2.0)
+
+
+def test_what_is_as_likely_on_means_is_as_likely_on_samples(swept: tuple[WhitenedData, Discrepancies]) -> None:
+    """As of two joints with parallel axes: neither leads by being the one that was weighed of samples."""
+    data, every = swept
+    same = [each for each in every.terms if (each.source, each.course) == ("the clock", "time, steadily")]
+    twins = [
+        replace(each, source="its twin", of_samples=replace(each.of_samples, name="its twin"))
+        for each in same
+        if each.of_samples is not None
+    ]
+    assert twins
+    found = weighed(unexplained(steadily("the clock", data)), replace(every, terms=[*every.terms, *twins]))
+    one, other = (along(name, "time, steadily", found) for name in ("the clock", "its twin"))
+    assert one.term.of_samples is None
+    assert other.term.of_samples is None
+    assert one.log_mass == pytest.approx(other.log_mass, abs=1e-6)
 
 
 def test_a_weak_unknown_is_weighed_of_means(swept: tuple[WhitenedData, Discrepancies]) -> None:
