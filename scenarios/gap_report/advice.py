@@ -186,7 +186,7 @@ def _partly(diagnosis: Diagnosis) -> list[str]:
         "tell once this is gone."
     )
     looks = _looks(diagnosis)
-    little = diagnosis.closed.value < _LITTLE
+    little = diagnosis.closed.value is not None and diagnosis.closed.value < _LITTLE
     steps = [*looks, repair] if looks and little else [repair, *looks]
     if diagnosis.posterior["other"] < 0.5:
         steps.append("To see what else is there, if anything, record longer, or a maneuver that moves other joints.")
