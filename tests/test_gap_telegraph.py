@@ -93,3 +93,17 @@ def test_an_offset_between_two_levels_is_told_as_that(data: WhitenedData, discre
     assert (found[0].term.source, found[0].term.course) == ("the offset of accel3", telegraph.NAME)
     smooth = max(each.log_mass for each in found if each.term.course == "time")
     assert found[0].log_mass > smooth + 5.0
+
+
+def test_an_amplifier_that_switches_scales_the_offset_too(data: WhitenedData, discrepancies: Discrepancies) -> None:
+    """Neither the offset alone nor the gain of the field alone leaves nothing: each misses part of sixty standard
+    deviations, as the field is a part of the reading."""
+    rng = np.random.default_rng(5)
+    change = np.zeros((data.count, 6))
+    change[:, 5] = switching(rng, data.count, 24) * data.modelled[:, 5]
+    change = project(data.absorbed, data.whiten(change))
+    noise = project(data.absorbed, rng.standard_normal(data.size))
+    found = weighed(unexplained(noise + 60.0 * change / np.linalg.norm(change)), discrepancies)
+    assert (found[0].term.source, found[0].term.course) == ("the whole reading of mag3", telegraph.NAME)
+    others = max(each.log_mass for each in found if each.term.source in ("the offset of mag3", "the gain of mag3"))
+    assert found[0].log_mass > others + 5.0

@@ -29,6 +29,7 @@ _LOOK: Final = {
     "the offset of all": "look at the converter and the common ground",
     "the offset": "look at the supply, temperature and wiring of {source}",
     "the gain of all": "look at the converter's reference and the supply",
+    "the whole reading": "look at the amplifier behind {source}, its reference voltage, supply and connector",
     "the gain": "look at the amplifier, reference voltage and range of {source}",
     STRENGTH: "look at what makes {source}: its error may not be of the simple form that the catalogue has",
     "single readings": "look at the cable, the connector and the converter's range",

@@ -101,7 +101,7 @@ def _of_frames(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Sour
 
 
 def _of_sensors(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Source]:
-    rotation, inputs = data.base.R_base_tool, data.base.inputs
+    rotation, inputs, readings = data.base.R_base_tool, data.base.inputs, np.nan_to_num(data.modelled)
     for name, field in fields.items():
         in_tool = np.matmul(field, rotation)
         turned = [_felt(data, name, np.cross(in_tool, axis)) for axis in np.eye(3)]
@@ -112,6 +112,10 @@ def _of_sensors(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Sou
         for column, label in zip(own, CHANNELS_OF[name], strict=True):
             yield _source(data, f"the offset of {label}", "offset", [_only(data, column, 1.0)], column)
             yield _source(data, f"the gain of {label}", "gain", [_only(data, column, inputs[:, column])], column)
+            # behind the sensor an amplifier has its offset too
+            yield _source(
+                data, f"the whole reading of {label}", "gain", [_only(data, column, readings[:, column])], column
+            )
 
 
 def _in_tool(vectors: Array, rotation: Array) -> Array:
