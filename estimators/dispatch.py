@@ -99,9 +99,7 @@ def calibrate(
         options = Options() if attitude_free is None else attitude_free
         found = calibrate_attitude_free(source, chosen, known, floors.source, options, progress)
         sensors_found = {
-            sensor: floors.with_loudness(
-                replace(own, reads=reads_of(source.metadata, sensor), field_unit=field_unit_of(source.metadata, sensor))
-            )
+            sensor: floors.with_loudness(replace(own, reads=reads_of(source.metadata, sensor)))
             for sensor, own in found.sensors.items()
         }
         return Calibration(sensors_found, source.name, None, found.extra)

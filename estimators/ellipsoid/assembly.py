@@ -39,6 +39,7 @@ def assemble(
     floor_std: Array | None = None,
     counts: Array | None = None,
     R_common_own: Array | None = None,
+    field_unit: str | None = None,
 ) -> SensorCalibration:
     """A calibration with its covariance as sensitivities and angles, and as the entries of the gain.
 
@@ -50,6 +51,7 @@ def assemble(
         floor_std: (3,) standard deviation of a given noise floor itself [recorded unit].
         counts: (n,) as given to the fit.
         R_common_own: (3, 3) from the sensor's own frame to one that both sensors share.
+        field_unit: of the field; None: relative.
     """
     names, values, derivative = sensitivities_and_angles(fit)
     used = readings if fit.used is None else readings[fit.used]
@@ -80,6 +82,7 @@ def assemble(
     return SensorCalibration(
         method=METHOD if fit.estimator == "likelihood" else f"{METHOD}, {fit.estimator}",
         unit=unit,
+        field_unit=field_unit,
         reference_magnitude=fit.reference_magnitude,
         matrix=matrix,
         bias=fit.offset,
