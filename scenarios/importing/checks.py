@@ -115,7 +115,9 @@ def shown_by(recording: Recording, pose: Track | None, mapping: Mapping, arm: Ar
         sign = -1.0 if sensor == ACCELEROMETER and reads == "a-g" else 1.0
         words = axis_words(sign * axes)
         if sensor == MAGNETOMETER and np.linalg.det(axes) < 0:
-            remarks.append(f"{sensor}: left-handed axes where the field points down: mirrored, or it points up")
+            # a chip's axes are right-handed; of three sensors by themselves each is mounted as it may be
+            said = findings if recording.unit(sensor) in _FIELD else remarks
+            said.append(f"{sensor}: left-handed axes where the field points down: mirrored, or it points up")
         if words != "1 +x, 2 +y, 3 +z":
             remarks.append(f"{sensor}: axes in the tool: {words}; a calibration takes that up by itself")
     return Shown(recording, tuple(findings), tuple(remarks), tuple(unstated))
