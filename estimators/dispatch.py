@@ -20,7 +20,6 @@ from estimators.known_angle.from_recording import (
     PathLike,
     arm_of,
     chosen_sensors,
-    field_unit_of,
     floors_of,
     has_pose,
     points_of,
@@ -126,7 +125,7 @@ def calibrate(
             floor_std=0.0 if floor is None else floor[1],
             field_points=points[sensor],
             reads=reads_of(summed.metadata, sensor),
-            field_unit=field_unit_of(summed.metadata, sensor),
+            field_unit=summed.metadata.stated_field_unit(sensor),
         )
         results[sensor] = floors.with_loudness(made)
     return Calibration(results, source.name, summed.arm)

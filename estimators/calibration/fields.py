@@ -51,9 +51,9 @@ def apply(calibration: Calibration, recording: Recording) -> Recording:
         )
     fields = {}
     for sensor in sensors:
-        own, stated = calibration[sensor], recording.metadata.field_unit(sensor)
+        own, stated = calibration[sensor], recording.metadata.stated_field_unit(sensor)
         fields[sensor] = field_of(own, recording.readings(sensor), recording.units[sensor])
-        if own.field_unit is not None and stated != "raw":  # the recording's columns have the unit that it states
+        if own.field_unit is not None and stated is not None:  # the recording's columns have the unit that it states
             fields[sensor] *= conversion_factor(own.field_unit, stated)
     return recording.with_fields(fields)
 

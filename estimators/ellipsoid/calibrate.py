@@ -14,7 +14,6 @@ from estimators.ellipsoid.assembly import assemble
 from estimators.ellipsoid.fit import EllipsoidFit, Parameters, fit_ellipsoid
 from estimators.ellipsoid.levenberg import Start
 from estimators.ellipsoid.thinned import Thinned
-from estimators.known_angle.from_recording import field_unit_of
 from estimators.stillness import average_poses, find_still
 from estimators.stillness.poses import counts_of
 from rig.arrays import Array
@@ -127,7 +126,7 @@ def calibrate_attitude_free(
             floor_std=None if floor is None else floor[1],
             counts=own.counts,
             R_common_own=None if aligned is None or sensor != MAGNETOMETER else aligned.R_accelerometer_magnetometer,
-            field_unit=field_unit_of(recording.metadata, sensor),
+            field_unit=recording.metadata.stated_field_unit(sensor),
         )
         results[sensor] = made.warned(*own.notes)
     return AttitudeFree(results, extra)

@@ -144,11 +144,6 @@ def reads_of(metadata: Metadata, sensor: str) -> str | None:
     return metadata.accelerometer_reads if sensor == ACCELEROMETER else None
 
 
-def field_unit_of(metadata: Metadata, sensor: str) -> str | None:
-    """The unit of a sensor's field: "m_s2", "G", "uT", "nT"; None of a magnetic one that is relative."""
-    return "m_s2" if sensor == ACCELEROMETER else metadata.magnetic_field_unit
-
-
 @dataclass(frozen=True)
 class Floors:
     """The noise by sensor, from wherever it is known.

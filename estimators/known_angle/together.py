@@ -23,7 +23,6 @@ from estimators.known_angle.from_recording import (
     Noise,
     PathLike,
     chosen_sensors,
-    field_unit_of,
     floors_of,
     points_of,
     reads_of,
@@ -171,7 +170,7 @@ def calibrate_together(
             floor_std=spread if known else 0.0,
             field_points=points[sensor],
             reads=reads_of(sources[0].metadata, sensor),
-            field_unit=field_unit_of(sources[0].metadata, sensor),
+            field_unit=sources[0].metadata.stated_field_unit(sensor),
         )
         told[sensor] = contributions(joint)
         count = sum(part.statistics.count for part in parts[sensor])

@@ -96,9 +96,13 @@ class Metadata:
             raise RigError(f"metadata extra: found {taken[0]!r}, which has its own field")
         self.to_text()  # nothing may be accepted that cannot be written
 
+    def stated_field_unit(self, sensor: str) -> str | None:
+        """The unit of a sensor's field: "m_s2", "G", "uT", "nT"; None of a magnetic one that is relative."""
+        return "m_s2" if sensor == ACCELEROMETER else self.magnetic_field_unit
+
     def field_unit(self, sensor: str) -> str:
         """The unit of calibrated readings: "m_s2"; the magnetic field's unit, or "raw" where that is relative."""
-        return "m_s2" if sensor == ACCELEROMETER else self.magnetic_field_unit or "raw"
+        return self.stated_field_unit(sensor) or "raw"
 
     def magnitude(self, sensor: str) -> float:
         """The stated magnitude of the field that a sensor sees [m/s^2, field unit]."""

@@ -161,6 +161,17 @@ def counted(progress: Progress, rows: int | None) -> Callable[[int], None]:
     return count
 
 
+def processes_option(name: str, least: int, text: str) -> Callable[[Command], Command]:
+    """``--jobs`` and ``--workers``, which are one option: on how many processes of this machine.
+
+    Args:
+        name: "jobs" or "workers": the argument's, and the option that help shows first.
+        least: the fewest there may be. text: of the help.
+    """
+    other = "workers" if name == "jobs" else "jobs"
+    return click.option(f"--{name}", f"--{other}", name, type=click.IntRange(min=least), metavar="N", help=text)
+
+
 def cluster_option(command: Command) -> Command:
     """``--cluster``: a Dask scheduler."""
     text = "A Dask cluster that is there already."

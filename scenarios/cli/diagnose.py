@@ -22,6 +22,7 @@ from scenarios.cli._options import (
     json_option,
     memory_option,
     print_json,
+    processes_option,
     progress_bar,
     without_locked,
 )
@@ -49,14 +50,7 @@ if TYPE_CHECKING:
 @click.option("--prior", type=PATH, metavar="F.toml", help="Weights of the effects that this arm is prone to.")
 @click.option("--rig", "fitted", type=PATH, metavar="F.toml", help="Judge against this fitted rig, not the ideal one.")
 @arm_options
-@click.option(
-    "--jobs",
-    "--workers",
-    "jobs",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Processes; one for each processor by default.",
-)
+@processes_option("jobs", 1, "Processes; one for each processor by default.")
 @cluster_option
 @click.option("--save-scenario", "saved", type=PATH, metavar="F.toml", help="Write the improved rig, for rig sweep.")
 @click.option(

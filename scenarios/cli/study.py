@@ -19,6 +19,7 @@ from scenarios.cli._options import (
     counted,
     json_option,
     print_json,
+    processes_option,
     progress_bar,
 )
 
@@ -45,14 +46,7 @@ def study() -> None:
 
 def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """``--workers`` and ``--cluster``: where trials run."""
-    workers = click.option(
-        "--workers",
-        "--jobs",
-        "workers",
-        type=click.IntRange(min=0),
-        metavar="N",
-        help="Local processes; 0: this one. One a processor.",
-    )
+    workers = processes_option("workers", 0, "Local processes; 0: this one. One a processor.")
     return workers(cluster_option(command))
 
 

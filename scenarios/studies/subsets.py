@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.known_angle.from_recording import Summed, field_unit_of, summarise
+from estimators.known_angle.from_recording import Summed, summarise
 from estimators.known_angle.model import Method
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
@@ -82,7 +82,7 @@ def study(
             one = SubsetsOfSensor.of(
                 sensor,
                 unit,
-                field_unit_of(summed.metadata, sensor),
+                summed.metadata.stated_field_unit(sensor),
                 summed.metadata.magnitude(sensor),
                 summed.statistics.select(columns),
                 [part.select(columns) for part in parts],

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import click
 
-from scenarios.cli._options import PATH, Command, check_output, json_option, print_json, progress_bar
+from scenarios.cli._options import PATH, Command, check_output, json_option, print_json, processes_option, progress_bar
 from validation.cli._options import MOST, MOST_SAMPLES
 
-_JOBS = click.option(
-    "--jobs", "--workers", "jobs", type=click.IntRange(min=0), metavar="N", help="Processes; one for each processor."
-)
+_JOBS = processes_option("jobs", 0, "Processes; one for each processor.")
 _SEALED = click.option(
     "--truth", "sealed", type=PATH, metavar="DIR", help="The sealed folder; FOLDER.sealed by default."
 )

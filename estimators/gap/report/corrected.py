@@ -28,7 +28,7 @@ from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
 from estimators.known_angle.assemble import assemble
 from estimators.known_angle.fit import fit_sensor
-from estimators.known_angle.from_recording import field_unit_of, reads_of, summarise
+from estimators.known_angle.from_recording import reads_of, summarise
 from estimators.known_angle.identifiability import Told
 from estimators.known_angle.model import SensorParameters
 from rig.arrays import Array
@@ -239,7 +239,7 @@ def _assembled(
             floor_std=of_floor,
             field_points=towards,
             reads=None if reads is None else READS[0],
-            field_unit=field_unit_of(recording.metadata, name),
+            field_unit=recording.metadata.stated_field_unit(name),
         )
         found[name] = turned(own_calibration) if reads == READS[1] else own_calibration
     return Calibration(found, recording.name, summed.arm)
