@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import estimators
 import scenarios
-from estimators.gap.data.projection import Basis, project
-from estimators.gap.data.whitened import Columns
+from estimators.gap.data.projection import Basis, Columns, project
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.hypotheses.alike import alike

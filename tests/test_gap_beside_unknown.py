@@ -88,7 +88,7 @@ def test_what_acts_on_other_channels_is_an_image_of_a_second_unknown_thing(poste
     assert log_prior_of_image(own, leading, second=False) == pytest.approx(np.log(FURTHER), abs=1e-3)
     assert log_prior_of_image(own, leading, second=True) < -10.0  # what that would be is weighed as such
     assert log_prior_of_image(own, replace(leading, terms=()), second=False) == 0.0
-    assert any(each.second and not each.explanation.members for each in posterior.hypotheses)
+    assert any(each.further and not each.explanation.members for each in posterior.hypotheses)
 
 
 def test_what_acts_on_the_same_channels_may_be_an_image(posterior: Posterior) -> None:

@@ -13,9 +13,9 @@ from whitened_examples import recorded
 
 import scenarios
 from estimators.gap.data.basefit import estimated_floor, set_up
-from estimators.gap.data.projection import Basis, project
+from estimators.gap.data.projection import Basis, Columns, project
 from estimators.gap.data.rebase import rebased, stepped
-from estimators.gap.data.whitened import Columns, WhitenedData
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence import converge
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.laplace import linearised

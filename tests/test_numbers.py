@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from estimators.gap.hypotheses import prior
-from estimators.gap.search import weighing
+from estimators.gap.search import further_unknowns
 from scenarios.workers import Workers
 from validation.numbers import run
 from validation.numbers.listed import ROOMS, Number, numbers
@@ -43,14 +43,14 @@ def test_a_number_moves_with_all_that_is_made_of_it_and_back() -> None:
     number = next(each for each in numbers() if (each.module, each.name) == (PRIOR, "FURTHER"))
     with with_number(number, (0.7,)):
         from estimators.gap.hypotheses.prior import FURTHER
-        from estimators.gap.search.weighing import SECOND
+        from estimators.gap.search.further_unknowns import SECOND
 
         assert FURTHER == 0.7
         assert pytest.approx(math.log(0.7)) == SECOND
-    from estimators.gap.search import weighing as after
+    from estimators.gap.search import further_unknowns as after
 
-    assert after is weighing
-    assert pytest.approx(math.log(prior.FURTHER)) == weighing.SECOND
+    assert after is further_unknowns
+    assert pytest.approx(math.log(prior.FURTHER)) == further_unknowns.SECOND
 
 
 def test_of_several_in_a_line_one_moves() -> None:

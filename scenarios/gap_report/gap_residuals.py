@@ -182,6 +182,5 @@ def with_noise(data: WhitenedData, causes: Sequence[Effect], after: Array) -> Wh
 def whitened(data: WhitenedData, residual: Array) -> Array:
     """(n, 6) a residual in whitened coordinates, channel by channel."""
     white = np.full_like(residual, np.nan)
-    for column in data.columns:
-        white[:, column] = data.whiten_channel(column, residual[:, column])
+    white[:, data.columns] = data.whiten(residual).reshape(len(data.columns), -1).T
     return white

@@ -15,6 +15,7 @@ from estimators.gap.floor.at_rest import sound
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.rounded import COARSE, rounded_floor
+from estimators.gap.floor.shared import correlations
 from estimators.goodness.residuals import residuals_of
 from estimators.known_angle.from_recording import arm_of
 from estimators.noise import held_poses
@@ -76,7 +77,14 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         column: _of_sweep(noise.shortened(known[column]), *tails[column])
         for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
     }
-    return tuple(fitted.get(column, ChannelNoise(np.nan)) for column in range(len(CHANNELS)))
+    shared = correlations(readings[::stride], labels[::stride])
+    return tuple(
+        replace(
+            fitted.get(column, ChannelNoise(np.nan)),
+            shared=() if np.array_equal(row, unit) else tuple(row.tolist()),
+        )
+        for column, (row, unit) in enumerate(zip(shared, np.eye(len(shared)), strict=True))
+    )
 
 
 def _never_at_rest(locked: Recording) -> RigError:

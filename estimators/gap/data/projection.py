@@ -70,6 +70,30 @@ class Basis:
         return Basis(((slice(0, len(rows)), self.dense(rows)),), len(rows))
 
 
+@dataclass(frozen=True)
+class Columns:
+    """Whitened columns that are zero outside some channels.
+
+    Attributes:
+        values: (rows, m), each column contiguous.
+        first: where these rows begin in the whole vector.
+    """
+
+    values: Array
+    first: int
+
+    @property
+    def rows(self) -> slice:
+        """Where they are in the whole vector."""
+        return slice(self.first, self.first + len(self.values))
+
+    def full(self, size: int) -> Array:
+        """(size, m) the whole vectors, each column contiguous."""
+        found = np.zeros((self.values.shape[1], size)).T
+        found[self.rows] = self.values
+        return found
+
+
 def orthonormal(columns: Array, tolerance: float = 1e-7, scaled: bool = False) -> Array:
     """An orthonormal basis (rows, rank) of columns (rows, m), scaled alike before their rank is judged.
 

@@ -129,6 +129,21 @@ class Stack(WhitenedData):
                 found[..., own] = member.whiten_means(column, means[..., own])
         return found
 
+    @property
+    def decorrelation(self) -> Array | None:
+        """Of the first recording whose channels share noise: how each one's are is its own."""
+        return next((each.decorrelation for each in self.parts if each.decorrelation is not None), None)
+
+    def beside_each_other(self, white: Array, first: int = 0) -> Array:
+        """As of ``WhitenedData``, recording by recording."""
+        for member, rows in zip(self.each, self.stretches, strict=True):
+            here = [index for index in range(white.shape[-2]) if self.columns[first + index] in member.columns]
+            if here:
+                own = slice(here[0], here[-1] + 1)
+                begin = member.columns.index(self.columns[first + here[0]])
+                white[..., own, rows] = member.beside_each_other(white[..., own, rows].copy(), begin)
+        return white
+
     @cached_property
     def tangents(self) -> list[ChannelTangent]:
         """As of ``WhitenedData``; a calibration from before says of the parameters what its covariance says."""
@@ -301,6 +316,10 @@ class Anchor(WhitenedData):
     def whiten_means(self, column: int, means: Array) -> Array:
         """As they are."""
         return means
+
+    def beside_each_other(self, white: Array, first: int = 0) -> Array:
+        """As they are."""
+        return white
 
     def change(self, effects: Sequence[Effect]) -> Array:
         """Nothing."""

@@ -17,40 +17,17 @@ from numpy.typing import NDArray
 
 from estimators.gap.data import tangent
 from estimators.gap.data.blocks import bent, block_means, block_poses, each_used, neighbours, points_within
-from estimators.gap.data.projection import Basis, project
+from estimators.gap.data.projection import Basis, Columns, project
 from estimators.gap.data.steps import Gaps, Step, after_steps
 from estimators.gap.data.tangent import ChannelTangent
 from estimators.gap.floor.channel_noise import ChannelNoise, Whitener
+from estimators.gap.floor.shared import decorrelation
 from rig.arrays import Array
 from rig.channels import CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect, Stage
 from rig.effects.base import apply_stage
 from rig.pipeline import Pipeline
 from rig.signals import Signals
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Whitened columns that are zero outside some channels.
-
-    Attributes:
-        values: (rows, m), each column contiguous.
-        first: where these rows begin in the whole vector.
-    """
-
-    values: Array
-    first: int
-
-    @property
-    def rows(self) -> slice:
-        """Where they are in the whole vector."""
-        return slice(self.first, self.first + len(self.values))
-
-    def full(self, size: int) -> Array:
-        """(size, m) the whole vectors, each column contiguous."""
-        found = np.zeros((self.values.shape[1], size)).T
-        found[self.rows] = self.values
-        return found
 
 
 @dataclass(frozen=True)
@@ -167,17 +144,32 @@ class WhitenedData:
         """One for each channel."""
         return tuple(noise.whitener(self.interval_s) for noise in self.noises)
 
-    def whiten_channel(self, column: int, values: Array) -> Array:
-        """One channel's values (n,) or (n, m) in whitened coordinates (count,) or (count, m)."""
-        return self.whiten_means(column, self.means(column, values.T)).T
+    @cached_property
+    def decorrelation(self) -> Array | None:
+        """(c, c) lower triangular: of each channel what those before it do not tell of its noise; None where the
+        channels share none at rest."""
+        return decorrelation(self.floor, self.columns)
 
     def whiten_means(self, column: int, means: Array) -> Array:
-        """As ``whiten_channel``, of means (..., count) over the blocks of samples: (..., count)."""
+        """One channel's means (..., count) over the blocks of samples by the floor's own filter: (..., count)."""
         whitener, gaps = self.whiteners[column], self.gaps[column]
         if gaps.at.size and not whitener.white:
             means = gaps.bridged(means)
-        steps = [step for step in self.steps if step.column == column]
-        return after_steps(steps, whitener(means) * self.weights[:, column], gaps)
+        return whitener(means) * self.weights[:, column]
+
+    def beside_each_other(self, white: Array, first: int = 0) -> Array:
+        """Channels (..., k, count), each whitened by its floor's filter, as the others and further steps leave them.
+
+        Args:
+            first: the number of the first of them among the channels that are there. Where channels share noise, the
+                last of them is the last that is there.
+        """
+        if self.decorrelation is not None:
+            white = np.einsum("ij,...jn->...in", self.decorrelation[first:, first:], white)
+        for index, column in enumerate(self.columns[first : first + white.shape[-2]]):
+            if steps := [step for step in self.steps if step.column == column]:
+                white[..., index, :] = after_steps(steps, white[..., index, :], self.gaps[column])
+        return white
 
     @cached_property
     def gaps(self) -> tuple[Gaps, ...]:
@@ -192,7 +184,9 @@ class WhitenedData:
 
     def whiten(self, volts: Array) -> Array:
         """Readings (n, 6) or (n, 6, m) in whitened coordinates: (c count,) or (c count, m), c of the channels."""
-        return np.concatenate([self.whiten_channel(column, volts[:, column]) for column in self.columns])
+        own = [self.whiten_means(column, self.means(column, volts[:, column].T)) for column in self.columns]
+        white = self.beside_each_other(np.stack(own, axis=-2))
+        return white.reshape(*white.shape[:-2], -1).T
 
     def whiten_changes(self, changes: Iterable[Array]) -> Columns:
         """Changes (n, 6) of the readings, one a column; from the first channel that they touch to the last.
@@ -210,9 +204,11 @@ class WhitenedData:
         if not touched.size:
             return Columns(np.zeros((0, len(found))), 0)
         low, high = int(touched[0]), int(touched[-1]) + 1
+        high = high if self.decorrelation is None else len(self.columns)
         white = np.zeros((len(found), high - low, self.count))
         for index in touched:
             white[:, index - low] = self.whiten_means(self.columns[index], means[:, index])
+        white = self.beside_each_other(white, low)
         return Columns(white.reshape(len(found), -1).T, low * self.count)
 
     def channel(self, white: Array, column: int) -> Array:
@@ -224,10 +220,17 @@ class WhitenedData:
     def tangents(self) -> list[ChannelTangent]:
         """What the calibration's parameters do to the whitened readings of each channel."""
         own = tangent.of_readings(self.base, self.pipeline)
-        return [
-            ChannelTangent(own[column].numbers, self.whiten_channel(column, own[column].values))
-            for column in self.columns
-        ]
+        white = [self.whiten_means(each, self.means(each, own[each].values.T))[:, None] for each in self.columns]
+        if self.decorrelation is None:
+            white = [self.beside_each_other(values, index) for index, values in enumerate(white)]
+            parts = zip(self.columns, white, strict=True)
+            return [ChannelTangent(own[column].numbers, values[:, 0].T) for column, values in parts]
+        every = list(range(tangent.size(list(own.values()))))
+        both = np.zeros((len(every), len(self.columns), self.count))
+        for index, column in enumerate(self.columns):
+            both[own[column].numbers, index] = white[index][:, 0]
+        both = self.beside_each_other(both)
+        return [ChannelTangent(every, both[:, index].T) for index in range(len(self.columns))]
 
     @property
     def tangent(self) -> Array:

@@ -80,7 +80,11 @@ class CommonNoise:
 
 
 def common_noises(data: WhitenedData, without: Sequence[str]) -> list[CommonNoise]:
-    """Those that a recording can show."""
+    """Those that a recording can show.
+
+    Args:
+        data: under any state of the noise.
+    """
     found = []
     floor = _of_parts(data, [_floor(part) for part in data.parts], np.inf)
     for effect in EFFECTS.values():
@@ -92,7 +96,8 @@ def common_noises(data: WhitenedData, without: Sequence[str]) -> list[CommonNois
             parts = [(part, one / of_mean) for part, (one, of_mean) in zip(data.parts, errors, strict=True)]
             own = [probe.response(part.base, part.pipeline) / np.sqrt(ratio) for part, ratio in parts]
             response = _of_parts(data, own)
-            series = (response / floor[:, :, None] * data.weights[:, :, None]).transpose(2, 1, 0)[:, data.columns]
+            whitened = [_whitened(part, each) for part, each in zip(data.parts, own, strict=True)]
+            series = _of_parts(data, whitened).transpose(2, 1, 0)[:, data.columns]
             if not series.any():
                 continue
             tau_s = float(np.max(shape.get("tau_s", 0.0)))
@@ -118,6 +123,17 @@ def _floor(member: WhitenedData) -> Array:
     gain = np.array([np.mean(whitener.response(frequency)) for whitener in member.whiteners])
     sigma = np.where(np.isfinite(gain) & (gain > 0.0), 1.0 / np.sqrt(np.maximum(gain, 1e-300)), np.inf)
     return np.broadcast_to(sigma, (member.count, len(sigma)))
+
+
+def _whitened(member: WhitenedData, response: Array) -> Array:
+    """(n, 6, r) what whitening makes of the response (n, 6, r) to errors that are white."""
+    found = np.nan_to_num(response) * (member.weights / _floor(member))[:, :, None]
+    if member.decorrelation is not None:
+        found[:, member.columns] = np.einsum("ij,njr->nir", member.decorrelation, found[:, member.columns])
+    for step in member.steps:
+        factor = step.factor if step.in_time else np.full(member.count, np.sqrt(np.mean(step.factor**2)))
+        found[:, step.column] *= factor[:, None]
+    return found
 
 
 def is_common(effect: type[Effect]) -> bool:

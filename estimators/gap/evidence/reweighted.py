@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.gap.data.projection import project, side_by_side
+from estimators.gap.data.projection import Columns, project, side_by_side
 from estimators.gap.data.steps import Step
-from estimators.gap.data.whitened import Columns, WhitenedData
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
 from rig.arrays import Array
 

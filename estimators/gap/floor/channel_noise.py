@@ -45,6 +45,7 @@ class ChannelNoise:
         degrees: of Student's distribution where single readings have long tails, infinite where they are normal; None
             where no recording at rest tells.
         tails: variance of the tails that readings are relieved of, beyond the rest of it [V^2].
+        shared: correlation with the noise of each channel, as far as neighbouring readings show; empty where none is.
     """
 
     white: float
@@ -56,6 +57,7 @@ class ChannelNoise:
     spare: bool = False
     degrees: float | None = np.inf
     tails: float = 0.0
+    shared: tuple[float, ...] = ()
 
     @property
     def coloured(self) -> float:

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimators.gap.data.projection import Columns
 from estimators.gap.data.stack import only_in, part_of
-from estimators.gap.data.whitened import Columns, WhitenedData
+from estimators.gap.data.whitened import WhitenedData
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
 from rig.effects.parameters import Parameter, Value

@@ -12,9 +12,10 @@ from typing import Final
 
 import numpy as np
 
+from estimators.gap.data.projection import Columns
 from estimators.gap.data.stack import part_of
 from estimators.gap.data.steps import Step
-from estimators.gap.data.whitened import Columns, WhitenedData
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.candidates import Candidate, Shape, still
 from estimators.gap.hypotheses.score import Explained, Score, solve
 from estimators.gap.hypotheses.tones import best_tone, envelopes

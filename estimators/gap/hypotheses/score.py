@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import Basis, orthonormal, project, side_by_side
-from estimators.gap.data.whitened import Columns
+from estimators.gap.data.projection import Basis, Columns, orthonormal, project, side_by_side
 from estimators.gap.hypotheses.tails import chi2_logsf
 from rig.arrays import Array
 

@@ -128,7 +128,8 @@ def _source(data: WhitenedData, name: str, kind: str, changes: list[Array], colu
     for index, each in enumerate(data.columns):
         own = np.stack([change[:, each] for change in changes], axis=1)
         if own.any():
-            series[:, index] = data.whiten_channel(each, own).T
+            series[:, index] = data.whiten_means(each, data.means(each, own.T))
+    series = data.beside_each_other(series)
     series[:, :, data.stretches[len(data.parts) - 1].stop :] = 0.0  # a calibration from before has no errors
     return Source(name, series, kind, column)
 

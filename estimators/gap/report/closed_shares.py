@@ -65,7 +65,7 @@ def of_causes(
             left = float(linear.left @ linear.left) - floor.size + floor.absorbed.rank
             apart = shapes_apart(each.explanation, floor)
             way = closure.Way(float(probability), floor.whitened - linear.left, linear, each.moments, apart=apart)
-            if each.terms and not each.state.steps and not each.second:
+            if each.terms and not each.state.steps and not each.further:
                 way = replace(way, terms=each.terms)
             elif each.other:  # all that is left beyond the floor and named noise
                 way = replace(way, nameless=max(left - _added(each.state.fitted), 0.0))

@@ -90,9 +90,12 @@ def _errors(posterior: Posterior, leading: Hypothesis) -> tuple[list[_Left], lis
     of_source = {each.term.source: each for each in reversed(near)}  # of each source the likeliest
     told = sorted(of_source.values(), key=lambda each: -each.log_mass)[:3]
     linear = first.explanation.linear
-    beside = first.second[:1]
-    less = left_beside(linear, first.terms[0], posterior.discrepancies).left if beside else linear.left
-    return _described(told, linear.left), _described(beside, less)
+    beside, less, before = list[_Left](), linear, first.terms[0]
+    for further in first.further:
+        less = left_beside(less, before, posterior.discrepancies)
+        before = further[0]
+        beside += _described([before], less.left)
+    return _described(told, linear.left), sorted(beside, key=lambda one: -one[-1])[:3]
 
 
 def _described(every: Sequence[Weighed], residual: Array) -> list[_Left]:

@@ -52,7 +52,7 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
     what it does, their own evidence is no longer one."""
     found: dict[int, tuple[float, ...]] = {}
     known: dict[int, list[tuple[float, reach.Gains]]] = {}
-    second = any(each.second for each in posterior.hypotheses)
+    second = any(each.further for each in posterior.hypotheses)
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
         if not each.other or probability < WAYS:
             continue

@@ -13,8 +13,8 @@ from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.report.homogeneity import own_columns
 from estimators.gap.search.explanation import Explanation
+from estimators.gap.search.further_unknowns import SECOND
 from estimators.gap.search.hypothesis import Hypothesis
-from estimators.gap.search.weighing import SECOND
 from rig.arrays import Array
 
 
@@ -66,7 +66,9 @@ def log_prior_of_image(gains: Gains, hypothesis: Hypothesis, second: bool) -> fl
     if not hypothesis.terms:
         return 0.0
     masses = np.array([one.log_mass for one in hypothesis.terms])
-    also = _channels(hypothesis.second[0]) if hypothesis.second else np.zeros(len(gains.alone), dtype=bool)
+    also = np.zeros(len(gains.alone), dtype=bool)
+    for terms in hypothesis.further:
+        also |= _channels(terms[0])
     beyond = [~(_channels(one) | also) for one in hypothesis.terms]
     outside = [max(min(float(each[own].sum()) for each in gains), 0.0) for own in beyond]
     inside = float(np.logaddexp.reduce(masses - outside) - np.logaddexp.reduce(masses))

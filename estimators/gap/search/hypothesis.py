@@ -20,14 +20,14 @@ class Hypothesis:
         explanation: the mean effects. state: the noise.
         terms: the discrepancy's terms, the likeliest first; empty without one.
         log_mass: unnormalised.
-        second: terms of a second discrepancy, beside the first, the likeliest first; empty without one.
+        further: of each further discrepancy beside the first, its terms, the likeliest first.
     """
 
     explanation: Explanation
     state: NoiseState
     terms: tuple[Weighed, ...]
     log_mass: float
-    second: tuple[Weighed, ...] = ()
+    further: tuple[tuple[Weighed, ...], ...] = ()
 
     @property
     def other(self) -> bool:

@@ -20,6 +20,7 @@ from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation, distinct
+from estimators.gap.search.further_unknowns import weigh_further
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noise_beside_unknown import weigh_noise_beside_unknown
 from estimators.gap.search.noises import Given, Noises, Promise
@@ -144,7 +145,7 @@ def explain(
             break
     assert work.discrepancies is not None
     weigh_noise_beside_unknown(work)
-    work.weigh_second()
+    weigh_further(work)
     weighed_all = tuple(sorted(work.hypotheses.values(), key=lambda one: -one.log_mass))
     return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
 

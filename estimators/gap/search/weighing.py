@@ -10,11 +10,13 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.evidence.common import CommonNoise, beside, beside_other
-from estimators.gap.evidence.discrepancy import Discrepancies, left_beside, total, weighed
+from estimators.gap.data.steps import Step
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.common import CommonNoise, beside, beside_other, common_noises
+from estimators.gap.evidence.discrepancy import Discrepancies, total, weighed
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.candidates import Candidate
-from estimators.gap.hypotheses.prior import FURTHER, OTHER, OTHER_NOISE
+from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from estimators.gap.search.beam import Search
@@ -32,16 +34,12 @@ NEAR: Final = 6.0
 HARDLY: Final = 1.0
 #: Log probability of something without a name that is no noise.
 _UNKNOWN: Final = float(np.log(OTHER * (1.0 - OTHER_NOISE)))
-#: Log probability of a second such thing: things are rarely alone.
-SECOND: Final = float(np.log(FURTHER))
-#: Log odds against the leading hypothesis within which a discrepancy may have a second one beside it.
-_DOUBTED: Final = 3.0
 #: Searches under common noise, each beside what the last one found.
 _OUTWARDS: Final = 2
 #: So many explanations of a state are weighed beside discrepancies, and beside other noise.
 _BESIDE: Final = 4
 #: Terms of a discrepancy that are kept of each, for what is left.
-_KEPT: Final = 12
+KEPT: Final = 12
 
 
 @dataclass
@@ -55,7 +53,7 @@ class Weighing:
         discrepancies: under the floor as it was learned. hypotheses: the likeliest of each kind.
         overtaken: states of the noise whose search ended as another is far likelier, and the log mass under that.
         gains: what a discrepancy makes of the log mass of a set under a state.
-        _under: discrepancies under the state that was asked for last.
+        _under: discrepancies under the state that was asked for last. _shared: common noise under its steps.
     """
 
     scanner: Scanner
@@ -68,6 +66,7 @@ class Weighing:
     overtaken: list[tuple[NoiseState, float]] = field(default_factory=list)
     gains: list[tuple[NoiseState, Key, float]] = field(default_factory=list)
     _under: tuple[NoiseState, Discrepancies] | None = None
+    _shared: tuple[tuple[Step, ...], Sequence[CommonNoise]] | None = None
 
     @property
     def leading(self) -> Hypothesis:
@@ -109,7 +108,7 @@ class Weighing:
 
     def enter(self, hypothesis: Hypothesis) -> None:
         """A hypothesis, where none of its kind is likelier."""
-        unknown = bool(hypothesis.terms), hypothesis.state.other, bool(hypothesis.second)
+        unknown = bool(hypothesis.terms), hypothesis.state.other, bool(hypothesis.further)
         key = hypothesis.labels, hypothesis.state.name, *unknown
         if key not in self.hypotheses or self.hypotheses[key].log_mass < hypothesis.log_mass:
             self.hypotheses[key] = hypothesis
@@ -118,8 +117,9 @@ class Weighing:
         """A state of the noise beside the explanation that it was learned beside."""
         self.enter(Hypothesis(one.explanation, one.state, (), one.log_mass + _nothing_else(one.state)))
 
-    def enter_nameless(self, each: Explanation, state: NoiseState, discrepancies: Discrepancies) -> Hypothesis | None:
-        """An explanation beside discrepancies, which is given where any is worth weighing."""
+    def enter_nameless(self, each: Explanation, state: NoiseState, discrepancies: Discrepancies) -> list[Hypothesis]:
+        """An explanation beside discrepancies where any is worth weighing, then beside noise that all channels share,
+        too; what was entered is given."""
         changes = {
             (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
             for index, member in enumerate(each.members)
@@ -129,15 +129,18 @@ class Weighing:
         gained = total([term.log_mass for term in terms])
         self.gains.append((state, each.key, _UNKNOWN + max(gained, 0.0)))
         if not terms:
-            return None
-        found = Hypothesis(each, state, tuple(terms[:_KEPT]), nameless + gained)
-        self.enter(found)
+            return []
+        found = Hypothesis(each, state, tuple(terms[:KEPT]), nameless + gained)
+        every = [found]
         # noise of all channels is what changes from sample to sample, too: it is weighed beside what does not
         slow = [term for term in terms if term.term.edges is None]
         if slow:
-            for log_mass, fitted, both in beside_other(each.linear, self.common, each.data.absorbed, slow):
-                self.enter(self._with(replace(found, terms=tuple(both), log_mass=nameless + log_mass), fitted))
-        return found
+            common = self.common_under(each.data)
+            for log_mass, fitted, both in beside_other(each.linear, common, each.data.absorbed, slow):
+                every.append(self._with(replace(found, terms=tuple(both), log_mass=nameless + log_mass), fitted))
+        for one in every:
+            self.enter(one)
+        return every
 
     def enter_common(self, found: Hypothesis) -> None:
         """A hypothesis beside each noise effect that all channels share."""
@@ -145,7 +148,7 @@ class Weighing:
             self.enter(one)
 
     def _beside_common(self, found: Hypothesis) -> list[Hypothesis]:
-        every = beside(found.explanation.linear, self.common)
+        every = beside(found.explanation.linear, self.common_under(found.explanation.data))
         return [self._with(replace(found, log_mass=found.log_mass + gained), fitted) for gained, fitted in every]
 
     def _with(self, found: Hypothesis, fitted: FittedNoise) -> Hypothesis:
@@ -168,7 +171,7 @@ class Weighing:
         Args:
             to_the_end: whether the search goes on where another state is far likelier.
         """
-        search = self._search(state, scanner)
+        search = self.search(state, scanner)
         given, target = (state, scanner), -np.inf
         if first := self.discrepancies is None:
             self.discrepancies = self.discrepancies_under(state, scanner)
@@ -199,8 +202,18 @@ class Weighing:
             found += self._beside(some, state, search, self.discrepancies_under(state, scanner))
         return found
 
-    def _search(self, state: NoiseState, scanner: Scanner) -> Search:
+    def search(self, state: NoiseState, scanner: Scanner) -> Search:
+        """A search of sets under a state of the noise."""
         return Search(scanner, self.candidates, self.noises.prior, self.progress, given=tuple(state.drawn))
+
+    def common_under(self, data: WhitenedData) -> Sequence[CommonNoise]:
+        """Noise that all channels share, as data under a state of the noise have it."""
+        if not (data.steps and self.common):
+            return self.common
+        if self._shared is None or self._shared[0] is not data.steps:
+            self._shared = None  # one of them at a time
+            self._shared = data.steps, common_noises(data, self.noises.without)
+        return self._shared[1]
 
     def discrepancies_under(self, state: NoiseState, scanner: Scanner) -> Discrepancies:
         """Discrepancies under a state of the noise."""
@@ -251,7 +264,7 @@ class Weighing:
     def _common(self) -> FittedNoise | None:
         """Noise that all channels share, where that is far likelier than none."""
         fitted = self.leading.state.fitted
-        return fitted[-1] if _of_all_channels(self.leading.state) and 0.5 * fitted[-1].gain > FAR else None
+        return fitted[-1] if of_all_channels(self.leading.state) and 0.5 * fitted[-1].gain > FAR else None
 
     def move_floor_under_common(self, floor: NoiseState) -> None:
         """The same beside other floors: as it was learned, the floor was judged beside nothing else."""
@@ -272,7 +285,7 @@ class Weighing:
             replace(each.on(scanner.fine.data), log_prior=self.noises.log_prior(state, each.members))
             for each in distinct(one.explanation for one in every)[:_BESIDE]
         ]
-        self._beside(some, state, self._search(state, scanner), self.discrepancies_under(state, scanner))
+        self._beside(some, state, self.search(state, scanner), self.discrepancies_under(state, scanner))
 
     def nameless(self, plain: bool = False) -> list[Hypothesis]:
         """Hypotheses with a discrepancy, the likeliest first, but for noise that all channels share.
@@ -280,7 +293,7 @@ class Weighing:
         Args:
             plain: under the floor as it was learned at rest, alone.
         """
-        own = [one for one in self.hypotheses.values() if one.terms and not _of_all_channels(one.state)]
+        own = [one for one in self.hypotheses.values() if one.terms and not of_all_channels(one.state)]
         return sorted((one for one in own if not (plain and one.state.steps)), key=lambda one: -one.log_mass)
 
     def _beside(
@@ -316,30 +329,6 @@ class Weighing:
                     self.enter(self.alone(one, state))
         return added
 
-    def weigh_second(self) -> None:
-        """Where something without a name is likely, a second such thing beside it: in what the first leaves, and in the
-        place of each cause that was found beside it. Under other noise, which may be that second thing, beside what
-        leads there.
-
-        What both could explain is the first one's alone: the second is rather too unlikely than too likely.
-        """
-        under: dict[int, Hypothesis] = {}
-        for one in self.nameless():
-            under.setdefault(id(one.state), one)
-        likely = [one for one in under.values() if one.log_mass > self.best - FAR]
-        if not likely or likely[0].log_mass < self.best - _DOUBTED:
-            return
-        for leading in likely:
-            state, scanner = leading.state, self.scanner.stepped(leading.state.steps)
-            discrepancies = self.discrepancies_under(state, scanner)
-            rests = self._search(state, scanner).without_one(leading.explanation) if leading is likely[0] else []
-            for found in [leading, *filter(None, (self.enter_nameless(rest, state, discrepancies) for rest in rests))]:
-                least = self.best - FAR - found.log_mass - SECOND
-                less = left_beside(found.explanation.linear, found.terms[0], discrepancies)
-                if second := weighed(less, discrepancies, least=least):
-                    log_mass = found.log_mass + SECOND + total([one.log_mass for one in second])
-                    self.enter(replace(found, log_mass=log_mass, second=tuple(second[:_KEPT])))
-
     def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
         """Whether a set beside a discrepancy is far from likely: that gains no more beside a set than beside less."""
         held = Counter(each.key)
@@ -347,7 +336,7 @@ class Weighing:
         return bool(own) and self.known(each, state) + min(own) < self.best - NEAR
 
 
-def _of_all_channels(state: NoiseState) -> bool:
+def of_all_channels(state: NoiseState) -> bool:
     """Whether its noise is one that all channels share."""
     return bool(state.fitted) and state.fitted[-1].part == EVERY
 

@@ -1,0 +1,58 @@
+"""Noise that channels share at rest: a reference, a supply or a ground that wanders from reading to reading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import rankdata
+
+from estimators.gap.floor.channel_noise import ChannelNoise
+from rig.arrays import Array, Rows
+
+#: Independent steps in each step between neighbouring readings: neighbours share a reading.
+_INDEPENDENT: Final = 2.0 / 3.0
+
+
+def correlations(readings: Array, labels: Rows) -> Array:
+    """(6, 6) correlation of the channels' noise; the identity where readings at rest show none.
+
+    Of the normal scores of the steps between neighbouring readings: nothing slow is in these, and spikes count little.
+    Correlated or not are two models, of which the Bayesian information criterion tells (Schwarz, Annals of Statistics
+    6, 1978).
+
+    Args:
+        readings: (n, 6) [recorded unit]; NaN where a sensor was not recorded. labels: (n,) number of the pose at rest,
+            -1 where the arm moves.
+    """
+    found = np.eye(readings.shape[1])
+    same = (labels[1:] == labels[:-1]) & (labels[1:] >= 0)
+    steps = np.diff(readings, axis=0)[same]
+    there = np.flatnonzero(np.isfinite(steps).any(axis=0))
+    steps = steps[np.isfinite(steps[:, there]).all(axis=1)][:, there]
+    if len(steps) <= len(there):
+        return found
+    there, steps = there[np.ptp(steps, axis=0) > 0.0], steps[:, np.ptp(steps, axis=0) > 0.0]
+    if len(there) < 2:
+        return found
+    own = np.corrcoef(ndtri(rankdata(steps, axis=0) / (len(steps) + 1.0)), rowvar=False)
+    independent = _INDEPENDENT * len(steps)
+    gained = -0.5 * independent * float(np.linalg.slogdet(own)[1])
+    if gained > 0.25 * len(there) * (len(there) - 1) * np.log(independent):
+        found[np.ix_(there, there)] = own
+    return found
+
+
+def decorrelation(floor: Sequence[ChannelNoise], columns: Sequence[int]) -> Array | None:
+    """(c, c) lower triangular, what leaves of each channel's noise what those before it do not tell; None where the
+    channels share none.
+
+    Args:
+        floor: of all channels. columns: those that are there.
+    """
+    if not any(floor[column].shared for column in columns):
+        return None
+    correlation = np.array([floor[column].shared or np.eye(len(floor))[column] for column in columns])
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation[:, columns])))

@@ -1,0 +1,129 @@
+"""Where something without a name is likely, further such things beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, left_beside, total, weighed, weighed_terms
+from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.states import NoiseState
+from estimators.gap.hypotheses.prior import FURTHER
+from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.weighing import FAR, KEPT, Weighing, of_all_channels
+
+#: Log probability of a second such thing, and of each further one: things are rarely alone.
+SECOND: Final = float(np.log(FURTHER))
+#: Log odds against the leading hypothesis within which a discrepancy may have a second one beside it.
+_DOUBTED: Final = 3.0
+#: So many further things at most, and so many times what leads then is weighed without each of its causes.
+_MOST, _ROUNDS = 8, 3
+
+
+def weigh_further(work: Weighing) -> None:
+    """Where something without a name is likely, ever one more such thing in what the others leave: beside what leads,
+    and in the place of each cause, and of noise that all channels share, that was found beside it. Under other noise,
+    which may be that second thing, beside what leads there.
+
+    What two could explain is the first one's alone: each further one is rather too unlikely than too likely.
+    """
+    likely = [one for one in _likeliest(work) if one.log_mass > work.best - FAR]
+    if not likely or likely[0].log_mass < work.best - _DOUBTED:
+        return
+    for leading in likely:
+        discrepancies = _discrepancies(work, leading)
+        work.enter(_with_further(work, leading, discrepancies))
+    for _ in range(_ROUNDS):
+        leading = _likeliest(work)[0]
+        discrepancies = _discrepancies(work, leading)
+        for rest in _rests(work, leading, discrepancies):
+            work.enter(_with_further(work, _first_as(rest, leading), discrepancies, leading.further))
+        if _likeliest(work)[0] is leading:
+            return
+
+
+def _likeliest(work: Weighing) -> list[Hypothesis]:
+    """Under each state of the noise, the likeliest hypothesis with a discrepancy."""
+    found: dict[tuple[int, tuple[str, ...]], Hypothesis] = {}
+    for one in sorted(work.hypotheses.values(), key=lambda each: -each.log_mass):
+        if one.terms:
+            found.setdefault((id(one.state.steps), one.state.labels), one)
+    return list(found.values())
+
+
+def _without_common(work: Weighing, leading: Hypothesis) -> NoiseState:
+    """The state of the noise of a hypothesis, without what all channels share."""
+    state = leading.state
+    if not of_all_channels(state):
+        return state
+    own = replace(state, fitted=state.fitted[:-1])
+    known = (each.state for each in work.hypotheses.values() if each.state.steps is own.steps)
+    return next((each for each in known if each.labels == own.labels), own)
+
+
+def _discrepancies(work: Weighing, leading: Hypothesis) -> Discrepancies:
+    state = _without_common(work, leading)
+    return work.discrepancies_under(state, work.scanner.stepped(state.steps))
+
+
+def _rests(work: Weighing, leading: Hypothesis, discrepancies: Discrepancies) -> Iterator[Hypothesis]:
+    """A hypothesis without each of its causes, and without noise that all channels share."""
+    state, labels = _without_common(work, leading), leading.state.labels
+    if labels != state.labels:
+        yield from work.enter_nameless(leading.explanation, state, discrepancies)[:1]
+    for rest in work.search(state, work.scanner.stepped(state.steps)).without_one(leading.explanation):
+        entered = work.enter_nameless(rest, state, discrepancies)
+        yield from (one for one in entered if one.state.labels == labels)
+
+
+def _first_as(rest: Hypothesis, leading: Hypothesis) -> Hypothesis:
+    """With the first thing that another hypothesis has, where it is one of its own, in front."""
+    first = leading.terms[0].term
+    same = {id(one): (one.term.source, one.term.course) == (first.source, first.course) for one in rest.terms}
+    return replace(rest, terms=tuple(sorted(rest.terms, key=lambda one: not same[id(one)])))
+
+
+def _with_further(
+    work: Weighing, found: Hypothesis, discrepancies: Discrepancies, before: Sequence[Sequence[Weighed]] = ()
+) -> Hypothesis:
+    """With as many further things without a name as are likelier than fewer, at least one.
+
+    Args:
+        before: those that come first, in this order: what was found beside another hypothesis.
+    """
+    less = left_beside(found.explanation.linear, found.terms[0], discrepancies)
+    if of_all_channels(found.state):
+        less = _beside_common(work, found, less, discrepancies)
+    every, log_mass = list[tuple[Weighed, ...]](), found.log_mass
+    while len(every) < _MOST:
+        if len(every) < len(before):
+            terms = _again(less, before[len(every)])
+        else:  # a term that leaves it far behind need not be weighed, unless others are to come
+            terms = weighed(less, discrepancies, least=min(work.best - FAR - log_mass - SECOND, 0.0))
+        gained = SECOND + total([one.log_mass for one in terms])
+        if not terms or (every and gained < 0.0):
+            break
+        every.append(tuple(terms[:KEPT]))
+        log_mass += gained
+        if gained < 0.0:
+            break
+        less = left_beside(less, terms[0], discrepancies)
+    return replace(found, log_mass=log_mass, further=tuple(every))
+
+
+def _again(less: Linear, terms: Sequence[Weighed]) -> list[Weighed]:
+    """Terms beside something else, the likeliest first."""
+    shares = {id(one.term): one.log_share for one in terms}
+    found = weighed_terms(less, [one.term for one in terms])
+    return sorted((replace(one, log_share=shares[id(one.term)]) for one in found), key=lambda one: -one.log_mass)
+
+
+def _beside_common(work: Weighing, found: Hypothesis, less: Linear, discrepancies: Discrepancies) -> Linear:
+    """What is left beside noise that all channels share, too."""
+    name = found.state.fitted[-1].effect.name
+    noises = [each.term for each in work.common_under(found.explanation.data) if each.effect.name == name]
+    likeliest = weighed_terms(less, noises)[:1]
+    return left_beside(less, likeliest[0], discrepancies) if likeliest else less
