@@ -17,6 +17,7 @@ from estimators.known_angle.model import (
     Method,
     SensorParameters,
     Weighting,
+    columns_by_name,
     columns_of_channels,
 )
 from estimators.known_angle.refusal import AMBIGUOUS_CHI_SQUARE, SAME_SIGMAS, UNCERTAINTY_LIMIT
@@ -204,13 +205,8 @@ def _fit(table: _Table, method: Method, weighting: Weighting, magnitude: float) 
 def _uncertain(covariance: Array, method: Method) -> Mask:
     """(m,) whether any S, delta, axis or field is less certain than ``UNCERTAINTY_LIMIT``."""
     variance = np.einsum("mii->mi", covariance)
-    limit = UNCERTAINTY_LIMIT**2
-    found = np.zeros(len(variance), dtype=bool)
-    for _, start, of_field in columns_of_channels(method):
-        found |= (variance[:, start : start + 2] > limit).any(axis=1)
-        found |= variance[:, start + 2 : start + 4].sum(axis=1) > limit
-        found |= variance[:, of_field].sum(axis=1) > limit
-    return found
+    beyond = [variance[:, own].sum(axis=1) > UNCERTAINTY_LIMIT**2 for own in columns_by_name(method).values()]
+    return np.asarray(np.any(beyond, axis=0))
 
 
 def _ambiguous(optimum: Optimum, fields: Array, covariance: Array, noise: Array, count: Array, method: Method) -> Mask:
