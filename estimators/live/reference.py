@@ -10,7 +10,7 @@ import numpy as np
 from estimators.calibration import SensorCalibration
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, design_rows
 from estimators.ellipsoid.fit import EllipsoidFit
-from estimators.goodness.residuals import by_magnitude, fitted_parameters
+from estimators.goodness.residuals import by_magnitude, fitted_parameters, noise_of
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.model import SensorParameters
 from estimators.live.by_row import ByRow
@@ -75,14 +75,12 @@ class Reference:
     def of_calibration(cls, own: SensorCalibration, posed: bool) -> Self:
         """From a calibration; ``posed``: the attitude is recorded."""
         known = posed and bool(own.axes) and own.field_direction is not None
-        noise = own.fit_rms if own.noise is None else np.maximum(own.noise, 0.0)
-        least = np.finfo(float).eps * max(float(np.abs(own.bias).max()), 1e-300)
         number = len(own.parameters) / (3.0 if known else 1.0)
         return cls(
             own.matrix,
             own.bias,
             own.reference_magnitude,
-            np.maximum(noise, least),
+            noise_of(own),
             fitted_parameters(own) if known else None,
             None,
             None,
