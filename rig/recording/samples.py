@@ -242,15 +242,16 @@ class Recording:
     @property
     def columns(self) -> Columns:
         """The columns it is written with."""
-        return Columns.of(
-            joints=0 if self.q is None else self.q.shape[1],
+        joints = range(1, 1 + (0 if self.q is None else self.q.shape[1]))
+        return Columns(
+            joints=tuple((f"q{joint}_{'m' if joint in self.slides else 'rad'}", False) for joint in joints),
             tool=self.tool_quaternion is not None,
             position=self.tool_position is not None,
-            units=self.units,
-            currents=self.currents,
+            readings={s: tuple(f"{channel}_{unit}" for channel in CHANNELS_OF[s]) for s, unit in self.units.items()},
+            units=dict(self.units),
+            currents={joint: f"current{joint}_A" for joint in self.currents},
             temperature=self.temperature is not None,
             supply=self.supply is not None,
-            slides=self.slides,
         )
 
     def table(self) -> dict[str, Array]:
