@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from rig.arrays import Array
 from rig.directions import angles_from_direction, elevation_azimuth_basis, tangent_basis
+from rig.errors import unknown_name
 from rig.sensor import TriaxialSensor
 
 Method = Literal["simultaneous", "separate"]
@@ -29,6 +30,14 @@ WEIGHTINGS: Final[tuple[Weighting, ...]] = ("likelihood", "equal")
 PARAMETERS_OF: Final[dict[Method, int]] = {"simultaneous": 14, "separate": 18}
 #: Parameters one minimisation looks for: a sensor's, or a channel's.
 PARAMETERS_AT_ONCE: Final[dict[Method, int]] = {"simultaneous": 14, "separate": 6}
+
+
+def check_options(method: str, weighting: str) -> None:
+    """Raises: RigError: one of them is unknown."""
+    if method not in METHODS:
+        raise unknown_name("method", method, METHODS)
+    if weighting not in WEIGHTINGS:
+        raise unknown_name("weighting", weighting, WEIGHTINGS)
 
 
 @dataclass(frozen=True, eq=False)
