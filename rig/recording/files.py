@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ from rig.recording.columns import (
 from rig.recording.metadata import Metadata
 from rig.recording.samples import Recording
 from rig.recording.table import SUFFIXES, NumberedTable, Table
-from rig.recording.table_io import TableWriter, open_table
+from rig.recording.table_io import open_table, table_writer
 
 _COPIES = 3  # of every number, at most, while a file is read whole
 _WHOLE_FILE_BATCH = 1 << 18  # rows; what does not matter for a recording that is to be in memory anyway
@@ -242,7 +242,7 @@ class RecordingWriter:
         self._path = path
         self._opened = ExitStack()
         self._first: Recording | None = None
-        self._writer: TableWriter | None = None
+        self._append: Callable[[Mapping[str, Array]], None] | None = None
 
     def __enter__(self) -> Self:
         """Begin."""
@@ -254,15 +254,15 @@ class RecordingWriter:
         Raises:
             RigError: the file cannot be written, or the batch has other columns than the first.
         """
-        if self._first is None or self._writer is None:
-            writer = TableWriter(self._path, batch.columns.names, batch.metadata.to_text())
-            self._first, self._writer = batch, self._opened.enter_context(writer)
+        if self._first is None or self._append is None:
+            writer = table_writer(self._path, batch.columns.names, batch.metadata.to_text())
+            self._first, self._append = batch, self._opened.enter_context(writer)
         elif batch.columns != self._first.columns:
             raise RigError(
                 f"{self._path}: a batch has the columns {', '.join(batch.columns.names)}, "
                 f"expected {', '.join(self._first.columns.names)}"
             )
-        self._writer.write(batch.table())
+        self._append(batch.table())
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -17,7 +17,7 @@ from rig.errors import RigError, unknown_name
 from rig.recording.checks import as_columns, check_finite, check_increasing, check_seconds, check_shape, check_unit
 from rig.recording.columns import POSITION, QUATERNION, SUPPLY, TEMPERATURE, TIME, Columns
 from rig.recording.metadata import Metadata
-from rig.recording.table_io import TableWriter
+from rig.recording.table_io import table_writer
 from rig.threads import one_blas_thread
 from rig.units import UNITS
 
@@ -236,8 +236,8 @@ class Recording:
         Raises:
             RigError: another ending, or the file cannot be written.
         """
-        with TableWriter(path, self.columns.names, self.metadata.to_text(), rows=len(self)) as writer:
-            writer.write(self.table())
+        with table_writer(path, self.columns.names, self.metadata.to_text(), rows=len(self)) as append:
+            append(self.table())
 
     @property
     def columns(self) -> Columns:
