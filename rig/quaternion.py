@@ -8,23 +8,8 @@ import numpy as np
 
 from rig.arrays import Array
 
-_ROWS = 4096  # samples a block: its products and its result stay in the second-level cache
 
-
-def rotations(quaternion: Array, out: Array | None = None) -> Array:
-    """vec R_base_tool, row by row: (n, 9) of quaternions (n, 4), scalar first, that turn tool into base coordinates.
-
-    Args:
-        quaternion: (n, 4); the norm need not be exactly one.
-        out: (n, 9), written to and returned if given.
-    """
-    result = np.empty((len(quaternion), 9)) if out is None else out
-    for rows, block in blocks(quaternion):
-        result[rows] = block.T
-    return result
-
-
-def blocks(quaternion: Array, rows: int = _ROWS) -> Iterator[tuple[slice, Array]]:
+def blocks(quaternion: Array, rows: int) -> Iterator[tuple[slice, Array]]:
     """vec R_base_tool in blocks that stay in the cache: the samples, and (9, m), one column a sample.
 
     The array is overwritten by the next block.

@@ -12,12 +12,11 @@ from effects_rig import TIMES, made, measured, pipeline, signals, volts
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.spatial.transform import Rotation
 
 from rig.arm import Arm
 from rig.arrays import Array
 from rig.effects._gravity import gravity_torque, largest_gravity_torque
-from rig.effects._numerics import curvature, low_passed, play, recursion, shifted, turned
+from rig.effects._numerics import curvature, low_passed, play, recursion, shifted
 from rig.errors import RigError
 
 COLUMNS = {"acquisition": slice(0, 6), "accelerometer": slice(0, 3), "magnetometer": slice(3, 6)}
@@ -190,19 +189,6 @@ def test_a_few_samples_have_what_curvature_they_have(count: int) -> None:
     t = np.arange(float(count))
     expected = 2.0 if count >= 3 else 0.0
     np.testing.assert_allclose(curvature(t, t[:, None] ** 2), np.full((count, 1), expected), atol=1e-13)
-
-
-def test_vectors_are_turned_as_rotations_turn_them() -> None:
-    rng = np.random.default_rng(7)
-    axes = rng.standard_normal((50, 3))
-    axes /= np.linalg.norm(axes, axis=1)[:, None]
-    angles = rng.uniform(-3.0, 3.0, 50)
-    vectors, matrices = rng.standard_normal((50, 3)), rng.standard_normal((50, 3, 3))
-    R = Rotation.from_rotvec(axes * angles[:, None]).as_matrix()
-    np.testing.assert_allclose(turned(axes, angles, vectors), np.einsum("nij,nj->ni", R, vectors), atol=1e-14)
-    np.testing.assert_allclose(turned(axes, angles, matrices), R @ matrices, atol=1e-14)
-    one = Rotation.from_rotvec(axes[0] * 0.3).as_matrix()
-    np.testing.assert_allclose(turned(axes[0], 0.3, matrices), one @ matrices, atol=1e-14)
 
 
 @pytest.mark.parametrize("moving", [(0, 4, 5), (1, 2), (0, 1, 2, 3, 4, 5), ()])

@@ -129,23 +129,17 @@ def test_blocks_are_the_same_samples(rotation_map: RotationMap, rows: int) -> No
     assert covered == len(q)
 
 
-def test_layouts_and_output(rotation_map: RotationMap) -> None:
+def test_layouts(rotation_map: RotationMap) -> None:
     q = random_angles(500)
     expected = rotation_map.rotations(q)
     np.testing.assert_array_equal(rotation_map.rotations(np.asfortranarray(q)), expected)
     np.testing.assert_array_equal(rotation_map.rotations(np.repeat(q, 2, axis=0)[::2]), expected)
-    out = np.full((500, 16), np.nan)
-    assert np.shares_memory(rotation_map.rotations(q, out=out[:, :9]), out)
-    np.testing.assert_array_equal(out[:, :9], expected)
-    assert np.isnan(out[:, 9:]).all()
     assert rotation_map.rotations(np.empty((0, 6))).shape == (0, 9)
 
 
 def test_wrong_shapes_are_refused(rotation_map: RotationMap) -> None:
     with pytest.raises(RigError, match=r"shape \(4, 5\), expected \(n, 6\)"):
         rotation_map.rotations(np.zeros((4, 5)))
-    with pytest.raises(ValueError, match="out has shape"):
-        rotation_map.rotations(np.zeros((4, 6)), out=np.zeros((4, 8)))
     with pytest.raises(ValueError, match="rotations only"):
         RotationMap(rotation_map.axes, rotation_map.R_zero).poses(np.zeros((4, 6)))
 

@@ -44,11 +44,10 @@ def test_sums_are_those_of_the_definition(n: int) -> None:
     assert_close(Statistics.from_rotations(rotations.reshape(n, 3, 3), volts), expected)
 
 
-def test_no_sample_is_the_zero_of_addition() -> None:
+def test_no_sample_adds_nothing() -> None:
     _, rotations, first, _ = example(10)
     some = Statistics.from_rotations(rotations, first)
-    assert_close(some + Statistics.empty(3), some, units=0.0)
-    assert_close(Statistics.from_rotations(np.empty((0, 9)), np.empty((0, 3))), Statistics.empty(3), units=0.0)
+    assert_close(some + Statistics.from_rotations(np.empty((0, 9)), np.empty((0, 3))), some, units=0.0)
 
 
 def test_quaternions_give_the_sums_of_their_rotation_matrices() -> None:
@@ -77,16 +76,13 @@ def test_joint_angles_give_the_sums_of_the_arms_rotations() -> None:
     assert_close(found, Statistics.from_rotations(rotations, volts))
 
 
-def test_they_add_subtract_and_merge() -> None:
+def test_they_add_and_merge() -> None:
     _, rotations, first, second = example(1000)
     whole = Statistics.from_rotations(rotations, first, second)
     cuts = [0, 1, 300, 999, 1000]
     parts = [Statistics.from_rotations(rotations[a:b], first[a:b], second[a:b]) for a, b in pairwise(cuts)]
     assert_close(Statistics.merge(parts), whole)
     assert_close(parts[3] + parts[1] + parts[0] + parts[2], whole)
-    # After a subtraction the rounding is that of the larger sum, some four times the result.
-    window = Statistics.from_rotations(rotations[300:], first[300:], second[300:])
-    assert_close(whole - parts[0] - parts[1], window, units=200.0)
     assert_close(whole.select(slice(3, 6)), Statistics.from_rotations(rotations, second))
 
 
@@ -105,9 +101,6 @@ def test_wrong_inputs_are_refused() -> None:
     _, rotations, first, _ = example(10)
     with pytest.raises(RigError, match=r"shape \(9, 3\), expected one row for each of 10 poses"):
         Statistics.from_rotations(rotations, first[:9])
-    some = Statistics.from_rotations(rotations, first)
-    with pytest.raises(RigError, match="20 samples to take away, expected at most 10"):
-        some - (some + some)
     with pytest.raises(RigError, match="no part"):
         Statistics.merge([])
 

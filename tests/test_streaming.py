@@ -62,9 +62,7 @@ def test_a_stream_is_one_pass() -> None:
     """Whatever comes in at a time: single samples, blocks, all."""
     whole = fit(Statistics.from_rotations(sweep_rotations(), noisy()))
     for size in (1, 17, 1000):
-        total = Statistics.empty(3)
-        for part in blocks(size):
-            total = total + part
+        *_, total = accumulate(blocks(size))
         found = fit(total)
         assert found.count == whole.count
         assert apart(found, whole) < ROUNDING
@@ -93,39 +91,6 @@ def test_parts_merge_in_any_order() -> None:
     for seed in range(3):
         order = np.random.default_rng(seed).permutation(len(parts))
         assert apart(fit(Statistics.merge(parts[i] for i in order)), whole) < ROUNDING
-
-
-def test_a_window_slides_within_its_rounding() -> None:
-    """The newest block comes in, the oldest goes out, 20,000 times.
-
-    Each of the 40,000 steps rounds the window's sums by at most eps of themselves, so together by less than 1e-11; the
-    estimate follows with the condition.
-    """
-    parts = blocks(128)  # 52 of them, around and around
-    width, steps = 20, 20_000
-    window = Statistics.merge(parts[:width])
-    for step in range(steps):
-        window = window + parts[(step + width) % len(parts)] - parts[step % len(parts)]
-    fresh = Statistics.merge(parts[(steps + i) % len(parts)] for i in range(width))
-    assert window.count == fresh.count
-    for name in ("gram", "cross", "square"):
-        a, b = getattr(window, name), getattr(fresh, name)
-        assert np.abs(a - b).max() < 2 * steps * EPS * np.abs(b).max()
-    drift = apart(fit(window), fit(fresh))
-    assert drift < 10.0 * 2 * steps * EPS
-    assert drift < 1e-6 * np.sqrt(fit(fresh).covariance.diagonal()).min()  # far below what noise does
-
-
-def test_taking_away_most_of_the_data_rounds_as_all_of_it() -> None:
-    """A thousandth of a long recording by subtraction: errors are a thousand times those of its own sum."""
-    parts = blocks(832)
-    many = parts[0]
-    for part in parts[1:] * 125:
-        many = many + part
-    left = many + parts[3] - many
-    expected = fit(parts[3])
-    assert left.count == parts[3].count
-    assert apart(fit(left), expected) < 1e3 * ROUNDING * expected.information.condition
 
 
 def test_a_file_is_read_in_batches_without_a_trace(tmp_path: Path) -> None:

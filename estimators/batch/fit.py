@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -11,18 +12,18 @@ from numpy.typing import ArrayLike
 from estimators.batch.optimum import Centred, Optimum, parameters_of, separate, simultaneous
 from estimators.batch.parameters import ManyParameters, Uncertainty
 from estimators.known_angle.model import (
-    METHODS,
     PARAMETERS_AT_ONCE,
-    WEIGHTINGS,
     Method,
     SensorParameters,
     Weighting,
+    check_options,
+    columns_by_name,
     columns_of_channels,
 )
 from estimators.known_angle.refusal import AMBIGUOUS_CHI_SQUARE, SAME_SIGMAS, UNCERTAINTY_LIMIT
 from rig.arrays import Array, Mask
 from rig.directions import tangent_basis
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError
 from rig.threads import one_blas_thread
 
 #: Data sets fitted at a time: their matrices stay below some 50 MB.
@@ -92,27 +93,38 @@ def fit_many(
     Raises:
         RigError: an option is unknown, arrays that do not fit together, or fewer samples than parameters.
     """
-    table = _Table.of(gram, cross, square, count, noise, method, weighting, field_points)
-    blocks = [slice(start, start + _BLOCK) for start in range(0, len(table.cross), _BLOCK)]
+    check_options(method, weighting)
+    poses, sums, squares = (np.asarray(values, dtype=float) for values in (gram, cross, square))
+    m = len(sums)
+    if squares.ndim == 3:
+        squares = np.einsum("mkk->mk", squares)
+    shapes = (poses.shape[-2:], sums.shape, squares.shape)
+    if shapes != ((10, 10), (m, 10, 3), (m, 3)) or poses.shape[:-2] not in ((), (m,)):
+        raise RigError(
+            f"data sets: found gram {poses.shape}, cross {sums.shape}, square {squares.shape}, expected (10, 10) or"
+            " (m, 10, 10), (m, 10, 3) and (m, 3)"
+        )
+    counts = np.broadcast_to(np.asarray(count), (m,))
+    if poses.ndim == 2 and np.ptp(counts) > 0:
+        raise RigError("data sets: found one gram for different numbers of samples, expected one gram each")
+    needed = PARAMETERS_AT_ONCE[method]
+    if m and counts.min() < needed:
+        raise RigError(f"data sets: found one of {counts.min()} samples, expected at least {needed}")
+    sigma = None if noise is None else np.broadcast_to(np.asarray(noise, dtype=float), (m, 3))
+    points = np.broadcast_to(np.asarray(field_points, dtype=float), (m, 3))
+    table = _Table(poses, sums, squares, counts, sigma, points)
+    blocks = [slice(start, start + _BLOCK) for start in range(0, m, _BLOCK)]
     with one_blas_thread():
         parts = [_fit(table.select(rows), method, weighting, reference_magnitude) for rows in blocks]
 
-    def joined(name: str) -> Any:
-        return np.concatenate([getattr(part, name) for part in parts])
+    def joined(rows: Sequence[ManyFits | ManyParameters], *names: str) -> dict[str, Any]:
+        return {name: np.concatenate([getattr(row, name) for row in rows]) for name in names}
 
-    def stacked(name: str) -> Any:
-        return np.concatenate([getattr(part.parameters, name) for part in parts])
-
+    parameters = joined([part.parameters for part in parts], "sensitivity", "offset", "axes", "fields")
     return ManyFits(
         method,
-        ManyParameters(
-            reference_magnitude, stacked("sensitivity"), stacked("offset"), stacked("axes"), stacked("fields")
-        ),
-        joined("residual_square"),
-        joined("noise"),
-        joined("covariance"),
-        joined("converged"),
-        joined("told"),
+        ManyParameters(reference_magnitude, **parameters),
+        **joined(parts, "residual_square", "noise", "covariance", "converged", "told"),
     )
 
 
@@ -126,43 +138,6 @@ class _Table:
     count: Array
     noise: Array | None
     points: Array
-
-    @classmethod
-    def of(
-        cls,
-        gram: ArrayLike,
-        cross: ArrayLike,
-        square: ArrayLike,
-        count: int | ArrayLike,
-        noise: ArrayLike | None,
-        method: Method,
-        weighting: Weighting,
-        field_points: ArrayLike,
-    ) -> _Table:
-        if method not in METHODS:
-            raise unknown_name("method", method, METHODS)
-        if weighting not in WEIGHTINGS:
-            raise unknown_name("weighting", weighting, WEIGHTINGS)
-        sums = np.asarray(cross, dtype=float)
-        m = len(sums)
-        poses = np.asarray(gram, dtype=float)
-        squares = np.asarray(square, dtype=float)
-        if squares.ndim == 3:
-            squares = np.einsum("mkk->mk", squares)
-        shapes = (poses.shape[-2:], sums.shape, squares.shape)
-        if shapes != ((10, 10), (m, 10, 3), (m, 3)) or poses.shape[:-2] not in ((), (m,)):
-            raise RigError(
-                f"data sets: found gram {poses.shape}, cross {sums.shape}, square {squares.shape}, expected (10, 10) or"
-                " (m, 10, 10), (m, 10, 3) and (m, 3)"
-            )
-        counts = np.broadcast_to(np.asarray(count), (m,))
-        if poses.ndim == 2 and np.ptp(counts) > 0:
-            raise RigError("data sets: found one gram for different numbers of samples, expected one gram each")
-        needed = PARAMETERS_AT_ONCE[method]
-        if m and counts.min() < needed:
-            raise RigError(f"data sets: found one of {counts.min()} samples, expected at least {needed}")
-        sigma = None if noise is None else np.broadcast_to(np.asarray(noise, dtype=float), (m, 3))
-        return cls(poses, sums, squares, counts, sigma, np.broadcast_to(np.asarray(field_points, dtype=float), (m, 3)))
 
     def select(self, rows: slice) -> _Table:
         return _Table(
@@ -204,13 +179,8 @@ def _fit(table: _Table, method: Method, weighting: Weighting, magnitude: float) 
 def _uncertain(covariance: Array, method: Method) -> Mask:
     """(m,) whether any S, delta, axis or field is less certain than ``UNCERTAINTY_LIMIT``."""
     variance = np.einsum("mii->mi", covariance)
-    limit = UNCERTAINTY_LIMIT**2
-    found = np.zeros(len(variance), dtype=bool)
-    for _, start, of_field in columns_of_channels(method):
-        found |= (variance[:, start : start + 2] > limit).any(axis=1)
-        found |= variance[:, start + 2 : start + 4].sum(axis=1) > limit
-        found |= variance[:, of_field].sum(axis=1) > limit
-    return found
+    beyond = [variance[:, own].sum(axis=1) > UNCERTAINTY_LIMIT**2 for own in columns_by_name(method).values()]
+    return np.asarray(np.any(beyond, axis=0))
 
 
 def _ambiguous(optimum: Optimum, fields: Array, covariance: Array, noise: Array, count: Array, method: Method) -> Mask:

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimators.known_angle.identifiability import NULL_EIGENVALUE
+from estimators.known_angle.identifiability import NULL_EIGENVALUE, unit_scale
 from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
 from rig.arrays import Array, Mask, Rows
 
@@ -91,8 +91,7 @@ class Uncertainty:
         """From channels' information (m, 3, 6, 6) for noise of one, and their noise (m, 3) [recorded unit]."""
         own = per_channel / np.square(np.asarray(noise, dtype=float))[:, :, None, None]
         matrix = _together(own, method)
-        diagonal = np.einsum("mii->mi", matrix)
-        scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        scale = unit_scale(matrix)
         scaled = scale[:, :, None] * matrix * scale[:, None, :]
         inverse, determined = _inverse(scaled)
         covariance = scale[:, :, None] * inverse * scale[:, None, :]

@@ -19,7 +19,7 @@ from estimators.coverage.cells import SphereCells
 from estimators.coverage.direction_names import direction_name
 from estimators.coverage.seen import Coverage, coverage
 from estimators.known_angle.identifiability import Information
-from estimators.known_angle.model import columns_of_channels
+from estimators.known_angle.model import columns_by_name
 from rig.arrays import Array
 from rig.documents import plain
 from rig.errors import RigError
@@ -150,25 +150,15 @@ def enough_known_angles(information: Information, directions: ArrayLike, targets
         targets: None: the defaults.
     """
     wanted = Targets() if targets is None else targets
-    deviation = np.sqrt(information.covariance.diagonal())
-    covariance = information.covariance
-    std: dict[str, float] = {}
-    for k, start, of_field in columns_of_channels(information.method):
-        number = k + 1
-        std[f"sensitivity{number}"] = float(deviation[start])
-        std[f"offset{number}"] = float(deviation[start + 1])
-        std[f"axis{number}"] = _largest(covariance[start + 2 : start + 4, start + 2 : start + 4])
-        if information.method == "separate" or k == 2:
-            std["field" if information.method == "simultaneous" else f"field{number}"] = _largest(
-                covariance[of_field, of_field]
-            )
+    columns = columns_by_name(information.method)
+    std = {name: _largest(information.covariance[own, own]) for name, own in columns.items()}
     std |= dict.fromkeys(information.undetermined(), np.inf)
     target = {name: value for name in std if (value := wanted.of(name)) is not None}
     return _verdict(std, target, coverage(directions), None)
 
 
 def _largest(block: Array) -> float:
-    """The standard deviation of a direction, along its least certain way [rad]."""
+    """The standard deviation of a number, or of a direction along its least certain way [rad]."""
     return float(np.sqrt(max(0.0, float(np.linalg.eigvalsh(block)[-1]))))
 
 

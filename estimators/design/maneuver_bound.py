@@ -17,7 +17,7 @@ from estimators.design.prediction import KnownAnglePrediction
 from estimators.known_angle.agreement import angles_between
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.identifiability import Information
-from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
+from estimators.known_angle.model import Method, SensorParameters, columns_by_name
 from estimators.known_angle.reported import report
 from estimators.known_angle.statistics import Statistics
 from rig.arrays import Array
@@ -47,15 +47,16 @@ def predict(
         problem = _problem(poses, count, truth, sigma, method)
     lost = information.undetermined()
     untold = dict(reported.untold)
-    for name in reported.names:
-        if _group(name) in lost:
-            untold[name] = f"{_group(name)} is left open by these poses"
+    columns = columns_by_name(method)
+    for name in lost:
+        untold |= dict.fromkeys(reported.names[columns[name]], f"{name} is left open by these poses")
     std = np.sqrt(reported.covariance.diagonal())
     std[[name in untold for name in reported.names]] = np.nan
-    spread = np.sqrt(covariance.diagonal())
-    axes = [np.hypot(*spread[start + 2 : start + 4]) for _, start, _ in columns_of_channels(method)]
-    fields = [np.hypot(*spread[of_field]) for _, _, of_field in columns_of_channels(method)]
-    field_names = ["field"] if method == "simultaneous" else ["field1", "field2", "field3"]
+    variance = covariance.diagonal()
+    spread_deg = {
+        name: np.nan if name in lost else float(np.degrees(np.sqrt(variance[own].sum())))
+        for name, own in columns.items()
+    }
     return KnownAnglePrediction(
         method=method,
         samples=count,
@@ -64,10 +65,8 @@ def predict(
         values=reported.values,
         std=std,
         untold=untold,
-        axis_std_deg=np.array([np.nan if f"axis{k}" in lost else np.degrees(value) for k, value in enumerate(axes, 1)]),
-        field_std_deg=np.array(
-            [np.nan if name in lost else np.degrees(value) for name, value in zip(field_names, fields, strict=False)]
-        ),
+        axis_std_deg=np.array([spread_deg[f"axis{k}"] for k in (1, 2, 3)]),
+        field_std_deg=np.array([value for name, value in spread_deg.items() if name.startswith("field")]),
         angles_between_std_deg={
             pair: np.nan if any(f"axis{number}" in lost for number in pair.split("-")) else value
             for pair, (_, value) in pairs.items()
@@ -93,15 +92,6 @@ def _problem(gram: Array, count: int, truth: SensorParameters, noise: Array, met
     except RefusedFit as refusal:
         return str(refusal).removeprefix("sensor: ")
     return fit.problem
-
-
-def _group(name: str) -> str:
-    """The vector or number that a parameter belongs to, as ``Information.undetermined`` calls it."""
-    stem = name.removesuffix("_deg")
-    letters = stem.rstrip("123")
-    return {"beta": "axis", "gamma": "axis", "phi": "field", "psi": "field"}.get(letters, letters) + stem[
-        len(letters) :
-    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +136,17 @@ def growth(grams: ArrayLike, truth: SensorParameters, noise: ArrayLike, method: 
         ]
     variance = np.where(found.determined[:, None], np.einsum("bii->bi", found.covariance), np.nan)
     share = np.sum(paid, axis=0) / variance.shape[1]
-    starts = [(start, of_field) for _, start, of_field in columns_of_channels(method)]
-    fields = starts[:1] if method == "simultaneous" else starts
+    columns = columns_by_name(method)
+
+    def spread(stem: str) -> Array:
+        """(b, c) root of the summed variances of what begins with ``stem``."""
+        parts = [variance[:, own].sum(axis=1) for name, own in columns.items() if name.startswith(stem)]
+        return np.asarray(np.sqrt(np.stack(parts, axis=1)))
+
     return Growth(
-        sensitivity=np.sqrt(np.stack([variance[:, start] for start, _ in starts], axis=1)),
-        offset=np.sqrt(np.stack([variance[:, start + 1] for start, _ in starts], axis=1)) * truth.scales[:, 1],
-        axis_deg=np.degrees(
-            np.sqrt(np.stack([variance[:, start + 2 : start + 4].sum(axis=1) for start, _ in starts], axis=1))
-        ),
-        field_deg=np.degrees(np.sqrt(np.stack([variance[:, of_field].sum(axis=1) for _, of_field in fields], axis=1))),
+        sensitivity=spread("sensitivity"),
+        offset=spread("offset") * truth.scales[:, 1],
+        axis_deg=np.degrees(spread("axis")),
+        field_deg=np.degrees(spread("field")),
         share=share if found.determined[-1] else np.full(len(parts), np.nan),
     )

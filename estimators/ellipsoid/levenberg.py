@@ -60,7 +60,6 @@ class Minimum:
         covariance: (p, p) of ``likelihood.parameter_names``, for noise of ``variances``.
         variances: (3,) of the noise, given or equal and from the residuals [recorded unit squared].
         chi_square: sum of squared first-order distances over their variances.
-        evaluations: of the residuals.
     """
 
     gain: Array
@@ -68,7 +67,6 @@ class Minimum:
     covariance: Array
     variances: Array
     chi_square: float
-    evaluations: int
 
 
 def levenberg_marquardt(
@@ -135,4 +133,4 @@ def levenberg_marquardt(
     for column in range(pairs):
         turn[:pairs, column] = -packed(gain @ symmetric(np.eye(6)[column]) @ gain)[:pairs]
     turn[pairs:, pairs:] = np.eye(3)
-    return Minimum(gain, offset, turn @ of_search @ turn.T, scale * known, chi_square / scale, int(found.nfev))
+    return Minimum(gain, offset, turn @ of_search @ turn.T, scale * known, chi_square / scale)

@@ -20,8 +20,9 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chdtrc, ndtr
 
-from estimators.goodness.own_optimum import inverted, unit_scale
+from estimators.goodness.own_optimum import inverted
 from estimators.goodness.residuals import Part, Residuals
+from estimators.known_angle.identifiability import unit_scale
 from rig.arrays import Array
 from rig.documents import plain
 

@@ -68,7 +68,7 @@ def is_it_good(
             data = Data(
                 recording.readings(sensor),
                 recording if still is None else still,
-                (run if isinstance(run, Recording) else recording).name == calibration.recording,
+                recording.name == calibration.recording,
                 None if limits is None else limits.get(sensor),
             )
             found[sensor] = _judge(data, sensor, own, used)

@@ -16,6 +16,7 @@ from scipy.special import chdtrc
 
 from estimators._json import AsJson
 from estimators.goodness.residuals import Part, Residuals
+from estimators.known_angle.identifiability import Told
 from rig.arrays import Array
 
 _NULL = 1e-9
@@ -72,18 +73,7 @@ def inverted(information: Array, scale: Array | None = None) -> Array | None:
         information: (p, p).
         scale: (p,) by which both sides are multiplied first; None: such that the diagonal is one.
     """
-    own = unit_scale(information) if scale is None else scale
-    scaled = own[:, None] * information * own
-    if not np.isfinite(scaled).all():
+    if not np.isfinite(information).all():
         return None
-    values, vectors = np.linalg.eigh(scaled)
-    if values[0] <= _NULL * values[-1]:
-        return None
-    spread = own[:, None] * vectors
-    return np.asarray((spread / values) @ spread.T)
-
-
-def unit_scale(information: Array) -> Array:
-    """(p,) that scales an information to a unit diagonal."""
-    diagonal = information.diagonal()
-    return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
+    told = Told.of(information, scale)
+    return told.covariance if _NULL * told.condition < 1.0 else None

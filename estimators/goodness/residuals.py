@@ -126,7 +126,8 @@ def selected(recording: Recording, rows: Mask) -> Recording:
     return replace(part, metadata=replace(part.metadata, extra=extra))
 
 
-def _sigma(calibration: SensorCalibration) -> Array:
+def noise_of(calibration: SensorCalibration) -> Array:
+    """(3,) standard deviation of a reading that a calibration rests on [recorded unit], above zero."""
     noise = calibration.fit_rms if calibration.noise is None else calibration.noise
     least = np.finfo(float).eps * max(float(np.abs(calibration.bias).max()), np.finfo(float).tiny)
     return np.maximum(noise, least)  # a fit without noise may leave nothing at all
@@ -147,7 +148,7 @@ def _by_attitude(recording: Recording, sensor: str, calibration: SensorCalibrati
             np.matmul(parameters.coefficients.T, terms[:, rows], out=values[:, rows])
             np.matmul(seen, block, out=directions[:, rows])
     np.subtract(recording.readings(sensor).T, values, out=values)
-    sigma = _sigma(calibration)
+    sigma = noise_of(calibration)
     jacobian = parameters.jacobian(method) / sigma[:, None, None]
     counts = counts_of(recording)
     root = None if counts is None else np.sqrt(counts)
@@ -212,7 +213,7 @@ def _by_magnitude(recording: Recording, sensor: str, calibration: SensorCalibrat
     reference = calibration.reference_magnitude
     counts = counts_of(recording)
     directions, variance, away = by_magnitude(
-        recording.readings(sensor) - calibration.bias, matrix, _sigma(calibration), reference, counts
+        recording.readings(sensor) - calibration.bias, matrix, noise_of(calibration), reference, counts
     )
     sigma = np.sqrt(np.where(variance > 0.0, variance, 1.0))[:, None]
     values = away[:, None]

@@ -12,9 +12,8 @@ from estimators.calibration import Calibration, SensorCalibration
 from estimators.dispatch import calibrate
 from estimators.goodness.outliers import CUT, efficiency, robust_scale
 from estimators.known_angle.fit import fit_sensor
-from estimators.known_angle.from_recording import FieldPoints, Noise, arm_or_named
+from estimators.known_angle.from_recording import FieldPoints, Noise, arm_or_named, statistics_of
 from estimators.known_angle.model import Method, Weighting
-from estimators.known_angle.statistics import Statistics
 from rig.arrays import Array, Mask
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
@@ -110,7 +109,7 @@ def reject_outliers(run: Recording, sensor: str, arm: Arm | None = None, cut: fl
         cut: in robust standard deviations; from five on next to nothing is lost where there are no outliers.
 
     Raises:
-        RigError: the cut is below two, or as of ``Recording.rotations``.
+        RigError: the cut is below two, a joint beyond its limit, or as of ``Recording.rotations``.
         RefusedFit: more than 30 % would have to go.
     """
     if not cut >= 2.0:
@@ -127,18 +126,12 @@ def reject_outliers(run: Recording, sensor: str, arm: Arm | None = None, cut: fl
                 " outliers, the model does not hold"
             )
         part = run if kept.all() else run.select(kept)
-        fit = fit_sensor(_statistics(part, sensor, arm), magnitude, name=sensor, refuse=False)
+        summed = statistics_of(part, arm, [part.readings(sensor)], run.origin or run.name)
+        fit = fit_sensor(summed, magnitude, name=sensor, refuse=False)
         before, kept = kept, _near(run, readings, fit.parameters.coefficients, arm, cut)
         if (kept == before).all():
             break
     return Rejection(kept, cut, efficiency(cut))
-
-
-def _statistics(run: Recording, sensor: str, arm: Arm | None) -> Statistics:
-    if run.q is not None and arm is not None:
-        return Statistics.from_joints(arm.rotation_map, run.q, run.readings(sensor))
-    assert run.tool_quaternion is not None  # as the rotations have found
-    return Statistics.from_quaternions(run.tool_quaternion, run.readings(sensor))
 
 
 def _least_absolute(run: Recording, sensor: str, arm: Arm | None) -> Array:

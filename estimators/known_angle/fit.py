@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from estimators.batch.optimum import Centred, parameters_of, separate, simultaneous
 from estimators.known_angle.identifiability import Information
-from estimators.known_angle.model import METHODS, PARAMETERS_AT_ONCE, WEIGHTINGS, Method, SensorParameters, Weighting
+from estimators.known_angle.model import PARAMETERS_AT_ONCE, Method, SensorParameters, Weighting, check_options
 from estimators.known_angle.refusal import Rival, why_not
 from estimators.known_angle.statistics import Statistics
 from rig.arrays import Array
-from rig.errors import RefusedFit, RigError, unknown_name
+from rig.errors import RefusedFit, RigError
 from rig.threads import one_blas_thread
 
 
@@ -139,10 +139,7 @@ def fit_sensor(
 
 
 def _check(statistics: Statistics, method: Method, weighting: Weighting, name: str) -> None:
-    if method not in METHODS:
-        raise unknown_name("method", method, METHODS)
-    if weighting not in WEIGHTINGS:
-        raise unknown_name("weighting", weighting, WEIGHTINGS)
+    check_options(method, weighting)
     if statistics.channels != 3:
         raise RigError(f"{name}: found {statistics.channels} channels, expected the three of one sensor")
     needed = PARAMETERS_AT_ONCE[method]

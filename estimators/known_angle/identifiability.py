@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimators._small import eigh
-from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
+from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_by_name
 from rig.arrays import Array, Mask
 
 #: Eigenvalues of the scaled information (unit diagonal) below this are null. The Gram matrix is good to some 1e-15 of
@@ -38,15 +38,20 @@ class Told:
     condition: float
 
     @classmethod
-    def of(cls, information: Array) -> Told:
-        """Of a matrix (p, p)."""
-        diagonal = information.diagonal()
-        scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    def of(cls, information: Array, scale: Array | None = None) -> Told:
+        """Of a matrix (p, p); ``scale`` (p,) multiplies both sides instead of ``unit_scale``."""
+        scale = unit_scale(information) if scale is None else scale
         eigenvalues, vectors = eigh(scale[:, None] * information * scale)
         told = eigenvalues > NULL_EIGENVALUE
         spread = scale[:, None] * vectors[:, told]
         condition = float(eigenvalues[-1] / eigenvalues[0]) if told.all() else np.inf
         return cls(vectors[:, ~told], (spread / eigenvalues[told]) @ spread.T, condition)
+
+
+def unit_scale(information: Array) -> Array:
+    """(.., p) that scales information matrices (.., p, p) to a unit diagonal."""
+    diagonal = information.diagonal(axis1=-2, axis2=-1)
+    return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
 
 
 def is_open(null: Array) -> Mask:
@@ -122,27 +127,17 @@ class Information:
     def undetermined(self) -> tuple[str, ...]:
         """The vectors and numbers that the poses leave open: ``sensitivity1``, ``offset1``, ``axis1``, ..,
         ``field``."""
-        share = np.sqrt((self.null * self.null).sum(axis=1))
-        return _groups(self.method, share, NULL_SHARE)
+        return _beyond(self.method, (self.null * self.null).sum(axis=1), NULL_SHARE)
 
     def uncertain(self, covariance: Array, limit: float) -> tuple[str, ...]:
         """Those whose standard deviation by a covariance (p, p) exceeds ``limit`` (share of S_k, of S_k |f|, rad)."""
-        return _groups(self.method, np.sqrt(covariance.diagonal()), limit)
+        return _beyond(self.method, covariance.diagonal(), limit)
 
 
-def _groups(method: Method, values: Array, limit: float) -> tuple[str, ...]:
-    names: list[str] = []
-    for k, start, of_field in columns_of_channels(method):
-        number = k + 1
-        if values[start] > limit:
-            names.append(f"sensitivity{number}")
-        if values[start + 1] > limit:
-            names.append(f"offset{number}")
-        if np.hypot(*values[start + 2 : start + 4]) > limit:
-            names.append(f"axis{number}")
-        if (method == "separate" or k == 2) and np.hypot(*values[of_field]) > limit:
-            names.append("field" if method == "simultaneous" else f"field{number}")
-    return tuple(names)
+def _beyond(method: Method, squares: Array, limit: float) -> tuple[str, ...]:
+    """The numbers and vectors whose length, by the squares (p,) of their coordinates, exceeds ``limit``."""
+    columns = columns_by_name(method)
+    return tuple(name for name, own in columns.items() if squares[own].sum() > limit**2)
 
 
 def bound(gram: Array, parameters: SensorParameters, noise: ArrayLike, method: Method = "simultaneous") -> Array:

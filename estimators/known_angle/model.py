@@ -7,7 +7,7 @@ coordinates: two small rotations (rad) of each unit vector, along ``rig.directio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Final, Literal, Self
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from rig.arrays import Array
 from rig.directions import angles_from_direction, elevation_azimuth_basis, tangent_basis
+from rig.errors import unknown_name
 from rig.sensor import TriaxialSensor
 
 Method = Literal["simultaneous", "separate"]
@@ -29,6 +30,14 @@ WEIGHTINGS: Final[tuple[Weighting, ...]] = ("likelihood", "equal")
 PARAMETERS_OF: Final[dict[Method, int]] = {"simultaneous": 14, "separate": 18}
 #: Parameters one minimisation looks for: a sensor's, or a channel's.
 PARAMETERS_AT_ONCE: Final[dict[Method, int]] = {"simultaneous": 14, "separate": 6}
+
+
+def check_options(method: str, weighting: str) -> None:
+    """Raises: RigError: one of them is unknown."""
+    if method not in METHODS:
+        raise unknown_name("method", method, METHODS)
+    if weighting not in WEIGHTINGS:
+        raise unknown_name("weighting", weighting, WEIGHTINGS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +169,19 @@ def columns_of_channels(method: Method) -> Iterator[tuple[int, int, slice]]:
             yield k, 4 * k, slice(12, 14)
         else:
             yield k, 6 * k, slice(6 * k + 4, 6 * k + 6)
+
+
+@cache
+def columns_by_name(method: Method) -> Mapping[str, slice]:
+    """The columns of the Jacobian that each number or vector has: ``sensitivity1``, ``offset1``, ``axis1``, ..,
+    ``field``, or ``field1``, .. of separate fits."""
+    found: dict[str, slice] = {}
+    for k, start, of_field in columns_of_channels(method):
+        found |= {f"sensitivity{k + 1}": slice(start, start + 1), f"offset{k + 1}": slice(start + 1, start + 2)}
+        found[f"axis{k + 1}"] = slice(start + 2, start + 4)
+        if method == "separate":
+            found[f"field{k + 1}"] = of_field
+    return found if method == "separate" else {**found, "field": of_field}
 
 
 @cache

@@ -6,13 +6,20 @@ the azimuth (gamma, psi) loses its meaning and the elevation (beta, phi) its nor
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
 
 import numpy as np
 
-from estimators.known_angle.model import Method, SensorParameters, columns_of_channels, parameter_names
+from estimators.known_angle.model import (
+    Method,
+    SensorParameters,
+    columns_by_name,
+    columns_of_channels,
+    parameter_names,
+)
 from rig.arrays import Array
 from rig.directions import angles_from_direction, elevation_azimuth_basis
 
@@ -48,18 +55,6 @@ class Reported:
     warnings: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class _Direction:
-    """What to call a unit vector, its angles and the pole of these; and where its tangent coordinates stand."""
-
-    name: str
-    elevation: str
-    azimuth: str
-    label: str
-    pole: str
-    first: int
-
-
 def report(parameters: SensorParameters, covariance: Array, method: Method) -> Reported:
     """Propagate the covariance (p, p) of ``SensorParameters.jacobian``'s coordinates, to first order.
 
@@ -67,9 +62,8 @@ def report(parameters: SensorParameters, covariance: Array, method: Method) -> R
     not normal; its standard deviation is then widened so that 1.96 of them hold 95 %.
     """
     names = parameter_names(method)
-    p = len(names)
-    values = np.empty(p)
-    to_angles = np.zeros((p, p))
+    values = np.empty(len(names))
+    to_angles = np.zeros((len(names), len(names)))
     untold: dict[str, str] = {}
     warnings: list[str] = []
     for k, start, _ in columns_of_channels(method):
@@ -82,7 +76,7 @@ def report(parameters: SensorParameters, covariance: Array, method: Method) -> R
     cos_e = np.hypot(vectors[:, 0], vectors[:, 1])
     # Unit tangents along growing elevation and azimuth, in each basis (d, 2).
     along, across = np.einsum("dai,dei->eda", bases, elevation_azimuth_basis(vectors))
-    blocks = np.stack([covariance[d.first : d.first + 2, d.first : d.first + 2] for d in directions])
+    blocks = np.stack([covariance[columns, columns] for columns in directions.values()])
     one, other, mixed = blocks[:, 0, 0], blocks[:, 1, 1], blocks[:, 0, 1]
     largest = np.sqrt(0.5 * (one + other) + np.hypot(0.5 * (one - other), mixed))  # eigenvalue of each block
     elevation_std = np.sqrt(np.einsum("da,dab,db->d", along, blocks, along))
@@ -90,38 +84,48 @@ def report(parameters: SensorParameters, covariance: Array, method: Method) -> R
     near_pole = cos_e < RAYLEIGH_95 * largest
     widened = np.where(near_pole, RAYLEIGH_95 / NORMAL_95 * largest, elevation_std)
     with np.errstate(divide="ignore", invalid="ignore"):
-        azimuth_std = np.degrees(across_std / cos_e)
+        stds = np.degrees(np.stack([widened, across_std / cos_e], axis=1))
         factor = np.where(elevation_std > 0.0, widened / elevation_std, 1.0)
+        turns = np.degrees(np.stack([factor[:, None] * along, across / cos_e[:, None]], axis=1))
     distance = np.degrees(np.arcsin(np.minimum(cos_e, 1.0)))
-    for i, direction in enumerate(directions):
-        first, second = direction.first, direction.first + 1
-        columns = slice(first, second + 1)
-        values[first], values[second] = elevation[i], azimuth[i]
+    for i, (name, columns) in enumerate(directions.items()):
+        values[columns] = elevation[i], azimuth[i]
+        pole = "the tool's z axis" if name.startswith("axis") else "the base z axis"
+        lies = f"{_label(name)} lies {distance[i]:.2g} deg from {pole}"
         if near_pole[i]:
-            name = direction.elevation.removesuffix("_deg")
+            angle = names[columns.start].removesuffix("_deg")
             warnings.append(
-                f"{name}: {direction.label} lies {distance[i]:.2g} deg from {direction.pole}, within its uncertainty:"
-                f" the standard deviation of {name} is widened to hold 95 %; use the vector"
+                f"{angle}: {lies}, within its uncertainty: the standard deviation of {angle} is widened to hold 95 %;"
+                " use the vector"
             )
-        if np.degrees(widened[i]) <= ANGLE_LIMIT_DEG:
-            to_angles[first, columns] = np.degrees(factor[i] * along[i])
-        else:
-            untold[direction.elevation] = _reason(direction, distance[i], float(np.degrees(widened[i])))
-        if azimuth_std[i] <= ANGLE_LIMIT_DEG:
-            to_angles[second, columns] = np.degrees(across[i] / cos_e[i])
-        else:
-            untold[direction.azimuth] = _reason(direction, distance[i], float(azimuth_std[i]))
+        for row, turn, std in zip(range(columns.start, columns.stop), turns[i], stds[i].tolist(), strict=True):
+            if std <= ANGLE_LIMIT_DEG:
+                to_angles[row, columns] = turn
+            else:
+                amount = f"{std:.2g} deg" if std < 180.0 else "over 180 deg"
+                untold[names[row]] = (
+                    f"{lies}: standard deviation {amount}, and a linear interval does not hold beyond"
+                    f" {ANGLE_LIMIT_DEG:g} deg; use the vector"
+                )
     reported = to_angles @ covariance @ to_angles.T
     lost = [names.index(name) for name in untold]
     reported[lost] = np.nan
     reported[:, lost] = np.nan
-    vector_values, to_vectors = _vectors(parameters, method, vectors, bases)
+    of_vectors = dict(zip(directions, zip(vectors, bases, strict=True), strict=True))
+    vector_names = _vector_names(method)
+    vector_values, to_vectors = np.empty(len(vector_names)), np.zeros((len(vector_names), len(names)))
+    first = 0
+    for name, columns in columns_by_name(method).items():
+        vector, basis = of_vectors.get(name, (values[columns], to_angles[columns, columns]))
+        place = slice(first, first + len(vector))
+        vector_values[place], to_vectors[place, columns] = vector, basis.T
+        first = place.stop
     return Reported(
         names,
         values,
         reported,
         untold,
-        _vector_names(method),
+        vector_names,
         vector_values,
         to_vectors @ covariance @ to_vectors.T,
         tuple(warnings),
@@ -129,58 +133,26 @@ def report(parameters: SensorParameters, covariance: Array, method: Method) -> R
 
 
 @cache
-def _directions(method: Method) -> tuple[tuple[_Direction, ...], list[int]]:
-    """All unit vectors, in the order of the parameters: what they are called; and their rows in axes, then fields."""
-    found: list[_Direction] = []
-    rows: list[int] = []
-    for k, start, of_field in columns_of_channels(method):
-        n = k + 1
-        found.append(
-            _Direction(f"axis{n}", f"beta{n}_deg", f"gamma{n}_deg", f"axis {n}", "the tool's z axis", start + 2)
-        )
-        rows.append(k)
-        if method == "separate" or k == 2:
-            own = str(n) if method == "separate" else ""
-            label = f"the field of axis {n}" if own else "the field"
-            first = of_field.start
-            found.append(_Direction(f"field{own}", f"phi{own}_deg", f"psi{own}_deg", label, "the base z axis", first))
-            rows.append(3 + k)
-    return tuple(found), rows
+def _directions(method: Method) -> tuple[Mapping[str, slice], list[int]]:
+    """The columns of all unit vectors, in the order of the parameters; and their rows in axes, then fields."""
+    found = {name: own for name, own in columns_by_name(method).items() if name.startswith(("axis", "field"))}
+    rows = [int(name[-1]) - 1 if name.startswith("axis") else 2 + int(name[5:] or 1) for name in found]
+    return found, rows
 
 
 @cache
 def _vector_names(method: Method) -> tuple[str, ...]:
     """The parameters with unit vectors in place of angles."""
-    names: list[str] = []
-    for direction in _directions(method)[0]:
-        if direction.name.startswith("axis"):
-            names += [f"sensitivity{direction.name[4:]}", f"offset{direction.name[4:]}"]
-        names += [f"{direction.name}_{component}" for component in "xyz"]
-    return tuple(names)
-
-
-def _vectors(parameters: SensorParameters, method: Method, vectors: Array, bases: Array) -> tuple[Array, Array]:
-    """Values (v,) and derivatives (v, p) of ``_vector_names``."""
-    size = len(_vector_names(method))
-    values, derivative = np.empty(size), np.zeros((size, len(parameter_names(method))))
-    row = 0
-    numbers = iter(range(3))
-    for direction, vector, basis in zip(_directions(method)[0], vectors, bases, strict=True):
-        first = direction.first
-        if direction.name.startswith("axis"):
-            k = next(numbers)
-            values[row], values[row + 1] = parameters.sensitivity[k], parameters.offset[k]
-            derivative[row, first - 2], derivative[row + 1, first - 1] = parameters.scales[k]
-            row += 2
-        values[row : row + 3] = vector
-        derivative[row : row + 3, first : first + 2] = basis.T
-        row += 3
-    return values, derivative
-
-
-def _reason(direction: _Direction, distance_deg: float, std_deg: float) -> str:
-    amount = f"{std_deg:.2g} deg" if std_deg < 180.0 else "over 180 deg"
-    return (
-        f"{direction.label} lies {distance_deg:.2g} deg from {direction.pole}: standard deviation {amount}, and a"
-        f" linear interval does not hold beyond {ANGLE_LIMIT_DEG:g} deg; use the vector"
+    vectors = _directions(method)[0]
+    return tuple(
+        full
+        for name in columns_by_name(method)
+        for full in ([f"{name}_{component}" for component in "xyz"] if name in vectors else [name])
     )
+
+
+def _label(name: str) -> str:
+    """``axis 1``, ``the field``, or of separate fits ``the field of axis 1``."""
+    if name.startswith("axis"):
+        return f"axis {name[4:]}"
+    return f"the field of axis {name[5:]}" if name[5:] else "the field"

@@ -56,11 +56,10 @@ _IMPLIED = 5
 class Statistics:
     """What n samples say about the channels of one sensor, or of both.
 
-    They are plain sums, so statistics of disjoint samples add, and those of a window come by subtraction. Rounding:
-    every sum is good to a few units in the last place of itself (blocks are summed apart, so a million blocks cost some
-    1e-13), hence estimates lose about 1e-16 times the condition of the poses, and a residual RMS below some 5e-8 of the
-    readings' RMS cannot be seen in ``square``. After a subtraction the same holds relative to the larger of the two
-    sums.
+    They are plain sums, so statistics of disjoint samples add. Rounding: every sum is good to a few units in the last
+    place of itself (blocks are summed apart, so a million blocks cost some 1e-13), hence estimates lose about 1e-16
+    times the condition of the poses, and a residual RMS below some 5e-8 of the readings' RMS cannot be seen in
+    ``square``.
 
     Attributes:
         count: n.
@@ -73,16 +72,6 @@ class Statistics:
     gram: Array
     cross: Array
     square: Array
-
-    @classmethod
-    def empty(cls, channels: int = 3) -> Self:
-        """The statistics of no samples of ``channels`` channels."""
-        return cls(
-            0,
-            np.zeros((ROTATION_TERMS, ROTATION_TERMS)),
-            np.zeros((ROTATION_TERMS, channels)),
-            np.zeros((channels, channels)),
-        )
 
     @classmethod
     def from_rotations(cls, rotations: ArrayLike, *readings: ArrayLike) -> Self:
@@ -164,14 +153,6 @@ class Statistics:
         """The statistics of both sets of samples."""
         return type(self)(
             self.count + other.count, self.gram + other.gram, self.cross + other.cross, self.square + other.square
-        )
-
-    def __sub__(self, other: Statistics) -> Self:
-        """The statistics without the samples of ``other``, which must be among them."""
-        if other.count > self.count:
-            raise RigError(f"statistics: {other.count} samples to take away, expected at most {self.count}")
-        return type(self)(
-            self.count - other.count, self.gram - other.gram, self.cross - other.cross, self.square - other.square
         )
 
     @classmethod

@@ -200,16 +200,27 @@ def fit_together(
     """
     counts = np.array([float(part.statistics.count) for part in parts])
     weights = np.ones(len(parts))
+
+    def fitted(noise: Array | None) -> SensorFit:
+        """Of the weighed sums; the weights are on average one, so that counts stay counts."""
+        return fit_sensor(
+            Statistics.merge(_weighed(part.statistics, weight) for part, weight in zip(parts, weights, strict=True)),
+            magnitude,
+            method=method,
+            noise=noise,
+            weighting=weighting,
+            field_points=field_points,
+            name=f"{in_short([part.name for part in parts])}: {sensor}",
+        )
+
     if all(part.noise is not None for part in parts):
         noise = np.stack([part.noise for part in parts if part.noise is not None])
         if weighting == "likelihood":
             weights = _normalised(1.0 / np.mean(np.square(noise / noise[0]), axis=1), counts)
         pooled = np.sqrt((counts * weights) @ np.square(noise) / counts.sum())
-        fit = _fit(parts, weights, magnitude, method, weighting, field_points, sensor, pooled)
-        return _settled(Joint(fit, tuple(parts), weights, noise))
+        return _settled(Joint(fitted(pooled), tuple(parts), weights, noise))
     for _ in range(_MOST):
-        fit = _fit(parts, weights, magnitude, method, weighting, field_points, sensor, None)
-        joint = _with_noise(fit, parts, weights)
+        joint = _with_noise(fitted(None), parts, weights)
         if weighting == "equal":
             break
         fresh = _normalised(1.0 / np.mean(np.square(joint.noise / joint.noise[0]), axis=1), counts)
@@ -287,30 +298,6 @@ def _part(name: str, statistics: Statistics, floors: Floors, sensor: str, units:
     if floor is None:
         return Part(name, scaled, None, np.zeros(3))
     return Part(name, scaled, factor * floor[0], factor * floor[1])
-
-
-def _fit(
-    parts: Sequence[Part],
-    weights: Array,
-    magnitude: float,
-    method: Method,
-    weighting: Weighting,
-    field_points: Sequence[float],
-    sensor: str,
-    noise: Array | None,
-) -> SensorFit:
-    """Of the weighed sums; the weights are on average one, so that counts stay counts."""
-    merged = Statistics.merge([_weighed(part.statistics, weight) for part, weight in zip(parts, weights, strict=True)])
-    names = in_short([part.name for part in parts])
-    return fit_sensor(
-        merged,
-        magnitude,
-        method=method,
-        noise=noise,
-        weighting=weighting,
-        field_points=field_points,
-        name=f"{names}: {sensor}",
-    )
 
 
 def _weighed(statistics: Statistics, weight: float) -> Statistics:

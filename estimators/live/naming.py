@@ -11,14 +11,14 @@ is not what happened. Otherwise the change stays unknown.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from scipy.special import chdtri
 
 from estimators.live.noise_memory import exceeded
-from estimators.live.reference import Reference
+from estimators.live.reference import Reference, Residuals
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.effects import EFFECTS
@@ -42,24 +42,6 @@ _TRIED: Final = 25
 _SPIKE, _RARE = 6.0, 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class Span:
-    """Samples about a change.
-
-    Attributes:
-        t: (n,) [s]. readings: (n, 3) [recorded unit]. residuals: (n, k) in standard deviations, of variance one.
-        directions, terms: as of ``reference.Residuals``.
-        at_s: the change [s].
-    """
-
-    t: Array
-    readings: Array
-    residuals: Array
-    directions: Array
-    terms: Array
-    at_s: float
-
-
 @dataclass(frozen=True)
 class Likeness:
     """An effect that a change looks like.
@@ -80,18 +62,18 @@ class Likeness:
         return f"{self.name} at {self.where}{f' ({self.words})' if self.words else ''}"
 
 
-def likenesses(span: Span, sensor: str, reference: Reference, unit: str) -> list[Likeness]:
+def likenesses(span: Residuals, at_s: float, sensor: str, reference: Reference, unit: str) -> list[Likeness]:
     """The effects that would do, the likeliest first, each at its likeliest place; none where too many would."""
-    span = _refined(span, sensor, reference, unit)
-    after = span.t >= span.at_s
-    n, k = int(after.sum()), span.residuals.shape[1]
+    at_s = _refined(span, at_s, sensor, reference, unit)
+    after = span.t >= at_s
+    n, k = int(after.sum()), span.values.shape[1]
     if n < 4 or n == len(after):
         return []
-    level = span.residuals[~after].mean(axis=0)
-    changed, before = (span.residuals - level)[after], (span.residuals - level)[~after]
+    level = span.values[~after].mean(axis=0)
+    changed, before = (span.values - level)[after], (span.values - level)[~after]
     found = [*_distribution(changed, before, span, sensor)]
-    for name, where, columns, words in _templates(span, sensor, reference, unit):
-        gain, sizes, left = _gain(span, columns)
+    for name, where, columns, words in _templates(span, at_s, sensor, reference, unit):
+        gain, sizes, left = _gain(span, at_s, columns)
         if not _noise_is_left(left[after], changed, before, len(columns)):
             continue
         said = words.format(*(f"{value:+.3g}" for value in sizes))
@@ -124,37 +106,36 @@ def _means(values: Array, length: int) -> Array:
     return np.asarray(values[:whole].reshape(-1, length, values.shape[1]).mean(axis=1))
 
 
-def _gain(span: Span, columns: list[Array]) -> tuple[float, Array, Array]:
+def _gain(span: Residuals, at_s: float, columns: list[Array]) -> tuple[float, Array, Array]:
     """By how much templates (n, k) lower the sum of squares about what was before the change, their sizes, and what is
     left (n, k)."""
-    before = span.t < span.at_s
+    before = span.t < at_s
     if not before.any():
-        return -np.inf, np.zeros(len(columns)), span.residuals
-    left = (span.residuals - span.residuals[before].mean(axis=0)).ravel()
+        return -np.inf, np.zeros(len(columns)), span.values
+    left = (span.values - span.values[before].mean(axis=0)).ravel()
     flat = np.stack([(column - column[before].mean(axis=0)).ravel() for column in columns], axis=1)
     size = np.sqrt(np.square(flat).sum(axis=0))
     if not (size > 0.0).all():
-        return -np.inf, np.zeros(len(columns)), left.reshape(span.residuals.shape)
+        return -np.inf, np.zeros(len(columns)), left.reshape(span.values.shape)
     solution, *_ = np.linalg.lstsq(flat / size, left, rcond=1e-8)
     rest = left - flat / size @ solution
     gain = float(left @ left - rest @ rest)
-    return gain, np.asarray(solution / size), rest.reshape(span.residuals.shape)
+    return gain, np.asarray(solution / size), rest.reshape(span.values.shape)
 
 
-def _refined(span: Span, sensor: str, reference: Reference, unit: str) -> Span:
-    """With the instant, among the samples near the one that was found, from which a shift explains most."""
-    near = np.flatnonzero(np.abs(span.t - span.at_s) <= _NEAR_S)
-    best, at_s = -np.inf, span.at_s
-    for row in near[:: max(1, len(near) // _TRIED)]:
-        tried = replace(span, at_s=float(span.t[row]))
-        steps = next(columns for name, _, columns, _ in _templates(tried, sensor, reference, unit) if len(columns) == 3)
-        gain, *_ = _gain(tried, steps)
+def _refined(span: Residuals, at_s: float, sensor: str, reference: Reference, unit: str) -> float:
+    """The instant, among the samples near the one that was found, from which a shift explains most [s]."""
+    near = np.flatnonzero(np.abs(span.t - at_s) <= _NEAR_S)
+    best = -np.inf
+    for tried in span.t[near[:: max(1, len(near) // _TRIED)]].tolist():
+        templates = _templates(span, tried, sensor, reference, unit)
+        gain, *_ = _gain(span, tried, next(columns for _, _, columns, _ in templates if len(columns) == 3))
         if gain > best:
-            best, at_s = gain, float(span.t[row])
-    return replace(span, at_s=at_s)
+            best, at_s = gain, tried
+    return at_s
 
 
-def _distribution(changed: Array, before: Array, span: Span, sensor: str) -> Iterator[Likeness]:
+def _distribution(changed: Array, before: Array, span: Residuals, sensor: str) -> Iterator[Likeness]:
     """Effects on the spread of the residuals (n, k), which were ``before``."""
     n, k = changed.shape
     spikes = (np.abs(changed) > _SPIKE).any(axis=1)
@@ -193,7 +174,9 @@ def _successive(values: Array) -> float:
     return float((values[1:] * values[:-1]).sum() / max(np.square(values).sum(), 1e-300))
 
 
-def _templates(span: Span, sensor: str, reference: Reference, unit: str) -> Iterator[tuple[str, str, list[Array], str]]:
+def _templates(
+    span: Residuals, at_s: float, sensor: str, reference: Reference, unit: str
+) -> Iterator[tuple[str, str, list[Array], str]]:
     """Name, place, what each column does to the residuals (n, k), and how to say its size."""
     signals = _signals(span, sensor)
     base = signals.volts[:, COLUMNS_OF[sensor]]
@@ -212,11 +195,11 @@ def _templates(span: Span, sensor: str, reference: Reference, unit: str) -> Iter
         return residual(after.volts[:, COLUMNS_OF[sensor]] - base)
 
     channels = CHANNELS_OF[sensor]
-    steps = [applied("bias_step", where=channel, volts=1.0, at_s=span.at_s) for channel in channels]
+    steps = [applied("bias_step", where=channel, volts=1.0, at_s=at_s) for channel in channels]
     for channel, step in zip(channels, steps, strict=True):
         yield "bias_step", channel, [step], "{} " + unit
     yield "bias_step", "-".join((channels[0], channels[2][-1])), steps, "{}, {}, {} " + unit
-    after = (span.t >= span.at_s)[:, None]
+    after = (span.t >= at_s)[:, None]
     ratio = residual(base * after)
     yield "supply_ratiometric", "supply", [ratio], "{} of the reading"
     warm = [
@@ -230,7 +213,7 @@ def _templates(span: Span, sensor: str, reference: Reference, unit: str) -> Iter
     rotation = span.terms[:, :9].reshape(-1, 3, 3)
     turns = []
     for axis in np.eye(3):
-        slip = EFFECTS["mounting_slip"].from_mapping({"rotation_rad": tuple(1e-3 * axis), "at_s": span.at_s})
+        slip = EFFECTS["mounting_slip"].from_mapping({"rotation_rad": tuple(1e-3 * axis), "at_s": at_s})
         turned = slip.apply(Signals(span.t, R_base_tool=rotation), np.random.default_rng(0)).R_base_tool
         turns.append(residual(1e3 * ((turned - rotation).reshape(-1, 9) @ theta[:9])))
     yield "mounting_slip", "mount", turns, "{}, {}, {} rad"
@@ -240,7 +223,7 @@ def _templates(span: Span, sensor: str, reference: Reference, unit: str) -> Iter
         yield "base_dipole", "base", fields, "{}, {}, {} of field"
 
 
-def _signals(span: Span, sensor: str) -> Signals:
-    volts = np.full((len(span.t), 6), np.nan)
+def _signals(span: Residuals, sensor: str) -> Signals:
+    volts = np.full((len(span), 6), np.nan)
     volts[:, COLUMNS_OF[sensor]] = span.readings
     return Signals(span.t, volts=volts)

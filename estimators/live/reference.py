@@ -10,9 +10,10 @@ import numpy as np
 from estimators.calibration import SensorCalibration
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, design_rows
 from estimators.ellipsoid.fit import EllipsoidFit
-from estimators.goodness.residuals import by_magnitude, fitted_parameters
+from estimators.goodness.residuals import by_magnitude, fitted_parameters, noise_of
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.model import SensorParameters
+from estimators.live.by_row import ByRow
 from estimators.live.estimate import SensorEstimate
 from rig.arrays import Array
 from rig.recording import Recording
@@ -30,32 +31,22 @@ _THINNED = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(ByRow):
     """Of some samples.
 
     Attributes:
-        t: (n,) [s]. values: (n, k) in standard deviations of a reading, k = 3 channels, or 1, the field's magnitude.
+        readings: (n, 3) [recorded unit].
+        values: (n, k) in standard deviations of a reading, k = 3 channels, or 1, the field's magnitude.
         predicted: (n, k) the variance of the model's own error, in the same units.
         directions: (n, 3) unit vectors of the field in the sensor's frame.
         terms: (n, 10) [vec R, 1]; empty without attitude.
     """
 
-    t: Array
+    readings: Array
     values: Array
     predicted: Array
     directions: Array
     terms: Array
-
-    def pick(self, rows: slice) -> Self:
-        """Of some of the samples."""
-        return type(self)(*(getattr(self, name)[rows] for name in _PER_SAMPLE))
-
-    def then(self, other: Residuals) -> Self:
-        """Of these samples and the ones after them."""
-        return type(self)(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_SAMPLE))
-
-
-_PER_SAMPLE = ("t", "values", "predicted", "directions", "terms")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +75,12 @@ class Reference:
     def of_calibration(cls, own: SensorCalibration, posed: bool) -> Self:
         """From a calibration; ``posed``: the attitude is recorded."""
         known = posed and bool(own.axes) and own.field_direction is not None
-        noise = own.fit_rms if own.noise is None else np.maximum(own.noise, 0.0)
-        least = np.finfo(float).eps * max(float(np.abs(own.bias).max()), 1e-300)
         number = len(own.parameters) / (3.0 if known else 1.0)
         return cls(
             own.matrix,
             own.bias,
             own.reference_magnitude,
-            np.maximum(noise, least),
+            noise_of(own),
             fitted_parameters(own) if known else None,
             None,
             None,
@@ -128,7 +117,7 @@ class Reference:
             rows = np.einsum("kip,in->nkp", self.jacobian, terms[:, ::_THINNED]) / self.noise[:, None]
             some = np.einsum("nkp,pq,nkq->nk", rows, self.covariance, rows, optimize=True)
             predicted = np.repeat(some, _THINNED, axis=0)[: len(batch)]
-        return Residuals(batch.t, values / self.noise, predicted, field.T, terms.T)
+        return Residuals(batch.t, readings, values / self.noise, predicted, field.T, terms.T)
 
     def _by_magnitude(self, t: Array, readings: Array) -> Residuals:
         directions, variance, away = by_magnitude(readings - self.bias, self.matrix, self.noise, self.magnitude)
@@ -139,4 +128,4 @@ class Reference:
             design = self.magnitude * design_rows(directions[::_THINNED], len(self.covariance))
             some = ((design @ self.covariance) * design).sum(axis=1) / variance[::_THINNED]
             predicted = np.repeat(some, _THINNED)[: len(t), None]
-        return Residuals(t, values[:, None], predicted, directions, np.empty((len(t), 0)))
+        return Residuals(t, readings, values[:, None], predicted, directions, np.empty((len(t), 0)))

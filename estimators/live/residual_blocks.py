@@ -10,6 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import chdtri
 
+from estimators.live.by_row import ByRow
 from estimators.live.reference import Residuals
 from rig.arrays import Array, Mask
 
@@ -26,7 +27,7 @@ _REMEMBERED: Final = 600
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class Blocks(ByRow):
     """m blocks of the same number of samples.
 
     Attributes:
@@ -37,7 +38,6 @@ class Blocks:
         directions: (m, 3) of the field in the sensor's frame, in the middle of each.
     """
 
-    t: Array
     sums: Array
     squares: Array
     predicted: Array
@@ -51,7 +51,7 @@ class Blocks:
     @classmethod
     def of(cls, residuals: Residuals, length: int) -> Self:
         """Whole blocks of so many samples; what is left over is left out."""
-        count = len(residuals.t) // length
+        count = len(residuals) // length
         rows = slice(0, count * length)
         values = residuals.values[rows].reshape(count, length, residuals.values.shape[1])
         return cls(
@@ -60,25 +60,6 @@ class Blocks:
             np.square(values - (values.mean(axis=1, keepdims=True) if length >= LEAST else 0.0)).sum(axis=(1, 2)),
             residuals.predicted[rows][length // 2 :: length],
             residuals.directions[rows][length // 2 :: length],
-        )
-
-    def __len__(self) -> int:
-        """How many."""
-        return len(self.t)
-
-    def pick(self, rows: slice | Mask) -> Self:
-        """Some of them."""
-        return type(self)(
-            self.t[rows], self.sums[rows], self.squares[rows], self.predicted[rows], self.directions[rows]
-        )
-
-    def then(self, other: Blocks) -> Self:
-        """These and the ones after them."""
-        return type(self)(
-            *(
-                np.concatenate([getattr(self, name), getattr(other, name)])
-                for name in ("t", "sums", "squares", "predicted", "directions")
-            )
         )
 
 

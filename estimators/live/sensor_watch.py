@@ -20,7 +20,7 @@ import numpy as np
 
 from estimators.live.alarm import Alarm
 from estimators.live.direction_means import PART, PARTS, ByDirection
-from estimators.live.naming import Likeness, Span, likenesses
+from estimators.live.naming import Likeness, likenesses
 from estimators.live.noise_memory import CERTAIN, Memory, exceeded
 from estimators.live.reference import Reference, Residuals
 from estimators.live.residual_blocks import LEAST, Blocks, Rested, within
@@ -130,9 +130,9 @@ class SensorWatch:
         self._number = 0
         self._squares = np.zeros(2)  # of residuals, and their degrees of freedom
         self.by_direction = ByDirection(self._block)
-        self._kept: deque[tuple[Array, Array, Residuals]] = deque()
+        self._kept: deque[Residuals] = deque()
         self._kept_count = 0
-        self._rest: tuple[Array, Residuals] | None = None
+        self._rest: Residuals | None = None
         self._calm_s = np.nan
         self._watched = _SHORT
         self._named = len(_NAMED_S)
@@ -155,19 +155,17 @@ class SensorWatch:
         if self.reference is None or not np.isfinite(self.reference.matrix).all():
             return found
         residuals = self.reference.residuals(batch, self.sensor, arm)
-        self._keep(batch.t, readings, residuals)
-        if self._rest is not None and self._rest[1].values.shape[1] == residuals.values.shape[1]:
-            readings = np.concatenate([self._rest[0], readings])
-            residuals = self._rest[1].then(residuals)
+        self._keep(residuals)
+        if self._rest is not None and self._rest.values.shape[1] == residuals.values.shape[1]:
+            residuals = self._rest.then(residuals)
         blocks = Blocks.of(residuals, self._block)
-        whole = slice(len(blocks) * self._block, None)
-        self._rest = (readings[whole], residuals.pick(whole))
+        self._rest = residuals.pick(slice(len(blocks) * self._block, None))
         if not len(blocks):
             return found
         if self._rests:
-            blocks = self._rested.through(blocks, readings, self._block)
+            blocks = self._rested.through(blocks, residuals.readings, self._block)
             self._rests_s.extend(blocks.t.tolist())
-            while self._rests_s and self._rests_s[0] < self._kept[0][0][0]:
+            while self._rests_s and self._rests_s[0] < self._kept[0].t[0]:
                 self._rests_s.popleft()
         if not self._fixed:
             blocks = blocks.pick(blocks.predicted.max(axis=1) <= _VAGUE)
@@ -302,14 +300,11 @@ class SensorWatch:
 
     def _since(self, blocks: Blocks) -> float:
         """Where a change of the mean most likely lies: the split of the blocks with the largest step."""
-        counts, sums = np.full(len(blocks), float(self._block)), blocks.sums
-        later_n, later = np.cumsum(counts[::-1])[::-1], np.cumsum(sums[::-1], axis=0)[::-1]
-        earlier_n, earlier = counts.sum() - later_n, sums.sum(axis=0) - later
-        step = (
-            later / later_n[:, None]
-            - np.where(earlier_n > 0, 1.0, 0.0)[:, None] * earlier / np.maximum(earlier_n, 1.0)[:, None]
-        )
-        weight = later_n * np.maximum(earlier_n, 1.0) / np.maximum(later_n + earlier_n, 1.0)
+        before = float(self._block) * np.arange(len(blocks))
+        after = float(self._block) * len(blocks) - before
+        later = np.cumsum(blocks.sums[::-1], axis=0)[::-1]
+        step = later / after[:, None] - (later[0] - later) / np.maximum(before, 1.0)[:, None]
+        weight = after * np.maximum(before, 1.0) / (after + before)
         place = int(np.argmax(weight * np.square(step).sum(axis=1)))
         return float(blocks.t[place]) - self._block_s + 0.5 / self._rate_Hz
 
@@ -334,7 +329,7 @@ class SensorWatch:
             return found
         due = self._named < len(_NAMED_S) and now - change.since_s >= max(_NAMED_S[self._named], _NAMED / self._rate_Hz)
         if due and self._kept:
-            known = self._kept[0][0][0] < change.since_s
+            known = self._kept[0].t[0] < change.since_s
             names = tuple(self._names(change.since_s, now)) if known else change.names
             if not self._named or [each.name for each in names] != [each.name for each in change.names]:
                 change = self.alarmed = replace(change, names=names)
@@ -352,29 +347,23 @@ class SensorWatch:
 
     def _names(self, since_s: float, now: float) -> list[Likeness]:
         assert self.reference is not None
-        t = np.concatenate([part[0] for part in self._kept])
-        readings = np.concatenate([part[1] for part in self._kept])
-        width = self._kept[-1][2].values.shape[1]
-        parts = [part[2] for part in self._kept]
-        if any(part.values.shape[1] != width for part in parts):
+        width = self._kept[-1].values.shape[1]
+        if any(part.values.shape[1] != width for part in self._kept):
             return []
-        values = np.concatenate([part.values for part in parts]) / np.sqrt(self.memory.ratio[0] * self.level)
-        directions = np.concatenate([part.directions for part in parts])
-        terms = np.concatenate([part.terms for part in parts])
-        rows = t <= now
+        span = self._kept[0].then(*list(self._kept)[1:])
+        span = replace(span, values=span.values / np.sqrt(self.memory.ratio[0] * self.level))
+        rows = span.t <= now
         if self._rests:  # a motion is no effect
-            rows &= within(t, np.array(self._rests_s), self._block_s - 0.5 / self._rate_Hz)
-        span = Span(t[rows], readings[rows], values[rows], directions[rows], terms[rows], since_s)
-        return likenesses(span, self.sensor, self.reference, self._unit)
+            rows &= within(span.t, np.array(self._rests_s), self._block_s - 0.5 / self._rate_Hz)
+        return likenesses(span.pick(rows), since_s, self.sensor, self.reference, self._unit)
 
-    def _keep(self, t: Array, readings: Array, residuals: Residuals) -> None:
-        step = max(1, int(_KEPT_S * self._rate_Hz) // _KEPT)
-        rows = slice(None, None, step)
-        part = residuals.pick(rows)
-        self._kept.append((t[rows], readings[rows], part))
-        self._kept_count += len(part.t)
-        while len(self._kept) > 1 and (self._kept_count > _KEPT or self._kept[0][0][-1] < t[-1] - _KEPT_S):
-            self._kept_count -= len(self._kept.popleft()[0])
+    def _keep(self, residuals: Residuals) -> None:
+        part = residuals.pick(slice(None, None, max(1, int(_KEPT_S * self._rate_Hz) // _KEPT)))
+        self._kept.append(part)
+        self._kept_count += len(part)
+        begin = residuals.t[-1] - _KEPT_S
+        while len(self._kept) > 1 and (self._kept_count > _KEPT or self._kept[0].t[-1] < begin):
+            self._kept_count -= len(self._kept.popleft())
 
     def _directions(self, blocks: Blocks) -> list[Alarm]:
         """The test of the means by direction, over the last minute of blocks."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from functools import reduce
+from operator import add
 from typing import Final, Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -56,9 +58,4 @@ class SlidingSum(Generic[Sum]):
     def total(self) -> Sum | None:
         """The sum; None where nothing has come."""
         parts = [part for _, part in self._older] + ([] if self._newest is None else [self._newest])
-        if not parts:
-            return None
-        total = parts[0]
-        for part in parts[1:]:
-            total = total + part
-        return total
+        return reduce(add, parts) if parts else None

@@ -16,6 +16,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter, welch
 from scipy.special import chdtrc
 
+from estimators._json import AsJson
 from rig.arrays import Array
 from rig.errors import RigError
 
@@ -77,7 +78,7 @@ def power_spectrum(records: Sequence[ArrayLike], rate_Hz: float, segment: int | 
 
 
 @dataclass(frozen=True)
-class Whiteness:
+class Whiteness(AsJson):
     """The test of Ljung and Box, "On a measure of lack of fit in time series models" (1978).
 
     Under the null hypothesis, independent samples of one distribution with a variance, the statistic n (n + 2) sum of
@@ -91,14 +92,8 @@ class Whiteness:
     p_value: float
 
     def to_json(self) -> dict[str, Any]:
-        """Statistic, degrees of freedom of the chi-square null distribution, and p-value."""
-        return {
-            "test": "Ljung-Box",
-            "statistic": self.statistic,
-            "lags": self.lags,
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "p_value": self.p_value,
-        }
+        """The test's name and its numbers."""
+        return {"test": "Ljung-Box", **super().to_json()}
 
 
 def whiteness(records: Sequence[ArrayLike], lags: int | None = None, fitted: int = 0) -> Whiteness:

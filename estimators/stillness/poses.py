@@ -10,9 +10,10 @@ import numpy as np
 from estimators.stillness.detection import SPEED_LIMIT, Stillness, find_still
 from estimators.stillness.stretches import sums_over
 from rig.arrays import Array, Rows
-from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.channels import COLUMNS_OF
 from rig.pose_nodes import one_sign
 from rig.recording import Recording
+from rig.recording.samples import arrays_of
 from rig.threads import one_blas_thread
 
 
@@ -70,34 +71,19 @@ def average_poses(recording: Recording, stillness: Stillness) -> StillPoses:
     starts = np.flatnonzero(np.concatenate([[True], np.diff(pose) > 0]))
     counts = np.add.reduceat(stop - first, starts)
 
-    def mean(values: Array) -> Array:
+    def mean(arrays: list[Array]) -> Array:
+        values = arrays[0]
         columns = [values] if values.ndim == 1 else list(values.T)
         means = np.add.reduceat(sums_over(columns, first, stop), starts, axis=1) / counts
         return means[0] if values.ndim == 1 else means.T
 
-    def optional(values: Array | None) -> Array | None:
-        return None if values is None else mean(values)
-
-    quaternion = recording.tool_quaternion
-    if quaternion is not None:
-        turned = mean(one_sign(quaternion))
-        quaternion = turned / np.sqrt(np.square(turned).sum(axis=1))[:, None]
+    arrays = arrays_of([recording], mean)
+    if recording.tool_quaternion is not None:
+        turned = mean([one_sign(recording.tool_quaternion)])
+        arrays["tool_quaternion"] = turned / np.sqrt(np.square(turned).sum(axis=1))[:, None]
     extra = {**recording.metadata.extra, "pose_samples": [int(count) for count in counts]}
-    readings = {sensor: mean(recording.readings(sensor)) for sensor in recording.sensors}
-    means = replace(
-        recording,
-        t=mean(recording.t),
-        q=optional(recording.q),
-        tool_quaternion=quaternion,
-        tool_position=optional(recording.tool_position),
-        temperature=optional(recording.temperature),
-        currents={joint: mean(current) for joint, current in recording.currents.items()},
-        supply=optional(recording.supply),
-        metadata=replace(recording.metadata, rate_Hz=None, extra=extra),
-        first_row=0,
-        accelerometer=readings.get(ACCELEROMETER),
-        magnetometer=readings.get(MAGNETOMETER),
-    )
+    metadata = replace(recording.metadata, rate_Hz=None, extra=extra)
+    means = replace(recording, **arrays, metadata=metadata, first_row=0)
     squares, halves = _scatter(recording, stillness, means)
     freedom = int(counts.sum()) - len(counts)
     noise, inflation = {}, {}

@@ -146,9 +146,9 @@ def _end(model: mujoco.MjModel, sites: list[str], file: Path) -> str:
         if name in sites:
             return name
     body = _last_body(model)
-    carried = [name for name in sites if _joints_below(model, int(model.site_bodyid[model.site(name).id]))]
-    at_end = [] if body is None else _rigid(model, model.body(body).id)
-    ends = [name for name in carried if body is None or int(model.site_bodyid[model.site(name).id]) in at_end]
+    body_of = {name: int(model.site_bodyid[model.site(name).id]) for name in sites}
+    carried = [name for name in sites if model.body_weldid[body_of[name]]]  # by a joint: not fixed to the world
+    ends = [name for name in carried if body is None or model.body_weldid[body_of[name]] == model.body(body).id]
     if len(ends) == 1:
         return ends[0]
     if body is not None:
@@ -165,33 +165,12 @@ def _last_body(model: mujoco.MjModel) -> str | None:
     """The body at which the joints end or branch off into fingers; None where they do before there is an arm."""
     body, moved, last = 0, 0, ""
     while True:
-        beyond = [child for start in _rigid(model, body) for child in _children(model, start)]
-        onward = [child for child in beyond if joints_of(model, child)]
+        beyond = np.flatnonzero(model.body_weldid[model.body_parentid] == body)  # also by what is fixed to it
+        onward = [child for child in beyond.tolist() if len(joints_of(model, child))]
         if len(onward) != 1:
             return last if last and (moved > 1 or not onward) else None
         body, moved = onward[0], moved + len(joints_of(model, onward[0]))
         last = model.body(body).name
-
-
-def _children(model: mujoco.MjModel, body: int) -> list[int]:
-    return [index for index in range(1, model.nbody) if int(model.body_parentid[index]) == body]
-
-
-def _rigid(model: mujoco.MjModel, body: int) -> list[int]:
-    """A body and those fixed to it."""
-    found = [body]
-    for each in found:  # grows
-        found += [child for child in _children(model, each) if not len(joints_of(model, child))]
-    return found
-
-
-def _joints_below(model: mujoco.MjModel, body: int) -> int:
-    """How many joints carry a body."""
-    count = 0
-    while body != 0:
-        count += len(joints_of(model, body))
-        body = int(model.body_parentid[body])
-    return count
 
 
 def _line(error: Exception) -> str:

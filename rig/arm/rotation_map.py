@@ -61,17 +61,10 @@ class RotationMap:
             if (given := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _without_rounding(given))
 
-    def rotations(self, q: ArrayLike, out: Array | None = None) -> Array:
-        """vec R_base_tool, row by row: (n, 9) at joint angles (n, N) [rad].
-
-        Args:
-            q: (n, N) [rad].
-            out: (n, 9), written to and returned if given.
-        """
+    def rotations(self, q: ArrayLike) -> Array:
+        """vec R_base_tool, row by row: (n, 9) at joint angles (n, N) [rad]."""
         angles = self._checked(q)
-        result = np.empty((len(angles), 9)) if out is None else out
-        if result.shape != (len(angles), 9):
-            raise ValueError(f"out has shape {result.shape}, expected {(len(angles), 9)}")
+        result = np.empty((len(angles), 9))
         with one_blas_thread():  # on several, products this small wait for each other
             for rows, block in _blocks(self.axes, self.R_zero, angles, _ROWS):
                 result[rows] = block.T

@@ -221,12 +221,9 @@ class Arm:
     def link_maps(self) -> tuple[RotationMap, ...]:
         """The rotation of each link as a function of the values of all N joints."""
         zero, links = self._at_zero(), self.chain.links
-        if self.chain.coupling is None:
-            counts = list(range(1, self.dof + 1))
-        else:  # up to the member that is the joint itself
-            counts = [int(np.argmax(self.chain.members == joint)) + 1 for joint in self.chain.joints]
-        poses = zip(zero.xmat[links].reshape(-1, 3, 3), zero.xpos[links], counts, strict=True)
-        return tuple(self._map(R, p, count, partial=True) for R, p, count in poses)
+        poses = zip(zero.xmat[links].reshape(-1, 3, 3), zero.xpos[links], self.chain.places, strict=True)
+        # up to the member that is the joint itself
+        return tuple(self._map(R, p, place + 1, partial=True) for R, p, place in poses)
 
     def _map(self, R_zero: Array, p_zero: Array, count: int, partial: bool = False) -> RotationMap:
         """The rotation after the first ``count`` joints of the chain; where none slides the position, too."""

@@ -1,4 +1,4 @@
-"""The arithmetic that several effects share: turning vectors, filters with memory, derivatives along a path."""
+"""The arithmetic that several effects share: products, filters with memory, derivatives along a path."""
 
 from __future__ import annotations
 
@@ -17,25 +17,6 @@ from rig.arrays import Array
 CURVATURE_SPAN: Final = 0.1
 
 _BLOCK = 16384  # rows at a time, where windows are written out
-
-
-def turned(axis: ArrayLike, angle: ArrayLike, vectors: Array) -> Array:
-    """Vectors turned about an axis (Rodrigues' rotation formula).
-
-    Args:
-        axis: (3,) or (n, 3) unit vectors.
-        angle: scalar or (n,) [rad].
-        vectors: (n, 3) vectors, or (n, 3, 3) with the vectors as columns.
-    """
-    columns = vectors[:, :, None] if vectors.ndim == 2 else vectors
-    x, y, z = np.moveaxis(np.asarray(axis, dtype=float), -1, 0)[..., None]
-    a, b, c = columns[:, 0], columns[:, 1], columns[:, 2]
-    sine, versine = np.sin(angle)[..., None], 2.0 * np.sin(0.5 * np.asarray(angle))[..., None] ** 2
-    along = versine * (x * a + y * b + z * c)
-    result = np.empty_like(columns)
-    for row, (own, unit, cross) in enumerate(((a, x, y * c - z * b), (b, y, z * a - x * c), (c, z, x * b - y * a))):
-        result[:, row] = own + sine * cross + (along * unit - versine * own)
-    return result[:, :, 0] if vectors.ndim == 2 else result
 
 
 def times(matrices: Array, right: ArrayLike) -> Array:

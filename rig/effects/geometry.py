@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
 from rig.arrays import Array
-from rig.effects._numerics import times, turned
+from rig.effects._numerics import times
 from rig.effects.base import Effect, Stage, register
 from rig.effects.parameters import Value, parameter
 from rig.signals import Signals
@@ -24,6 +24,19 @@ INSTANTS = 60
 def instants(signals: Signals) -> list[dict[str, Value]]:
     """The instants of a jump to try on a recording."""
     return [{"at_s": float(at)} for at in np.linspace(signals.t[0], signals.t[-1], INSTANTS + 2)[1:-1]]
+
+
+def turned_about(signals: Signals, turns: Array, pivot: Array) -> Signals:
+    """The signals with the tool turned about a point.
+
+    Args:
+        turns: (n, 3) rotation vectors [rad], base frame.
+        pivot: (3,) or (n, 3) the point [m], base frame.
+    """
+    turn = np.asarray(Rotation.from_rotvec(turns).as_matrix())
+    lever = signals.position - pivot
+    moved = np.einsum("nij,nj->ni", turn, lever) - lever
+    return replace(signals, R_base_tool=turn @ signals.R_base_tool, position=signals.position + moved)
 
 
 def twist_axis(signals: Signals, joint: int) -> Array:
@@ -73,13 +86,7 @@ class AxisMisalignment(Effect):
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         R_base_link, position = signals.link_pose(self.joint)
-        axis = times(R_base_link, twist_axis(signals, self.joint))
-        lever = signals.position - position
-        return replace(
-            signals,
-            R_base_tool=turned(axis, self.twist_rad, signals.R_base_tool),
-            position=signals.position + (turned(axis, self.twist_rad, lever) - lever),
-        )
+        return turned_about(signals, times(R_base_link, self.twist_rad * twist_axis(signals, self.joint)), position)
 
 
 @register
@@ -106,11 +113,7 @@ class BaseRocking(Effect):
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         axis = (-np.sin(self.phase_rad), np.cos(self.phase_rad), 0.0)
         angle = self.tilt_rad * np.cos(signals.q[:, 0] - self.phase_rad)
-        return replace(
-            signals,
-            R_base_tool=turned(axis, angle, signals.R_base_tool),
-            position=turned(axis, angle, signals.position),
-        )
+        return turned_about(signals, np.outer(angle, axis), np.zeros(3))
 
 
 @lru_cache(maxsize=64)

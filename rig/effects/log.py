@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from typing_extensions import override
 
 from rig.arrays import Array
-from rig.effects._numerics import exponential_spectrum, gauss_markov, turned
+from rig.effects._numerics import exponential_spectrum, gauss_markov
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.parameters import parameter
 from rig.pose_nodes import one_sign, quaternions
@@ -139,7 +139,7 @@ class PoseNoise(Effect):
         rng = np.random.default_rng(0)  # the pipeline has no effects: nothing is drawn
         result = np.zeros((len(base), base.volts.shape[1], 3))
         for axis, unit in enumerate(np.eye(3)):
-            R_tool = turned(unit, _TURN, np.eye(3)[None])
+            R_tool = Rotation.from_rotvec(_TURN * unit).as_matrix()
             moved = replace(base, R_base_tool=base.R_base_tool @ R_tool)
             result[:, :, axis] = (pipeline.carried(base, rng, moved, first=Stage.FIELD).volts - base.volts) / _TURN
         return result

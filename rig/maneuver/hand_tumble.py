@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rig.arrays import Array, Mask
 from rig.errors import unknown_name
 from rig.maneuver._checks import number, whole
 from rig.maneuver.static_poses import stop_and_go
-from rig.quaternion import rotations
 from rig.trajectory import PoseTrajectory, sample_times
 
 Coverage = Literal["full", "hemisphere"]
@@ -119,7 +119,7 @@ def _full(t: Array, speed: float, rng: np.random.Generator) -> Array:
     |w| = 2 |u' across u| / |u|, and E |u' across u|^2 = 3 rate^2, E 1/|u|^2 = 1/2: the RMS of w is sqrt(6) rate.
     """
     u = np.stack([_signal(speed / np.sqrt(6), rng, t)[0] for _ in range(4)], axis=1)
-    return rotations(u).reshape(-1, 3, 3)
+    return np.asarray(Rotation.from_quat(u, scalar_first=True).as_matrix())
 
 
 def _hemisphere(t: Array, speed: float, rng: np.random.Generator) -> Array:
@@ -139,4 +139,4 @@ def _hemisphere(t: Array, speed: float, rng: np.random.Generator) -> Array:
     half_cos, half_sin = np.cos(_HEADING_RAD * heading / 2), np.sin(_HEADING_RAD * heading / 2)
     w, x, y = 1 + cosine, -slope * b, slope * a
     u = np.stack([half_cos * w, half_cos * x - half_sin * y, half_cos * y + half_sin * x, half_sin * w], axis=1)
-    return rotations(u).reshape(-1, 3, 3)
+    return np.asarray(Rotation.from_quat(u, scalar_first=True).as_matrix())

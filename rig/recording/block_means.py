@@ -14,7 +14,7 @@ from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
 from rig.memory import limit_bytes
 from rig.recording.files import RecordingScan, scan_recording
-from rig.recording.samples import Recording
+from rig.recording.samples import Recording, arrays_of
 
 #: What a model of the rig makes of a recording's poses: sensor -> (n, 3) [recorded unit].
 Model = Callable[[Recording], Mapping[str, Array]]
@@ -133,7 +133,7 @@ def block_means(scan: RecordingScan, block: int, model: Model | None = None) -> 
 
 def joined(parts: list[Recording]) -> Recording:
     """One recording of several that follow one another in time and have the same columns."""
-    return parts[0] if len(parts) == 1 else _made(parts, np.concatenate)
+    return parts[0] if len(parts) == 1 else replace(parts[0], **arrays_of(parts, np.concatenate))
 
 
 def _at_middle_poses(recording: Recording, block: int, model: Model) -> Recording:
@@ -156,39 +156,14 @@ def _at_middle_poses(recording: Recording, block: int, model: Model) -> Recordin
 
 
 def _means(recording: Recording, block: int) -> Recording:
-    def mean(values: list[Array]) -> Array:
-        array = values[0].reshape(len(recording) // block, block, *values[0].shape[1:])
-        return np.asarray(array.mean(axis=1))
+    def mean(arrays: list[Array]) -> Array:
+        return np.asarray(arrays[0].reshape(-1, block, *arrays[0].shape[1:]).mean(axis=1))
 
-    turns = recording.tool_quaternion
-    if turns is not None:  # of the two that are the same rotation, the one nearer to the block's first
-        turns = turns.reshape(-1, block, 4)
+    arrays = arrays_of([recording], mean)
+    if recording.tool_quaternion is not None:
+        turns = recording.tool_quaternion.reshape(-1, block, 4)
+        # of the two that are the same rotation, the one nearer to the block's first
         side = np.where(np.einsum("bij,bj->bi", turns, turns[:, 0]) < 0.0, -1.0, 1.0)
         turns = (side[:, :, None] * turns).mean(axis=1)
-        turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
-        place = recording.tool_position
-        rest = _made([replace(recording, tool_quaternion=None, tool_position=None)], mean)
-        return replace(rest, tool_quaternion=turns, tool_position=None if place is None else mean([place]))
-    return _made([recording], mean)
-
-
-def _made(parts: list[Recording], make: Callable[[list[Array]], Array]) -> Recording:
-    """A recording whose every array is made of those of others."""
-
-    def of(values: list[Array | None]) -> Array | None:
-        found = [value for value in values if value is not None]
-        return make(found) if found else None
-
-    first = parts[0]
-    return replace(
-        first,
-        t=make([part.t for part in parts]),
-        q=of([part.q for part in parts]),
-        tool_quaternion=of([part.tool_quaternion for part in parts]),
-        tool_position=of([part.tool_position for part in parts]),
-        accelerometer=of([part.accelerometer for part in parts]),
-        magnetometer=of([part.magnetometer for part in parts]),
-        temperature=of([part.temperature for part in parts]),
-        currents={joint: make([part.currents[joint] for part in parts]) for joint in first.currents},
-        supply=of([part.supply for part in parts]),
-    )
+        arrays["tool_quaternion"] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    return replace(recording, **arrays)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -82,30 +82,6 @@ class Columns:
     def slides(self) -> tuple[int, ...]:
         """The numbers of the joints that slide."""
         return tuple(joint for joint, (name, _) in enumerate(self.joints, start=1) if name.endswith("_m"))
-
-    @classmethod
-    def of(
-        cls,
-        joints: int,
-        tool: bool,
-        position: bool,
-        units: Mapping[str, str],
-        currents: Iterable[int],
-        temperature: bool,
-        supply: bool,
-        slides: Collection[int] = (),
-    ) -> Columns:
-        """The columns a recording with these contents is written with."""
-        return cls(
-            joints=tuple((f"q{joint}_{'m' if joint in slides else 'rad'}", False) for joint in range(1, joints + 1)),
-            tool=tool,
-            position=position,
-            readings={s: tuple(f"{channel}_{unit}" for channel in CHANNELS_OF[s]) for s, unit in units.items()},
-            units=dict(units),
-            currents={joint: f"current{joint}_A" for joint in sorted(currents)},
-            temperature=temperature,
-            supply=supply,
-        )
 
     @classmethod
     def parse(cls, names: Sequence[str], where: str, joints: int | None = None) -> Columns:

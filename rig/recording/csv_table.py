@@ -7,7 +7,7 @@ import csv
 import os
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -62,8 +62,7 @@ class CsvTable:
     def _blocks(self, names: Sequence[str]) -> Iterator[dict[str, Array]]:
         numbers = {name: str(index) for index, name in enumerate(self.names)}  # names not needed may occur twice
         wanted = {name: numbers[name] for name in names}
-        with ExitStack() as opened:
-            file = opened.enter_context(self._data())
+        with self._data() as file:
             with self._checked():
                 source = pa.csv.open_csv(
                     file,

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 import pyarrow as pa
@@ -33,7 +31,7 @@ from rig.recording.columns import (
 from rig.recording.metadata import Metadata
 from rig.recording.samples import Recording
 from rig.recording.table import SUFFIXES, NumberedTable, Table
-from rig.recording.table_io import TableWriter, open_table
+from rig.recording.table_io import open_table, table_writer
 
 _COPIES = 3  # of every number, at most, while a file is read whole
 _WHOLE_FILE_BATCH = 1 << 18  # rows; what does not matter for a recording that is to be in memory anyway
@@ -231,22 +229,18 @@ def locked_beside(path: str | os.PathLike[str]) -> Path | None:
     return None
 
 
-class RecordingWriter:
+class RecordingWriter(ExitStack):
     """Write a recording batch by batch in constant memory; the file appears, whole, when the block ends well.
 
-    The first batch decides columns, units and metadata.
+    The first batch decides columns, units and metadata; without a batch there is no file.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """Nothing is written yet; ``path`` ends in .parquet or .csv."""
+        super().__init__()
         self._path = path
-        self._opened = ExitStack()
         self._first: Recording | None = None
-        self._writer: TableWriter | None = None
-
-    def __enter__(self) -> Self:
-        """Begin."""
-        return self
+        self._append: Callable[[Mapping[str, Array]], None] | None = None
 
     def write(self, batch: Recording) -> None:
         """Append a batch.
@@ -254,18 +248,12 @@ class RecordingWriter:
         Raises:
             RigError: the file cannot be written, or the batch has other columns than the first.
         """
-        if self._first is None or self._writer is None:
-            writer = TableWriter(self._path, batch.columns.names, batch.metadata.to_text())
-            self._first, self._writer = batch, self._opened.enter_context(writer)
+        if self._first is None or self._append is None:
+            writer = table_writer(self._path, batch.columns.names, batch.metadata.to_text())
+            self._first, self._append = batch, self.enter_context(writer)
         elif batch.columns != self._first.columns:
             raise RigError(
                 f"{self._path}: a batch has the columns {', '.join(batch.columns.names)}, "
                 f"expected {', '.join(self._first.columns.names)}"
             )
-        self._writer.write(batch.table())
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Give the file its name, or remove it if the block did not end well; without a batch there is no file."""
-        self._opened.__exit__(kind, error, trace)
+        self._append(batch.table())

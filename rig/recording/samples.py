@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from rig.errors import RigError, unknown_name
 from rig.recording.checks import as_columns, check_finite, check_increasing, check_seconds, check_shape, check_unit
 from rig.recording.columns import POSITION, QUATERNION, SUPPLY, TEMPERATURE, TIME, Columns
 from rig.recording.metadata import Metadata
-from rig.recording.table_io import TableWriter
+from rig.recording.table_io import table_writer
 from rig.threads import one_blas_thread
 from rig.units import UNITS
 
@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 
 
 _BLOCK = 2048  # rotations at a time: they stay in the cache
+#: The arrays with a row a sample; the currents are more of them.
+_ARRAYS: Final = (
+    *("t", "q", "tool_quaternion", "tool_position", ACCELEROMETER, MAGNETOMETER),
+    *("temperature", "supply"),
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -207,23 +212,7 @@ class Recording:
             RigError: nothing is selected, or not in the order of time.
         """
         pick: Any = rows if isinstance(rows, slice) else np.asarray(rows)
-
-        def part(values: Array | None) -> Array | None:
-            return None if values is None else values[pick]
-
-        return replace(
-            self,
-            t=self.t[pick],
-            q=part(self.q),
-            tool_quaternion=part(self.tool_quaternion),
-            tool_position=part(self.tool_position),
-            accelerometer=part(self.accelerometer),
-            magnetometer=part(self.magnetometer),
-            temperature=part(self.temperature),
-            currents={joint: current[pick] for joint, current in self.currents.items()},
-            supply=part(self.supply),
-            first_row=0,
-        )
+        return replace(self, **arrays_of([self], lambda arrays: arrays[0][pick]), first_row=0)
 
     def with_fields(self, fields: Mapping[str, Array]) -> Recording:
         """The same run with calibrated readings, and only those: what a calibration made of it.
@@ -247,21 +236,22 @@ class Recording:
         Raises:
             RigError: another ending, or the file cannot be written.
         """
-        with TableWriter(path, self.columns.names, self.metadata.to_text(), rows=len(self)) as writer:
-            writer.write(self.table())
+        with table_writer(path, self.columns.names, self.metadata.to_text(), rows=len(self)) as append:
+            append(self.table())
 
     @property
     def columns(self) -> Columns:
         """The columns it is written with."""
-        return Columns.of(
-            joints=0 if self.q is None else self.q.shape[1],
+        joints = range(1, 1 + (0 if self.q is None else self.q.shape[1]))
+        return Columns(
+            joints=tuple((f"q{joint}_{'m' if joint in self.slides else 'rad'}", False) for joint in joints),
             tool=self.tool_quaternion is not None,
             position=self.tool_position is not None,
-            units=self.units,
-            currents=self.currents,
+            readings={s: tuple(f"{channel}_{unit}" for channel in CHANNELS_OF[s]) for s, unit in self.units.items()},
+            units=dict(self.units),
+            currents={joint: f"current{joint}_A" for joint in self.currents},
             temperature=self.temperature is not None,
             supply=self.supply is not None,
-            slides=self.slides,
         )
 
     def table(self) -> dict[str, Array]:
@@ -305,3 +295,19 @@ class Recording:
             check_shape(kept[joint], (len(self.t),), f"current{joint}", where)
             check_finite(kept[joint], (f"current{joint}_A",), where, self.first_row)
         return kept
+
+
+def arrays_of(runs: Sequence[Recording], make: Callable[[list[Array]], Array]) -> dict[str, Any]:
+    """Every array of samples, for ``dataclasses.replace`` on the first of the runs.
+
+    Args:
+        runs: recordings of the same columns.
+        make: the new array from those of the runs, (n, ..) each.
+    """
+
+    def made(name: str) -> Array | None:
+        there = [values for run in runs if (values := getattr(run, name)) is not None]
+        return make(there) if there else None
+
+    currents = {joint: make([run.currents[joint] for run in runs]) for joint in runs[0].currents}
+    return {name: made(name) for name in _ARRAYS} | {"currents": currents}

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.csv
@@ -49,64 +48,40 @@ def open_table(path: str | os.PathLike[str]) -> Table:
     return open_parquet(path) if suffix == ".parquet" else open_csv(path)
 
 
-class TableWriter:
-    """Write a table batch by batch; the file appears, whole, when the block ends well."""
+@contextmanager
+def table_writer(
+    path: str | os.PathLike[str], names: Sequence[str], metadata: str, rows: int | None = None
+) -> Iterator[Callable[[Mapping[str, Array]], None]]:
+    """Write a table batch by batch; the file appears, whole, when the block ends well.
 
-    def __init__(
-        self, path: str | os.PathLike[str], names: Sequence[str], metadata: str, rows: int | None = None
-    ) -> None:
-        """Nothing is written yet.
+    Args:
+        path: ending in .parquet or .csv.
+        names: of the columns.
+        metadata: one line of JSON, an object.
+        rows: how many are to come, where that is known; lets a reader of the CSV notice that its end is missing.
 
-        Args:
-            path: ending in .parquet or .csv.
-            names: of the columns.
-            metadata: one line of JSON, an object.
-            rows: how many are to come, where that is known; lets a reader of the CSV notice that its end is missing.
+    Yields:
+        What appends rows: called with every column of the table, all of one length. Where the disk is full or gone it
+        raises an OSError, which is a RigError at the end of the block.
 
-        Raises:
-            RigError: another ending.
-        """
-        self._path = Path(path)
-        self._suffix = checked_suffix(self._path)
-        self._schema = pa.schema([(name, pa.float64()) for name in names], metadata={KEY: metadata.encode()})
-        self._comment = metadata if rows is None else json.dumps({**json.loads(metadata), "rows": rows})
-        self._opened = ExitStack()
-
-    def __enter__(self) -> Self:
-        """Open a temporary file beside the one to be written.
-
-        Raises:
-            RigError: the folder does not exist or cannot be written to.
-        """
-        with ExitStack() as opened:
-            temporary = opened.enter_context(atomic_path(self._path))
-            if self._suffix == ".parquet":
-                sink: Any = opened.enter_context(temporary.open("wb"))
-                writer = pa.parquet.ParquetWriter(sink, self._schema, write_page_checksum=True)
-            else:
-                sink = opened.enter_context(temporary.open("wb"))
-                sink.write(f"# rig: {self._comment}\n{','.join(self._schema.names)}\n".encode())
-                options = pa.csv.WriteOptions(include_header=False)
-                writer = pa.csv.CSVWriter(sink, self._schema, write_options=options)
-            self._writer = opened.enter_context(writer)
-            self._opened = opened.pop_all()
-        return self
-
-    def write(self, columns: Mapping[str, Array]) -> None:
-        """Append rows; ``columns`` has every column of the table, all of one length.
-
-        Raises:
-            OSError: the disk is full or gone; at the end of the block it is a RigError.
-        """
-        arrays = [from_float64(columns[name]) for name in self._schema.names]
-        batch = pa.record_batch(arrays, schema=self._schema)
-        if self._suffix == ".parquet":
-            self._writer.write_batch(batch, row_group_size=_ROW_GROUP)
+    Raises:
+        RigError: another ending, or the folder does not exist or cannot be written to.
+    """
+    file = Path(path)
+    parquet = checked_suffix(file) == ".parquet"
+    schema = pa.schema([(name, pa.float64()) for name in names], metadata={KEY: metadata.encode()})
+    comment = metadata if rows is None else json.dumps({**json.loads(metadata), "rows": rows})
+    with atomic_path(file) as temporary, temporary.open("wb") as sink:
+        if parquet:
+            opened: Any = pa.parquet.ParquetWriter(sink, schema, write_page_checksum=True)
         else:
-            self._writer.write_batch(batch)
+            sink.write(f"# rig: {comment}\n{','.join(names)}\n".encode())
+            opened = pa.csv.CSVWriter(sink, schema, write_options=pa.csv.WriteOptions(include_header=False))
+        grouped = {"row_group_size": _ROW_GROUP} if parquet else {}
+        with opened as writer:
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Give the file its name, or remove it if the block did not end well."""
-        self._opened.__exit__(kind, error, trace)
+            def append(columns: Mapping[str, Array]) -> None:
+                arrays = [from_float64(columns[name]) for name in names]
+                writer.write_batch(pa.record_batch(arrays, schema=schema), **grouped)
+
+            yield append
