@@ -152,12 +152,13 @@ def _recording(first: Path, second: Path) -> _Found:
         "channels": [vars(row) for row in rows],
     }
     numbers = ("σ", "mean", "RMS", "RMS / σ", "recalibrated")
-    shown = table("channel", *numbers, "unit", numbers=numbers)
+    cells = []
     for row in rows:
         own = shown_unit(row.unit)
         ratios = ("–" if each is None else f"{each:.3g}" for each in (row.rms_sigmas, row.recalibrated_sigmas))
         sizes = (f"{own.factor * each:.3g}" for each in (row.sigma, row.mean, row.rms))
-        shown.add_row(row.channel, *sizes, *ratios, own.name)
+        cells.append((row.channel, *sizes, *ratios, own.name))
+    shown = table("channel", *numbers, "unit", numbers=numbers, rows=cells)
     words = "alike, as far as chance goes" if alike else "they differ by more than the noise that the scenario states"
     if not known:
         words = "the scenario states no noise, so that nothing is said of chance"

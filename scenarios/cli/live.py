@@ -256,14 +256,10 @@ def _list_procedures(as_json: bool) -> None:
     if as_json:
         print_json(rows)
         return
-    from rich.text import Text
-
     from scenarios.terminal.tables import show, table
 
-    listed = table("procedure", "steps", "what it is", "what it lacks", numbers=("steps",))
-    for row in rows:
-        listed.add_row(*map(Text, (row["name"], str(len(row["steps"])), row["title"], row["lacking"] or "")))
-    show(listed)
+    cells = [(row["name"], str(len(row["steps"])), row["title"], row["lacking"] or "") for row in rows]
+    show(table("procedure", "steps", "what it is", "what it lacks", numbers=("steps",), rows=cells))
 
 
 def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tuple[Session, list[Display]]:

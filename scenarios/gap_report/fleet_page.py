@@ -137,12 +137,10 @@ def _recordings(entries: Sequence[Entry]) -> str:
 def fleet_tables(entries: Sequence[Entry]) -> Group:
     """The same for the terminal: which cause on which arm since when, then one line a verdict."""
     told = histories(_in_own_names(entries))
-    result = table(*_HEADER)
-    for row in _rows(told):
-        result.add_row(*map(Text, row))
     verdicts = Counter(entry.diagnosis.verdict for entry in entries if entry.diagnosis is not None)
     counts = and_words([f"{count} {VERDICTS[name].lower()}" for name, count in verdicts.most_common()])
-    return Group(*([result] if told else []), Text(f"\n{_number(sum(verdicts.values()), 'recording')}: {counts}"))
+    listed = [table(*_HEADER, rows=_rows(told))] if told else []
+    return Group(*listed, Text(f"\n{_number(sum(verdicts.values()), 'recording')}: {counts}"))
 
 
 def write_fleet(entries: Sequence[Entry], out: Path) -> tuple[Path, Path, Path]:

@@ -61,20 +61,20 @@ def _sensor(name: str, bound: SensorBound) -> Iterable[RenderableType]:
 def _axes(found: KnownAnglePrediction, field_unit: str) -> Table:
     rows = dict(zip(found.names, zip(found.values, found.std, strict=True), strict=True))
     columns = (f"S [{per_field('V', field_unit)}]", "δ [V]", "β [deg]", "γ [deg]", "axis, RMS angle [deg]")
-    result = table("axis", *columns, numbers=columns)
-    for k in (1, 2, 3):
-        cells = [
-            plus_minus(*rows[stem.format(k)]) for stem in ("sensitivity{}", "offset{}", "beta{}_deg", "gamma{}_deg")
-        ]
-        result.add_row(str(k), *cells, _number(found.axis_std_deg[k - 1]))
-    return result
+    stems = ("sensitivity{}", "offset{}", "beta{}_deg", "gamma{}_deg")
+    cells = (
+        (str(k), *(plus_minus(*rows[stem.format(k)]) for stem in stems), _number(found.axis_std_deg[k - 1]))
+        for k in (1, 2, 3)
+    )
+    return table("axis", *columns, numbers=columns, rows=cells)
 
 
 def _gain(found: Prediction, field_unit: str) -> Table:
-    result = table("parameter", "value", "unit", numbers=("value",))
-    for name, value, std in zip(found.names, found.values, found.std, strict=True):
-        result.add_row(name, plus_minus(value, std), "V" if name.startswith("offset") else per_field("V", field_unit))
-    return result
+    rows = (
+        (name, plus_minus(value, std), "V" if name.startswith("offset") else per_field("V", field_unit))
+        for name, value, std in zip(found.names, found.values, found.std, strict=True)
+    )
+    return table("parameter", "value", "unit", numbers=("value",), rows=rows)
 
 
 def _lines(found: KnownAnglePrediction) -> Iterable[str]:
@@ -97,11 +97,12 @@ def _minutes(grown: Growth | FreeGrowth, minutes: Array) -> Table:
         series = [100.0 * grown.gain, 1e3 * grown.offset]
     columns = ["after [min]", *columns, "learned [%]"]
     series.append(100.0 * np.cumsum(grown.share)[:, None])
-    result = table(*columns, numbers=columns)
     shown = [int(np.argmin(np.abs(minutes - wanted))) for wanted in _SHOWN if wanted < minutes[-1]]
-    for row in sorted({*shown, len(minutes) - 1}):
-        result.add_row(f"{minutes[row]:.3g}", *(_number(float(values[row].max())) for values in series))
-    return result
+    rows = (
+        (f"{minutes[row]:.3g}", *(_number(float(values[row].max())) for values in series))
+        for row in sorted({*shown, len(minutes) - 1})
+    )
+    return table(*columns, numbers=columns, rows=rows)
 
 
 def _number(value: float) -> str:
@@ -131,19 +132,21 @@ def _parts(found: EffectsBound) -> Iterable[RenderableType]:
     called = partial(names, own=found.names)
     groups = classes(here)
     yield Text(f"Of {len(here.effects)} effects of typical size {here.visible.sum()} are seen ({SEEN:g} σ or more)\n")
-    rows = table("effect", "seen [σ]", "best explained by", "left [σ]", numbers=("seen [σ]", "left [σ]"))
+    rows: list[tuple[str | Text, ...]] = []
     for group in groups:
         others = np.where(here.visible, here.apart[group[0]], np.inf)
         others[group] = np.inf
         nearest = int(np.argmin(others))
         told = bool(np.isfinite(others[nearest]))
-        rows.add_row(
-            called([here.effects[place] for place in group]),
-            f"{here.seen[group[0]]:.3g}",
-            called([here.effects[nearest]]) if told else "–",
-            Text(f"{others[nearest]:.3g}", style="" if others[nearest] >= SEEN else "yellow") if told else "–",
+        rows.append(
+            (
+                called([here.effects[place] for place in group]),
+                f"{here.seen[group[0]]:.3g}",
+                called([here.effects[nearest]]) if told else "–",
+                Text(f"{others[nearest]:.3g}", style="" if others[nearest] >= SEEN else "yellow") if told else "–",
+            )
         )
-    yield rows
+    yield table("effect", "seen [σ]", "best explained by", "left [σ]", numbers=("seen [σ]", "left [σ]"), rows=rows)
     hidden = [key for key, visible in zip(here.effects, here.visible, strict=True) if not visible]
     yield Text(f"\nEffects in one line cannot be told apart. Not seen: {called(hidden) or 'none'}.")
     for name, why in here.left_out.items():
