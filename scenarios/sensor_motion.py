@@ -32,6 +32,10 @@ class SensorMotion:
     tip: Array
     root: Array
 
+    def reach(self, from_base: bool) -> Array:
+        """(k, 3) [m] points that a view of the motion must hold, base frame; the base's origin among them, or not."""
+        return np.vstack([self.tip, self.root, *([np.zeros(3)] if from_base else [])])
+
     @classmethod
     def of_joints(cls, arm: Arm, q: Array, rows: Rows) -> Self:
         """From the rows of joint angles ``q`` (n, N) [rad]; the wrist is the origin of the last link but one."""

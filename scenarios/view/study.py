@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimators.p_words import p_words
 from rig.arrays import Array
 from rig.files import in_utf8
-from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
+from scenarios.colours import BLUE, GREY, ORANGE, ORDERS, rgb
 from scenarios.parameter_names import shown_name
 from scenarios.studies.error_summary import RATES, Cell, Summary, first_draw
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
@@ -34,7 +34,6 @@ _EXPLAINED: Final = (
     " (thin), ±1.96 bounds (grey). RMSE (thick) with its 95 % interval (thin), where the bound is small. Orange: the"
     " first n samples; blue: every k-th; green: random."
 )
-_ORDER_COLOURS: Final = {"first": VERMILLION, "every-kth": BLUE, "random": GREEN}
 
 
 def write_study_view(path: Path, target: str | os.PathLike[str]) -> None:
@@ -66,7 +65,7 @@ def _consistency(stream: rr.RecordingStream, folder: StudyFolder) -> rrb.Bluepri
         place = f"{first.sensor}/{first.method}/{level}/{first.parameter}"
         n = np.array([cell.count for cell in cells])
         bound = np.array([cell.bound for cell in cells])
-        colour = _ORDER_COLOURS[first.order]
+        colour = ORDERS[first.order]
         bias = np.array([cell.bias for cell in cells]) / bound
         _line(stream, f"{place}/errors/{first.order}/mean", n, bias, f"mean, {first.order}", colour, 2.0)
         one = first_draw(errors, cells)

@@ -12,11 +12,11 @@ import rerun as rr
 
 from estimators.calibration import Calibration
 from rig.arm import Arm
-from rig.arrays import Array, Rows
+from rig.arrays import Array
 from rig.channels import CHANNELS_OF
 from rig.errors import RigError
 from rig.recording import Recording
-from scenarios.decimation import evenly
+from scenarios.decimation import evenly, gone_by
 from scenarios.overlay import Overlay, overlays
 from scenarios.sensor_motion import SensorMotion, arm_of, motion
 from scenarios.view.arm import BASE, log_arm
@@ -88,14 +88,13 @@ def _log(
     sweep: SensorMotion | None,
     detail: Detail,
 ) -> Contents:
-    base, reach, shown = None, np.zeros((1, 3)), arm is not None and recording.q is not None
+    base, reach, shown = None, np.zeros((1, 3)), None
     if sweep is not None:
-        base = BASE
-        if arm is not None and recording.q is not None:
-            base = log_arm(stream, arm, recording.t[sweep.rows], recording.q[sweep.rows])
-        reach = _log_sweep(stream, base, recording, laid, sweep, detail, shown)
+        shown = log_arm(stream, recording, arm, sweep.rows)
+        base = BASE if shown is None else shown.base
+        reach = _log_sweep(stream, base, recording, laid, sweep, detail, shown is not None)
     points = evenly(len(recording), detail.points)
-    share = _share(recording.t, points)
+    share = gone_by(recording.t, points)
     for sensor in recording.sensors:
         readings, unit = recording.readings(sensor), recording.unit(sensor)
         log_readings(stream, sensor, recording.t, readings, unit, detail.samples)
@@ -108,10 +107,9 @@ def _log(
         units=recording.units,
         overlays=laid,
         base=base,
-        arm=shown,
+        arm=shown is not None,
         reach=reach,
-        start_s=float(recording.t[0]),
-        end_s=float(recording.t[-1]),
+        span=(float(recording.t[0]), float(recording.t[-1])),
     )
 
 
@@ -125,8 +123,8 @@ def _log_sweep(
     from_origin: bool,
 ) -> Array:
     """Bristles, path, sensor and fields; returns points (m, 3) [m] that the view must hold."""
-    log_sweep(stream, base, sweep, _share(recording.t, sweep.rows), detail.bristles)
-    reach = np.vstack([sweep.tip, sweep.root, *([np.zeros(3)] if from_origin else [])])
+    log_sweep(stream, base, sweep, gone_by(recording.t, sweep.rows), detail.bristles)
+    reach = sweep.reach(from_origin)
     low, high = reach.min(axis=0), reach.max(axis=0)
     size = float((high - low).max())
     calibrated = next(iter(laid.values()), None)
@@ -141,7 +139,3 @@ def _log_sweep(
     start = np.array([*(low + high)[:2] / 2.0, high[2] + 1.3 * length]) - 0.5 * (len(fields) - 1) * beside
     log_fields(stream, base, fields, start, beside, length)
     return np.vstack([reach, start])
-
-
-def _share(t: Array, rows: Rows) -> Array:
-    return np.asarray(t[rows] - t[0]) / max(float(t[-1] - t[0]), np.finfo(float).tiny)
