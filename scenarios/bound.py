@@ -24,8 +24,8 @@ from scenarios.scenario import Scenario
 from scenarios.shown_units import field_unit
 
 #: The interval of a maneuver whose worth is told apart [s]: a minute, or less so that there are this many.
-INTERVAL_S: Final = 60.0
-FEWEST_INTERVALS: Final = 20
+_INTERVAL_S: Final = 60.0
+_FEWEST_INTERVALS: Final = 20
 #: A sensor that turns by less [rad, rad/s] is at rest, and a maneuver at rest for more than this share holds poses.
 _TURNED: Final = 1e-9
 _HELD: Final = 0.1
@@ -88,7 +88,7 @@ class ScenarioBound:
         }
 
 
-def bound_of(scenario: Scenario, method: Method = "simultaneous", interval_s: float = INTERVAL_S) -> ScenarioBound:
+def bound_of(scenario: Scenario, method: Method = "simultaneous") -> ScenarioBound:
     """The Cramer-Rao bound of a scenario's maneuver, truth and white noise; nothing is simulated.
 
     The converter's rounding counts as noise of step / sqrt(12). Where the recording will have no pose, the bound is
@@ -98,7 +98,6 @@ def bound_of(scenario: Scenario, method: Method = "simultaneous", interval_s: fl
     Args:
         scenario: its maneuver is taken as commanded.
         method: of the known-angle calibration.
-        interval_s: whose worth is told apart [s]; less where the maneuver is short.
 
     Raises:
         RigError: the scenario has no noise, or its maneuver does not suit its arm.
@@ -106,7 +105,7 @@ def bound_of(scenario: Scenario, method: Method = "simultaneous", interval_s: fl
     noise = noise_of(scenario)
     t, rotations, still = _rotations(scenario)
     end = scenario.maneuver.duration_s
-    width = min(interval_s, end / FEWEST_INTERVALS)
+    width = min(_INTERVAL_S, end / _FEWEST_INTERVALS)
     edges = np.append(np.arange(1, round(np.ceil(end / width - 1e-9))) * width, end)
     cuts = np.concatenate([[0], np.searchsorted(t, edges - 1e-9), [len(t)]])[: len(edges) + 1]
     cuts[-1] = len(t)
