@@ -41,6 +41,22 @@ class Choice(click.Choice[str]):
         return f"found {shown(value)}, expected one of {', '.join(self.choices)}{nearest(str(value), self.choices)}"
 
 
+def number(text: str) -> float:
+    """The number that a text says; NaN where it says none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def numbers(text: str) -> list[float]:
+    """The numbers between commas; none where one of them is no number."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
+
+
 class FiniteNumber(click.FloatRange):
     """A number within a range; "nan" is in none, whatever it is compared with."""
 

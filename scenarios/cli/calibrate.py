@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from rig.errors import RigError, one_line
 from rig.files import check_different
 from scenarios.cli._options import (
     PATH,
@@ -23,6 +24,7 @@ from scenarios.cli._options import (
     given_arm,
     json_option,
     memory_option,
+    numbers,
     print_json,
     progress_bar,
     without_locked,
@@ -123,8 +125,6 @@ def calibrate(
       rig calibrate mine.parquet --arm mine.urdf --tip sensor_link --gravity 9.8029 --field 55.2uT -o cal.json
       rig calibrate mine.parquet --at 42.28,-83.74,260 --date 2026-11-22 -o cal.json
     """
-    from rig.errors import RigError, one_line
-
     several = without_locked(runs)
     check_different(several)
     run = several[0]
@@ -272,14 +272,10 @@ def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | N
 
 def _given(text: str, scan: RecordingScan) -> dict[str, list[float]]:
     """The noise floor of the command line, by sensor in the recorded unit."""
-    from rig.errors import RigError
     from rig.units import conversion_factor
 
     expected = 3 * len(scan.sensors)
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
+    values = numbers(text)
     if len(values) != expected or not all(0.0 < value < float("inf") for value in values):
         raise RigError(
             f"--noise: found {text!r}, expected {expected} positive numbers in mV, separated by commas, "

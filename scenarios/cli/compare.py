@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
@@ -67,16 +68,12 @@ def compare(first: Path, second: Path, output: Path | None, as_json: bool) -> in
     return 0 if found.document["alike"] else 1
 
 
-class _Found:
-    """A comparison: its JSON object, what is shown on the terminal, and its picture."""
+class _Found(NamedTuple):
+    """A comparison: its JSON object, what is shown on the terminal, and its picture, made where it is wanted."""
 
-    def __init__(self, document: dict[str, Any], shown: list[RenderableType], figure: Any) -> None:
-        self.document, self.shown, self._figure = document, shown, figure
-
-    def figure(self) -> Figure:
-        """The picture, made where it is wanted."""
-        figure: Figure = self._figure()
-        return figure
+    document: dict[str, Any]
+    shown: list[RenderableType]
+    figure: Callable[[], Figure]
 
 
 def _kind(path: Path) -> str:

@@ -25,6 +25,7 @@ from scenarios.cli._options import (
     check_output,
     chosen_arm,
     json_option,
+    number,
     print_json,
 )
 
@@ -92,10 +93,7 @@ def _written(data: bytes) -> None:
 def _speed(text: str) -> float | None:
     if text == "max":
         return None
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = 0.0
+    speed = number(text)
     if not 0.0 < speed < float("inf"):
         raise RigError(f"--speed: found {text!r}, expected a positive number or max")
     return speed
@@ -104,11 +102,11 @@ def _speed(text: str) -> float | None:
 def _connected(text: str) -> socket.socket:
     from rig.stream.sources import ADDRESS
 
-    kind, _, number = text.partition(":")
-    if kind != "connect" or not number.isdecimal() or not 0 < int(number) < 65536:
+    kind, _, port = text.partition(":")
+    if kind != "connect" or not port.isdecimal() or not 0 < int(port) < 65536:
         raise RigError(f"--to: found {text!r}, expected connect:PORT, as in connect:5555")
     try:
-        return socket.create_connection((ADDRESS, int(number)), timeout=5.0)
+        return socket.create_connection((ADDRESS, int(port)), timeout=5.0)
     except OSError as error:
         raise RigError(f"--to {text}: nobody listens: {error.strerror or error}, expected rig live tcp:PORT") from error
 
@@ -222,12 +220,8 @@ def _plan(source: str, given: dict[str, Any]) -> Plan:
 
 
 def _share(text: str) -> float:
-    number = text.strip()
-    percent = number.endswith("%")
-    try:
-        value = float(number.rstrip("% ")) * (0.01 if percent else 1.0)
-    except ValueError:
-        value = 0.0
+    share = text.strip()
+    value = number(share.rstrip("% ")) * (0.01 if share.endswith("%") else 1.0)
     if not _LEAST_SHARE <= value < 1.0:
         raise RigError(f"--to: found {text!r}, expected a share such as 0.1% or 0.001, {_LEAST_SHARE:g} or more")
     return value
