@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 from scipy.special import chdtrc
-from scipy.stats import chi2
 
 from estimators.batch import ManyFits, fit_many
 from estimators.known_angle.agreement import common_field
@@ -21,7 +20,8 @@ from rig.arrays import Array
 from rig.channels import CHANNELS_OF
 from rig.units import parameter_unit
 from scenarios.studies.coordinates import Coordinates
-from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetParameter
+from scenarios.studies.intervals import spread_interval
+from scenarios.studies.subset_results import FieldAgreement, SubsetChannel, SubsetParameter
 
 #: A subset's three fields disagree where their chi-square is less probable than this.
 DISAGREEMENT: Final = 0.01
@@ -83,7 +83,7 @@ class SubsetsOfSensor:
         gram = self.whole.gram / len(self.parts)
         reported = report(whole, Information.of(gram, whole, noise, method).covariance, method)
         values = _values(reported, fits)
-        low, high = _spread_interval(len(self.parts) - 1)
+        low, high = spread_interval(len(self.parts) - 1)
         found = []
         for row, name in enumerate(reported.names):
             std = float(values[row].std(ddof=1))
@@ -125,7 +125,7 @@ class SubsetsOfSensor:
 
     def channels(self, levels: Array) -> list[SubsetChannel]:
         """The fit error of each channel, divided into noise and the rest by ``levels`` (3,) of ``noise_like``."""
-        low, high = _spread_interval(self._freedom)
+        low, high = spread_interval(self._freedom)
         found = []
         for k, channel in enumerate(CHANNELS_OF[self.name]):
             error, level = float(self.fit.rms[k]), float(levels[k])
@@ -218,9 +218,3 @@ def _scaled(covariance: Array, scale: Array) -> Array:
     """The covariance of separate fits (18, 18) with each channel's noise times ``scale`` (3,)."""
     factor = np.repeat(scale, 6)
     return covariance * factor[:, None] * factor
-
-
-def _spread_interval(freedom: int) -> tuple[float, float]:
-    """What a standard deviation of so many degrees of freedom is to be multiplied with, for the interval's ends."""
-    tail = 0.5 * (1.0 - LEVEL)
-    return float(np.sqrt(freedom / chi2.isf(tail, freedom))), float(np.sqrt(freedom / chi2.isf(1.0 - tail, freedom)))

@@ -15,7 +15,8 @@ from rig.number_text import with_std
 from scenarios.parameter_names import shown_name
 from scenarios.shown_units import shown_unit
 from scenarios.studies.error_summary import Cell, Summary
-from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetStudy
+from scenarios.studies.intervals import LEVEL
+from scenarios.studies.subset_results import FieldAgreement, SubsetChannel, SubsetStudy
 from scenarios.studies.verdict import verdicts
 from scenarios.terminal.tables import table
 
