@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from estimators.calibration import Calibration
 from estimators.gap.data.stack import acting
 from estimators.gap.diagnose import Examined, examined
+from estimators.gap.report.fitted_rig import delayed
 from rig.arm import Arm
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
@@ -85,10 +85,6 @@ def residuals_of_each(found: Examined) -> list[GapResiduals]:
 
 def _own(effect: Effect, began: float, start: float) -> Effect:
     """The catalogue's effect on a recording's own clock, from its first sample on where it begins before that."""
-    values: dict[str, Any] = dict(vars(effect))
-    if "at_s" in values:
-        values["at_s"] = max(values["at_s"] - began, start)
-    if effect.tone:
-        turn = 2.0 * np.pi * values["freq_Hz"] * began
-        values["phase_rad"] = np.remainder(np.asarray(values["phase_rad"]) + turn, 2.0 * np.pi).tolist()
-    return EFFECTS[effect.name].from_mapping(values)
+    own = delayed(EFFECTS[effect.name].from_mapping(vars(effect)), -began)
+    values = vars(own)
+    return own.from_mapping({**values, "at_s": max(values["at_s"], start)}) if "at_s" in values else own
