@@ -17,7 +17,7 @@ import estimators
 from estimators import Calibration, Diagnosis, NoiseFloor
 from rig.effects import make_effect
 from rig.files import atomic_path, made_folder
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.recording import Recording
 from scenarios.comparison import Compared, compare
 from scenarios.gap_report.terminal import diagnosis_tables
@@ -67,7 +67,7 @@ class Demo:
 
 
 def run_demo(
-    folder: Path, seed: int = 0, tell: Tell = lambda _: None, working: Working = lambda _: nullcontext(_unheard)
+    folder: Path, seed: int = 0, tell: Tell = lambda _: None, working: Working = lambda _: nullcontext(unheard)
 ) -> Demo:
     """Run the demo and write recordings, calibration, diagnosis, plots and views into ``folder``.
 
@@ -144,10 +144,6 @@ def _faulty(scenario: Scenario, seed: int, locked: Recording, progress: Progress
     recording = replace(faulty.simulate(seed), name=f"{scenario.name}-fault")
     diagnosis = estimators.diagnose(recording, locked, progress=progress)
     return _Fault(recording, diagnosis, gap_residuals(recording, diagnosis, locked))
-
-
-def _unheard(share: float) -> None:
-    """Progress that nobody watches."""
 
 
 def _heading(number: int, words: str) -> Text:

@@ -13,7 +13,7 @@ from rig.arm.clearance import Clearance, finite_limits
 from rig.errors import RigError
 from rig.maneuver import Maneuver, StaticPoses
 from rig.maneuver.fitting import stops_at
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.signals import Signals
 from rig.trajectory import PoseTrajectory
 from scenarios.bound import noise_of
@@ -85,9 +85,7 @@ class EffectsBound:
         }
 
 
-def isolability_of(
-    scenario: Scenario, only: Sequence[Key] | None = None, progress: Progress | None = None
-) -> EffectsBound:
+def isolability_of(scenario: Scenario, only: Sequence[Key] | None = None, progress: Progress = unheard) -> EffectsBound:
     """What the maneuver of a scenario can show of the catalogue's effects.
 
     Args:
@@ -100,11 +98,11 @@ def isolability_of(
         raise RigError(f"scenario {scenario.name}: has no arm, expected joint angles: effects act on joints and links")
     _, locked = _moved(scenario)
 
-    def share(first: float, last: float) -> Progress | None:
-        return None if progress is None else lambda done: progress(first + (last - first) * done)
-
-    here = shown_by(scenario, scenario.maneuver, only, progress=share(0.0, 0.5 if locked else 1.0))
-    moving = shown_by(scenario, moving_all(scenario), only, progress=share(0.5, 1.0)) if locked else None
+    half = 0.5 if locked else 1.0
+    here = shown_by(scenario, scenario.maneuver, only, progress=lambda done: progress(half * done))
+    moving = None
+    if locked:
+        moving = shown_by(scenario, moving_all(scenario), only, progress=lambda done: progress(half + half * done))
     return EffectsBound(scenario.name, here, moving, locked, scenario.rig.arm.place_names)
 
 
@@ -146,7 +144,7 @@ def shown_by(
     maneuver: Maneuver,
     only: Sequence[Key] | None = None,
     samples: int = _SAMPLES,
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> Isolability:
     """What a maneuver can show with the arm, the sensors and the surroundings of a scenario.
 

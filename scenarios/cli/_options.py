@@ -18,7 +18,7 @@ from rig.documents import plain
 from rig.errors import RigError, nearest, shown, unknown_name
 from rig.files import check_not_input, check_writable
 from rig.memory import VARIABLE, WHERE, parsed
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -145,7 +145,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
         What to call with the share done, 0 to 1; without a call the bar just moves.
     """
     if not sys.stderr.isatty():
-        yield lambda share: None
+        yield unheard
         return
     import rich.console
     import rich.progress

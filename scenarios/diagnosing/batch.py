@@ -14,7 +14,7 @@ from estimators.gap.diagnose import examined
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.memory import as_stated, stated
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.recording import locked_beside, whole_or_means
 from rig.threads import one_blas_thread
 from scenarios.diagnosing.concluded import concluded
@@ -27,7 +27,7 @@ from scenarios.workers import Workers
 __all__ = ["Outcome", "Task", "carry_out", "outcomes"]
 
 
-def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
+def carry_out(task: Task, progress: Progress = unheard) -> Outcome:
     """Diagnose one recording in this process, with one BLAS thread.
 
     Raises:
@@ -59,7 +59,7 @@ def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
 
 
 def outcomes(
-    tasks: Sequence[Task], workers: Workers, progress: Progress = lambda share: None
+    tasks: Sequence[Task], workers: Workers, progress: Progress = unheard
 ) -> Iterator[tuple[int, Outcome | Exception]]:
     """The number of each task with its outcome, or with what stopped it, as they are done.
 
@@ -94,7 +94,7 @@ def _elsewhere(task: Task) -> Task:
     return whole
 
 
-def _attempt(task: Task, progress: Progress | None = None) -> Outcome | Exception:
+def _attempt(task: Task, progress: Progress = unheard) -> Outcome | Exception:
     """The outcome, or what stopped it: one recording does not stop the others."""
     try:
         with as_stated(task.memory):

@@ -13,7 +13,7 @@ from estimators.gap.report.fitted_rig import delayed
 from rig.arm import Arm
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.recording import Recording, locked_beside, whole_or_means
 from rig.threads import one_blas_thread
 from scenarios.diagnosing.concluded import concluded
@@ -22,7 +22,7 @@ from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outco
 from scenarios.gap_report.gap_residuals import GapResiduals, diagnosed_effects, whitened, with_noise
 
 
-def carry_out_together(task: Task, progress: Progress | None = None) -> Outcome:
+def carry_out_together(task: Task, progress: Progress = unheard) -> Outcome:
     """Diagnose recordings of one rig in this process, with one BLAS thread.
 
     Raises:
