@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
@@ -22,7 +23,7 @@ from rig.maneuver import FourierSweep, StaticPoses, TorusSweep
 from rig.maneuver.fitting import stops_at
 from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.trajectory import check_samples
 from scenarios.bound import noise_of
 from scenarios.isolability import shown_by
@@ -187,7 +188,7 @@ def make_plan(
     tell: Sequence[Key] | None = None,
     seed: int = 0,
     name: str = "plan",
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> Plan:
     """The poses with holds, or the sweep, from which a calibration is most certain in this time, moves included.
 
@@ -330,7 +331,7 @@ def trajectory_csv(plan: Plan) -> str:
     units = ["m" if slide else "deg" for slide in arm.slides]
     header = ["t_s", *(f"{name}_{unit}" for name, unit in zip(arm.joint_names, units, strict=True))]
     header += [f"{name}_{unit}_per_s" for name, unit in zip(arm.joint_names, units, strict=True)]
-    rows = np.column_stack([motion.t, arm.in_degrees(motion.q), arm.in_degrees(motion.qd)])
-    # All columns to 1e-6, which encoders do not resolve.
-    lines = [",".join(f"{value:.6f}" for value in row) for row in rows + 0.0]
-    return "\n".join([",".join(header), *lines]) + "\n"
+    text = io.StringIO()
+    rows = np.column_stack([motion.t, arm.in_degrees(motion.q), arm.in_degrees(motion.qd)]) + 0.0
+    np.savetxt(text, rows, "%.6f", ",", header=",".join(header), comments="")  # encoders do not resolve 1e-6
+    return text.getvalue()
