@@ -96,7 +96,7 @@ def isolability_of(scenario: Scenario, only: Sequence[Key] | None = None, progre
     """
     if scenario.rig.arm is None:
         raise RigError(f"scenario {scenario.name}: has no arm, expected joint angles: effects act on joints and links")
-    _, locked = _moved(scenario)
+    locked = _locked(scenario)
 
     half = 0.5 if locked else 1.0
     here = shown_by(scenario, scenario.maneuver, only, progress=lambda done: progress(half * done))
@@ -106,13 +106,11 @@ def isolability_of(scenario: Scenario, only: Sequence[Key] | None = None, progre
     return EffectsBound(scenario.name, here, moving, locked, scenario.rig.arm.place_names)
 
 
-def _moved(scenario: Scenario) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Numbers of the joints that the maneuver moves, and of the others."""
+def _locked(scenario: Scenario) -> tuple[int, ...]:
+    """Numbers of the joints that the maneuver does not move."""
     trajectory = scenario.maneuver.trajectory()
     assert not isinstance(trajectory, PoseTrajectory)
-    moves = np.ptp(trajectory.q, axis=0) > _STILL_RAD
-    numbers = range(1, len(moves) + 1)
-    return tuple(n for n in numbers if moves[n - 1]), tuple(n for n in numbers if not moves[n - 1])
+    return tuple((1 + np.flatnonzero(np.ptp(trajectory.q, axis=0) <= _STILL_RAD)).tolist())
 
 
 def moving_all(scenario: Scenario) -> StaticPoses:

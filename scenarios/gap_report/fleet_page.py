@@ -20,7 +20,7 @@ from rig.files import made_folder, write_text
 from scenarios.diagnosing.fleet import Entry, History, fleet_csv, fleet_json, histories, in_order
 from scenarios.gap_report import html
 from scenarios.gap_report.own_names import in_own_names
-from scenarios.gap_report.words import VERDICTS, cause_or_alike, cause_title, closed_words
+from scenarios.gap_report.words import VERDICTS, cause_or_alike, cause_title, share_words
 from scenarios.terminal.tables import table
 
 _SIGN: Final = '<i class="k-{0}" title="{0}" aria-label="{0}" role="img"></i>'
@@ -129,7 +129,7 @@ def _recordings(entries: Sequence[Entry]) -> str:
         causes = [f"{cause_or_alike(cause)}: {chance(cause.probability)}" for cause in entry.causes]
         link = f'<a href="{quote(f"{entry.name}.html")}">{escape(entry.name)}</a>'
         rows.append(
-            [*row, link, html.badge(found.verdict), "<br>".join(map(escape, causes)), escape(closed_words(found))]
+            [*row, link, html.badge(found.verdict), "<br>".join(map(escape, causes)), escape(share_words(found.closed))]
         )
     return html.table(("arm", "recorded", "recording", "verdict", "causes", "closed"), rows)
 

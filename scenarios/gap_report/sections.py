@@ -23,6 +23,7 @@ from scenarios.gap_report.words import (
     RIG_COLUMNS,
     VERDICTS,
     apart_words,
+    as_sentence,
     capital,
     cause_title,
     explanation_rows,
@@ -57,7 +58,7 @@ def explanations(diagnosis: Diagnosis) -> str:
             f"<p><b>{VERDICTS[diagnosis.verdict]}</b>: {escape(MEANINGS[diagnosis.verdict])}</p>",
             html.figure(charts.posterior_bars(diagnosis), "Probability of each answer; the three add up to one."),
             html.table(("explanation", "probability"), cells, numbers=(1,)),
-            *(f"<p>{escape(_sentence(words))}</p>" for words in one_of_words(diagnosis)),
+            *(f"<p>{escape(as_sentence(words))}</p>" for words in one_of_words(diagnosis)),
             '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. '
             f"{_EITHER if any(cause.equivalent for cause in diagnosis.causes) else ''}"
             "Of what is said with a probability of .9, nine in ten should be true.</p>",
@@ -193,7 +194,7 @@ def calibration(diagnosis: Diagnosis, recording: Recording) -> str:
     shifts, none = worth_shifts(diagnosis)
     heading = "<h2>What it does to the calibration</h2>"
     if not shifts:
-        return f"{heading}\n<p>{_sentence(none)}</p>" if none else ""
+        return f"{heading}\n<p>{as_sentence(none)}</p>" if none else ""
     shown = shifts[:_SHIFTS]
     rest = len(diagnosis.calibration_shift) - len(shown)
     rows = []
@@ -227,7 +228,7 @@ def remainder(diagnosis: Diagnosis) -> str:
     """What is left after the likeliest explanation, and what could still hide."""
     parts = ["<h2>What is left</h2>"]
     if diagnosis.remainder.verdict == "noise":
-        parts.append(f"<p>{_sentence(noise_words(diagnosis))}</p>")
+        parts.append(f"<p>{as_sentence(noise_words(diagnosis))}</p>")
     elif not diagnosis.remainder.follows:
         parts.append("<p>More than noise, without a pattern that could be told.</p>")
     else:
@@ -282,7 +283,7 @@ def next_step(diagnosis: Diagnosis) -> str:
     step = diagnosis.next or {}
     if not step.get("maneuver"):
         return "\n".join(parts)
-    parts += [f"<p><b>{escape(_sentence(str(step['maneuver'])))}</b></p>", f"<p>{escape(str(step['why']))}</p>"]
+    parts += [f"<p><b>{escape(as_sentence(str(step['maneuver'])))}</b></p>", f"<p>{escape(str(step['why']))}</p>"]
     if step.get("scenario"):
         name = escape(str(step["scenario"]))
         parts.append(f"<p>To simulate it: <code>rig sweep {name} -o RUN.parquet</code></p>")
@@ -301,7 +302,3 @@ def next_step(diagnosis: Diagnosis) -> str:
             '<p class="soft">A chi-square of 10 makes the true one about 150 times as likely as the other.</p>'
         )
     return "\n".join(parts)
-
-
-def _sentence(words: str) -> str:
-    return f"{capital(words)}."

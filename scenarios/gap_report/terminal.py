@@ -23,7 +23,6 @@ from scenarios.gap_report.words import (
     VERDICTS,
     alike_title,
     cause_title,
-    closed_words,
     estimate_words,
     explanation_rows,
     hidden_words,
@@ -151,7 +150,7 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
         lines.append("follows      " + "; ".join([f"{shares[0]} of the squared gap", *shares[1:]]) + overlap)
     if diagnosis.closed.value is not None:
         judged = "held-out blocks and on the other maneuver" if diagnosis.closed_on == "both" else diagnosis.closed_on
-        lines.append(f"closes       {closed_words(diagnosis)} of the squared gap, judged on {judged}")
+        lines.append(f"closes       {share_words(diagnosis.closed)} of the squared gap, judged on {judged}")
     shifts, none = worth_shifts(diagnosis)
     if shifts:
         sizes = [f"{name} by {sigmas_words(shift['sigmas'])}" for name, shift in shifts[:_SHIFTS]]

@@ -243,18 +243,13 @@ def worth_shifts(diagnosis: Diagnosis) -> tuple[list[tuple[str, Any]], str]:
     return shown, none if shifts and not shown else ""
 
 
-def closed_words(diagnosis: Diagnosis) -> str:
-    """How far the gap closes, with its interval: "97 % (95–99)"."""
-    return share_words(diagnosis.closed)
-
-
 def part_words(share: float | None) -> str:
     """A share without its interval, with a true minus sign where the gap has grown; beyond twice, that it has."""
     return percent(share).replace("-", "−") + (" or less" if share is not None and share <= -1.0 else "")
 
 
 def share_words(closed: Closed) -> str:
-    """A share with its interval; a dash where nothing is to close."""
+    """How far a gap closes, with the share's interval: "97 % (95–99)"; a dash where nothing is to close."""
     if closed.value is None:
         return "–"
     words = percent(closed.value, closed.low, closed.high)
@@ -264,13 +259,13 @@ def share_words(closed: Closed) -> str:
 def sentence(diagnosis: Diagnosis) -> str:
     """The diagnosis' own sentence without the verdict's name before it, as a sentence on paper."""
     words = ": ".join(filter(None, (told_words(diagnosis), consequence_words(diagnosis))))
-    return _as_sentence(on_paper(f"no gap: {words}" if diagnosis.verdict == "no-gap" else words))
+    return as_sentence(on_paper(f"no gap: {words}" if diagnosis.verdict == "no-gap" else words))
 
 
 def consequences(diagnosis: Diagnosis) -> str:
     """What follows from what the headline says; the whole sentence where nothing does."""
     words = consequence_words(diagnosis)
-    return _as_sentence(on_paper(words)) if words else sentence(diagnosis)
+    return as_sentence(on_paper(words)) if words else sentence(diagnosis)
 
 
 def on_paper(words: str) -> str:
@@ -351,5 +346,6 @@ def capital(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def _as_sentence(words: str) -> str:
+def as_sentence(words: str) -> str:
+    """Words as a sentence, with its stop."""
     return capital(words) + ("" if words.endswith(".") else ".")
