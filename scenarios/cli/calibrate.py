@@ -21,12 +21,12 @@ from scenarios.cli._options import (
     check_picture,
     chosen_arm,
     counted,
-    given_arm,
     json_option,
     memory_option,
     numbers,
     print_json,
     progress_bar,
+    tell_written,
     without_locked,
 )
 from scenarios.cli._stated import (
@@ -128,8 +128,7 @@ def calibrate(
     several = without_locked(runs)
     check_different(several)
     run = several[0]
-    if output is not None:
-        check_output(output, (".json",), *several, locked, arm_file)
+    check_output(output, (".json",), *several, locked, arm_file)
     check_picture(coverage, *several, locked, arm_file)
     if locked is not None and noise is not None:
         raise RigError("--locked and --noise: found both, expected one of them")
@@ -232,11 +231,11 @@ def calibrate(
     if method is None and attitude_free:
         click.echo(f"{run}: has no pose: calibrated by the magnitude of the fields, as by --method ellipsoid\n")
     show(calibration_report(calibration))
-    for written in (output, coverage):
-        if written is not None:
-            click.echo(f"\n{written}: written")
+    tell_written(output, coverage)
     status = _status(calibration)
     if status and not attitude_free:
+        from scenarios.diagnosing.task import given_arm
+
         together = " --together" if len(several) > 1 else ""
         command = shlex.join(["rig", "diagnose", *map(str, several), *given_arm(arm_file, tip)])
         click.echo(f"\nWhat is wrong: {command}{together} looks for the cause.")

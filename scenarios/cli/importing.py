@@ -92,8 +92,7 @@ def import_(
       rig import log.csv --at 42.28,-83.74,260 --date 2026-11-22 -o run.parquet
     """
     check_different(logs)
-    if output is not None:
-        check_output(output, RECORDING_SUFFIXES, *logs, map_file, arm_file)
+    check_output(output, RECORDING_SUFFIXES, *logs, map_file, arm_file)
     from rig.files import atomic_path, write_text
     from scenarios.importing import import_logs
 
@@ -110,7 +109,7 @@ def import_(
     given, there = _mapping(
         map_file, {key: value for key, value in options.items() if value is not None}, gravity, field
     )
-    if map_file is not None and not there:
+    if not there:
         check_output(map_file, (".toml",), *logs)
     given, place = _placed(given, at, date)
     arm = chosen_arm(arm_file, tip)

@@ -159,8 +159,7 @@ def live(source: str, output: Path | None, as_json: bool, **given: Any) -> None:
     check_output(path, RECORDING_SUFFIXES, *inputs)
     cal = given["cal"] if given["cal"] is not None else path.with_suffix(".calibration.json")
     check_output(cal, (".json",), *inputs)
-    if given["view_file"] is not None:
-        check_output(given["view_file"], (".rrd",), *inputs)
+    check_output(given["view_file"], (".rrd",), *inputs)
     if given["resume"]:
         from scenarios.live.session import check_resumable
 

@@ -96,8 +96,7 @@ def plan(
       rig sweep plan.toml -o run.parquet --engine dynamic && rig calibrate run.parquet --still
     """
     check_output(output, (".toml",), Path(scenario), arm_file)
-    if csv is not None:
-        check_output(csv, (".csv",), arm_file)
+    check_output(csv, (".csv",), arm_file)
     check_picture(plot, arm_file)
     from rig.files import atomic_path, write_text
     from scenarios.loader import load

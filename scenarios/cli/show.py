@@ -149,8 +149,7 @@ def view(
     """
     if diagnosis is not None and calibration is not None:
         raise RigError("--calibration: found beside --diagnosis, which has its own, expected one or the other")
-    if output is not None:
-        check_output(output, (".rrd",), run, calibration, diagnosis, arm_file)
+    check_output(output, (".rrd",), run, calibration, diagnosis, arm_file)
     target = output if output is not None else Path(mkdtemp(prefix="rig-view-")) / f"{run.stem}.rrd"
     try:
         arm = chosen_arm(arm_file, tip)
