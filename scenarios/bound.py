@@ -81,7 +81,14 @@ class ScenarioBound:
             "format": "rig-bound/1",
             "scenario": self.scenario,
             "attitude": self.attitude,
-            "sensors": {name: _sensor_json(bound) for name, bound in self.sensors.items()},
+            "sensors": {
+                name: {
+                    **bound.prediction.to_json(),
+                    "reference_magnitude": bound.reference_magnitude,
+                    "after": plain(vars(bound.growth)),
+                }
+                for name, bound in self.sensors.items()
+            },
             "time_s": plain(self.time_s),
             "given": list(self.given),
             "effects_left_out": list(self.left_out),
@@ -204,8 +211,3 @@ def _given(sensors: Mapping[str, SensorBound], attitude: bool, joints: bool) -> 
     else:
         found.append("how the sensor sits on its carrier: without attitude, readings tell the axes up to a rotation")
     return found
-
-
-def _sensor_json(bound: SensorBound) -> dict[str, Any]:
-    after = plain(vars(bound.growth))
-    return {**bound.prediction.to_json(), "reference_magnitude": bound.reference_magnitude, "after": after}

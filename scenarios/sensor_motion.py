@@ -32,10 +32,6 @@ class SensorMotion:
     tip: Array
     root: Array
 
-    def reach(self, from_base: bool) -> Array:
-        """(k, 3) [m] points that a view of the motion must hold, base frame; the base's origin among them, or not."""
-        return np.vstack([self.tip, self.root, *([np.zeros(3)] if from_base else [])])
-
     @classmethod
     def of_joints(cls, arm: Arm, q: Array, rows: Rows) -> Self:
         """From the rows of joint angles ``q`` (n, N) [rad]; the wrist is the origin of the last link but one."""
@@ -43,6 +39,10 @@ class SensorMotion:
         poses = arm.poses(angles)
         root = arm.link_poses(angles).position[:, max(arm.dof - 2, 0)]
         return cls(rows, poses.R_base_tool, poses.position, root)
+
+    def reach(self, from_base: bool) -> Array:
+        """(k, 3) [m] points that a view of the motion must hold, base frame; the base's origin among them, or not."""
+        return np.vstack([self.tip, self.root, *([np.zeros(3)] if from_base else [])])
 
 
 def arm_of(recording: Recording) -> Arm | None:

@@ -52,9 +52,9 @@ def scenarios(name: str | None, as_json: bool) -> None:
         if as_json:
             print_json([{"name": key, "title": title} for key, title in titles().items()])
             return
-        from scenarios.terminal.tables import scenarios_table, show
+        from scenarios.terminal.tables import show, table
 
-        show(scenarios_table(titles()))
+        show(table("scenario", "what it is", rows=titles().items()))
         return
     from scenarios.loader import load, read_text
 

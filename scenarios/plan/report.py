@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.console import Group, RenderableType
+from rich.console import RenderableType, group
 from rich.text import Text
 
 from estimators.design.exchange import OPEN
@@ -26,12 +26,9 @@ _FEW: Final = 6
 _COLOURS: Final = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY_BLUE, BLACK)
 
 
-def plan_report(plan: Plan) -> Group:
+@group()
+def plan_report(plan: Plan) -> Iterable[RenderableType]:
     """What a plan is and what it promises."""
-    return Group(*_parts(plan))
-
-
-def _parts(plan: Plan) -> Iterable[RenderableType]:
     found, maneuver = plan.found, plan.maneuver
     sweeps = isinstance(found, SweepPlan)
     readings = f"{found.samples_s * maneuver.rate_Hz:,.0f} readings"

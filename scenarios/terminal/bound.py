@@ -7,7 +7,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType, group
 from rich.table import Table
 from rich.text import Text
 
@@ -29,15 +29,15 @@ _SAME: Final = 1.0
 _PAIRS: Final = 12
 
 
-def bound_report(bound: ScenarioBound) -> Group:
+@group()
+def bound_report(bound: ScenarioBound) -> Iterable[RenderableType]:
     """What each sensor's parameters will be uncertain by, what stays open and why, and what the minutes pay."""
-    parts: list[RenderableType] = []
     for name, sensor in bound.sensors.items():
-        parts += [*_sensor(name, sensor), Text(""), _minutes(sensor.growth, bound.time_s / 60.0), Text("")]
-    parts += [Text(f"taken as given: {line}") for line in bound.given]
+        yield from (*_sensor(name, sensor), Text(""), _minutes(sensor.growth, bound.time_s / 60.0), Text(""))
+    for line in bound.given:
+        yield Text(f"taken as given: {line}")
     if bound.left_out:
-        parts.append(Text(f"left out of the bound: {', '.join(bound.left_out)}", style="yellow"))
-    return Group(*parts)
+        yield Text(f"left out of the bound: {', '.join(bound.left_out)}", style="yellow")
 
 
 def _sensor(name: str, bound: SensorBound) -> Iterable[RenderableType]:
@@ -109,11 +109,6 @@ def _number(value: float) -> str:
     return f"{value:.3g}" if np.isfinite(value) else "–"
 
 
-def isolability_report(found: EffectsBound) -> Group:
-    """Effects that are seen, by classes that cannot be told apart, and what changes if every joint moves."""
-    return Group(*_parts(found))
-
-
 def classes(found: Isolability) -> list[list[int]]:
     """Seen effects in groups of which each leaves the first less than one standard deviation, the best seen first."""
     order = [int(place) for place in np.argsort(-found.seen) if found.visible[place]]
@@ -127,21 +122,23 @@ def classes(found: Isolability) -> list[list[int]]:
     return groups
 
 
-def _parts(found: EffectsBound) -> Iterable[RenderableType]:
+@group()
+def isolability_report(found: EffectsBound) -> Iterable[RenderableType]:
+    """Effects that are seen, by classes that cannot be told apart, and what changes if every joint moves."""
     here = found.here
     called = partial(names, own=found.names)
     groups = classes(here)
     yield Text(f"Of {len(here.effects)} effects of typical size {here.visible.sum()} are seen ({SEEN:g} σ or more)\n")
     rows: list[tuple[str | Text, ...]] = []
-    for group in groups:
-        others = np.where(here.visible, here.apart[group[0]], np.inf)
-        others[group] = np.inf
+    for alike in groups:
+        others = np.where(here.visible, here.apart[alike[0]], np.inf)
+        others[alike] = np.inf
         nearest = int(np.argmin(others))
         told = bool(np.isfinite(others[nearest]))
         rows.append(
             (
-                called([here.effects[place] for place in group]),
-                f"{here.seen[group[0]]:.3g}",
+                called([here.effects[place] for place in alike]),
+                f"{here.seen[alike[0]]:.3g}",
                 called([here.effects[nearest]]) if told else "–",
                 Text(f"{others[nearest]:.3g}", style="" if others[nearest] >= SEEN else "yellow") if told else "–",
             )

@@ -10,7 +10,6 @@ from rich.table import Table
 from rich.text import Text
 
 from estimators.calibration import Calibration
-from estimators.noise.spectrum import Whiteness
 from estimators.noise.study import NoiseStudy
 from estimators.p_words import p_words
 from rig.channels import CHANNELS_OF
@@ -76,12 +75,10 @@ def _kinds(study: NoiseStudy) -> Table:
             term = noise.terms[term_name]
             seen = plus_minus(shown.factor * term.value, shown.factor * term.std)
             cells.append(seen if term.seen else f"< {shown.factor * term.upper:.2g}")
-        rows.append((name, *cells, _white(noise.whiteness), str(noise.autoregression.order)))
+        p_value = noise.whiteness.p_value
+        white = f"{'yes' if p_value > _WHITE else 'no'}, {p_words(p_value)}"
+        rows.append((name, *cells, white, str(noise.autoregression.order)))
     return table("channel", *columns, "white?", "AR", numbers=columns, rows=rows)
-
-
-def _white(test: Whiteness) -> str:
-    return f"{'yes' if test.p_value > _WHITE else 'no'}, {p_words(test.p_value)}"
 
 
 def _remarks(study: NoiseStudy) -> Iterable[str]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from rich.console import Group, RenderableType
+from rich.console import Group, RenderableType, group
 from rich.padding import Padding
 from rich.text import Text
 
@@ -23,7 +23,8 @@ from scenarios.terminal.tables import table
 _SHOWN_COUNTS: Final = 3
 
 
-def consistency_report(summary: Summary, parameters: Sequence[str]) -> RenderableType:
+@group()
+def consistency_report(summary: Summary, parameters: Sequence[str]) -> Iterable[RenderableType]:
     """Bias, RMSE and coverage of some parameters at some sample counts, then the verdicts."""
     columns = ("fit", "noise", "order", "parameter", "samples", "bias/s.e.", "bound", "RMSE/bound", "coverage")
     rows = []
@@ -38,22 +39,17 @@ def consistency_report(summary: Summary, parameters: Sequence[str]) -> Renderabl
         fit = cell.method if len(sensors) == 1 else f"{cell.sensor}, {cell.method}"
         numbers = (f"{cell.count:,}", f"{cell.bias / cell.bias_std:+.1f}", f"{cell.bound:.3g}", _ratio(cell))
         which = (fit, f"×{cell.noise_factor:g}", cell.order, shown_name(cell.parameter))
-        rows.append((*which, *numbers, _coverage(cell)))
-    parts: list[RenderableType] = [table(*columns, numbers=columns[4:], rows=rows)]
+        rows.append((*which, *numbers, f"{cell.coverage:.1%}" if cell.small else f"({cell.coverage:.1%})"))
+    yield table(*columns, numbers=columns[4:], rows=rows)
     for verdict in verdicts(summary):
-        parts.append(Text(f"\n{verdict.title}", style="bold"))
-        parts += [Padding(Text(sentence), (0, 0, 0, 2)) for sentence in verdict.sentences]
-    return Group(*parts)
+        yield Text(f"\n{verdict.title}", style="bold")
+        yield from (Padding(Text(sentence), (0, 0, 0, 2)) for sentence in verdict.sentences)
 
 
 def _ratio(cell: Cell) -> str:
     if not cell.small:
         return f"({cell.ratio:.3g})"
     return f"{cell.ratio:.3f} ({cell.ratio_low:.3f}-{cell.ratio_high:.3f})"
-
-
-def _coverage(cell: Cell) -> str:
-    return f"{cell.coverage:.1%}" if cell.small else f"({cell.coverage:.1%})"
 
 
 def subsets_report(study: SubsetStudy) -> RenderableType:

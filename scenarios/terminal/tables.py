@@ -7,7 +7,7 @@ import inspect
 import os
 import sys
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from rich import box
@@ -66,11 +66,6 @@ def table(*columns: str, numbers: Iterable[str] = (), rows: Iterable[Iterable[st
     for row in rows:
         result.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     return result
-
-
-def scenarios_table(titles: Mapping[str, str]) -> Table:
-    """Names and one-line titles."""
-    return table("scenario", "what it is", rows=titles.items())
 
 
 def effect_record(effect: type[Effect]) -> dict[str, Any]:

@@ -54,9 +54,9 @@ def blueprint(contents: Contents) -> rrb.Blueprint:
     columns = [_sensor_column(sensor, contents) for sensor in contents.units]
     root: rrb.Container = rrb.Horizontal(contents=columns)
     if contents.base is not None:
-        root = rrb.Horizontal(
-            contents=[_sweep_view(contents.base, contents.arm, contents.reach), root], column_shares=[4, 5]
-        )
+        title = f"The sweep of the {'arm' if contents.arm else 'sensor'}, blue first, yellow last"
+        sweep = spatial_view(title, [f"/{ARM}/**", f"/{SWEEP}/**"], contents.base, contents.reach)
+        root = rrb.Horizontal(contents=[sweep, root], column_shares=[4, 5])
     return layout(root, played(*contents.span))
 
 
@@ -124,11 +124,6 @@ def _spheres(sensor: str, overlay: Overlay | None) -> rrb.Spatial3DView:
         ),
         line_grid=False,
     )
-
-
-def _sweep_view(base: str, arm: bool, reach: Array) -> rrb.Spatial3DView:
-    title = f"The sweep of the {'arm' if arm else 'sensor'}, blue first, yellow last"
-    return spatial_view(title, [f"/{ARM}/**", f"/{SWEEP}/**"], base, reach)
 
 
 def spatial_view(title: str, contents: list[str], base: str, reach: Array) -> rrb.Spatial3DView:
