@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from rich.console import RenderableType
@@ -20,14 +20,12 @@ from rig.files import atomic_path, made_folder
 from rig.progress import Progress, unheard
 from rig.recording import Recording
 from scenarios.comparison import Compared, compare
+from scenarios.gap_report.gap_residuals import GapResiduals, gap_residuals
 from scenarios.gap_report.terminal import diagnosis_tables
 from scenarios.loader import load
 from scenarios.scenario import Scenario
 from scenarios.terminal.calibration import calibration_report, comparison_table
 from scenarios.terminal.tables import plus_minus
-
-if TYPE_CHECKING:
-    from scenarios.gap_report.gap_residuals import GapResiduals
 
 #: What the demo shows unless told otherwise.
 SCENARIO: Final = "ann-arbor"
@@ -137,8 +135,6 @@ class _Fault:
 
 
 def _faulty(scenario: Scenario, seed: int, locked: Recording, progress: Progress) -> _Fault:
-    from scenarios.gap_report import gap_residuals
-
     every = _FAULT_EVERY * scenario.rig.acquisition.decimation
     faulty = scenario.with_effects([make_effect(*FAULT)]).with_acquisition(decimation=every)
     recording = replace(faulty.simulate(seed), name=f"{scenario.name}-fault")

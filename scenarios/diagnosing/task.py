@@ -6,13 +6,11 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from estimators.gap import Diagnosis
+from estimators.gap.report.fitted_rig import FittedRig
 from rig.recording import Recording
-
-if TYPE_CHECKING:
-    from estimators.gap.report.fitted_rig import FittedRig
 
 #: Memory that a diagnosis takes [bytes a sample], and the program by itself [bytes].
 BYTES_A_SAMPLE: Final = 10_000.0

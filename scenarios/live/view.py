@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import rerun as rr
 
 from estimators.coverage import direction_name
 from estimators.live import SensorState
+from rig.arm import Arm
 from rig.arrays import Array
 from rig.channels import CHANNELS_OF
 from rig.recording import Recording, joined
@@ -27,10 +28,6 @@ from scenarios.view.series import READINGS, RESIDUALS
 from scenarios.view.spheres import SPHERES, globe
 from scenarios.view.stream import TIMELINE, at, new_stream
 from scenarios.view.viewer import start_viewer
-
-if TYPE_CHECKING:
-    from rig.arm import Arm
-
 
 #: The view is brought up to date this often at most [s], and the larger parts of it less often.
 _PERIOD_S: Final = 0.2

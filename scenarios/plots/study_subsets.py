@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import NullFormatter
 
 from scenarios.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from scenarios.parameter_names import shown_name
@@ -67,7 +67,7 @@ def logarithmic(axis: Axes, values: list[float]) -> None:
     if len(ticks) > 8:
         ticks = [tick for tick in ticks if f"{tick:g}".strip("0.") in ("1", "2", "5")]
     axis.set_xticks(ticks)
-    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_formatter(NullFormatter())
 
 
