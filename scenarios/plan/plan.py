@@ -243,8 +243,7 @@ def _posed(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float, 
     poses = search.timed(q, seconds)
     if contact := search.clearance.first_contact(between(q)):
         raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")
-    limits = StaticPoses.limits_deg if arm.is_a465 else None
-    maneuver = stops_at(arm, shown, poses.hold_s, poses.move_s, _RATE_HZ, limits)
+    maneuver = stops_at(arm, shown, poses.hold_s, poses.move_s, _RATE_HZ)
     samples = (poses.hold_s - 2.0 * SETTLE_S) * search.rate_Hz
     gram = samples * search.grams(poses.q)
     return Plan(

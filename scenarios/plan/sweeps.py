@@ -16,6 +16,7 @@ from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.maneuver import FourierSweep
+from rig.maneuver.fitting import checked_limits
 from rig.maneuver.fourier_sweep import series
 from rig.progress import Progress, unheard
 from rig.threads import one_blas_thread
@@ -178,7 +179,7 @@ class SweepSearch:
             sine_deg=tuple(row[1 + harmonics :] for row in rows),
             duration_s=seconds,
             rate_Hz=self.room.rate_Hz,
-            limits_deg=FourierSweep.limits_deg if self.arm.is_a465 else None,
+            limits_deg=checked_limits(self.arm),
             slides=self.arm.slide_numbers,
         )
 
