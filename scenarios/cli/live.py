@@ -167,7 +167,7 @@ def live(source: str, output: Path | None, as_json: bool, **given: Any) -> None:
     elif path.with_suffix(".csv").exists():
         raise RigError(f"{path.with_suffix('.csv')}: is there already: expected --resume, or another -o")
     plan = _plan(source, given)
-    session, displays = _session(source, path, plan, given)
+    session = _session(source, path, plan, given)
     try:
         with _stoppable() as stopped:
             if given["resume"]:
@@ -175,7 +175,6 @@ def live(source: str, output: Path | None, as_json: bool, **given: Any) -> None:
             session.run(stopped)
     finally:
         made = session.close()
-    del displays
     if made is None:
         raise RigError(f"{source}: found {_nothing(session)}, expected readings under the names of their columns")
     _finish(session, made, cal, plan, as_json)
@@ -255,7 +254,7 @@ def _list_procedures(as_json: bool) -> None:
     show(table("procedure", "steps", "what it is", "what it lacks", numbers=("steps",), rows=cells))
 
 
-def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tuple[Session, list[Display]]:
+def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> Session:
     from rig.stream import Feed, open_source
     from scenarios.live.panel import Lines, TerminalPanel
     from scenarios.live.session import Session
@@ -275,7 +274,7 @@ def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tupl
 
         displays.append(LiveView(given["view"], given["view_file"], plan.arm))
     displays.append(TerminalPanel("standard input" if source == "-" else source) if sys.stderr.isatty() else Lines())
-    return Session(feed, path, plan, displays), displays
+    return Session(feed, path, plan, displays)
 
 
 def _metadata(given: dict[str, Any], mapped: Metadata | None) -> Metadata | None:
