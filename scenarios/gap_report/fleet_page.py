@@ -36,7 +36,9 @@ def fleet_page(entries: Sequence[Entry]) -> str:
         f"<h1>{escape(_headline(told, arms))}</h1>",
         _tiles(ordered),
         "<h2>Which cause, on which arm, since when</h2>",
-        _since(told) if told else "<p>No recording shows a cause.</p>",
+        html.table(_HEADER, [[escape(cell) for cell in row] for row in _rows(told)])
+        if told
+        else "<p>No recording shows a cause.</p>",
         _picture(told) if told else "",
         "<h2>All recordings</h2>",
         _recordings(ordered),
@@ -76,16 +78,12 @@ def _moment(entry: Entry) -> str:
     return f"{entry.recorded} ({entry.name})" if entry.recorded else entry.name
 
 
-def _state(history: History) -> str:
-    return "now" if history.now else "gone again"
-
-
 def _rows(told: Sequence[History]) -> list[tuple[str, str, str, str, str]]:
     """Arm, cause, since, last without, in how many of those that could tell."""
     return [
         (
             each.arm,
-            f"{_title(each)} ({_state(each)})",
+            f"{_title(each)} ({'now' if each.now else 'gone again'})",
             _moment(each.since),
             _before(each),
             f"{each.seen.count('found')} of {sum(seen != 'open' for seen in each.seen)}",
@@ -101,10 +99,6 @@ def _before(history: History) -> str:
 
 
 _HEADER: Final = ("arm", "cause", "since", "last recording without it", "found in")
-
-
-def _since(told: Sequence[History]) -> str:
-    return html.table(_HEADER, [[escape(cell) for cell in row] for row in _rows(told)])
 
 
 def _picture(told: Sequence[History]) -> str:

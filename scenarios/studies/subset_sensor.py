@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -31,12 +32,11 @@ _NEAR_POLE: Final = 3.0
 
 @dataclass(frozen=True, eq=False)
 class SubsetsOfSensor:
-    """One sensor's subsets, and its separate fits.
+    """One sensor's subsets.
 
     Attributes:
         name, unit, field_unit, magnitude: of the sensor, as of its calibration. where: the recording, for messages.
         whole: of all samples. parts: of the subsets. floor: (3,) known noise, or None.
-        fit: separate fit of all samples. fits: separate fits of the subsets.
     """
 
     name: str
@@ -47,38 +47,30 @@ class SubsetsOfSensor:
     whole: Statistics
     parts: Sequence[Statistics]
     floor: Array | None
-    fit: SensorFit
-    fits: ManyFits
 
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        unit: str,
-        field_unit: str | None,
-        magnitude: float,
-        whole: Statistics,
-        parts: Sequence[Statistics],
-        floor: Array | None,
-        where: str,
-    ) -> SubsetsOfSensor:
-        """Fit all samples and each subset, separately for each channel.
+    @cached_property
+    def fit(self) -> SensorFit:
+        """All samples, separately for each channel.
 
         Raises:
-            RigError: samples that do not determine the fit.
+            RigError: they do not determine the fit.
         """
-        fit = fit_sensor(whole, magnitude, method="separate", noise=floor, name=f"{where}: {name}")
-        fits = _fit(parts, fit.parameters, fit.noise, "separate")
-        return cls(name, unit, field_unit, magnitude, where, whole, parts, floor, fit, fits)
+        return self._whole_fit("separate", self.floor)
+
+    @cached_property
+    def fits(self) -> ManyFits:
+        """Each subset, likewise; errors as of ``fit``."""
+        return _fit(self.parts, self.fit.parameters, self.fit.noise, "separate")
+
+    def _whole_fit(self, method: Method, noise: Array | None) -> SensorFit:
+        return fit_sensor(self.whole, self.magnitude, method=method, noise=noise, name=f"{self.where}: {self.name}")
 
     def parameters(self, method: Method) -> tuple[list[SubsetParameter], Array]:
         """The parameters of a method, and the subsets' estimates of them (p, subsets)."""
+        whole, fits = self.fit.parameters, self.fits
         noise = self.floor if self.floor is not None else self.fit.rms
-        if method == "separate":
-            whole, fits = self.fit.parameters, self.fits
-        else:
-            place = f"{self.where}: {self.name}"
-            whole = fit_sensor(self.whole, self.magnitude, noise=noise, name=place).parameters
+        if method != "separate":
+            whole = self._whole_fit(method, noise).parameters
             fits = _fit(self.parts, whole, noise, method)
         gram = self.whole.gram / len(self.parts)
         reported = report(whole, Information.of(gram, whole, noise, method).covariance, method)

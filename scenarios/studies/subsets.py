@@ -80,15 +80,15 @@ def study(
             unit = summed.units[sensor]
             floor = noise(sensor, unit)
             known = known or floor is not None
-            one = SubsetsOfSensor.of(
+            one = SubsetsOfSensor(
                 sensor,
                 unit,
                 summed.metadata.stated_field_unit(sensor),
                 summed.metadata.magnitude(sensor),
+                summed.where,
                 summed.statistics.select(columns),
                 [part.select(columns) for part in parts],
                 floor,
-                summed.where,
             )
             listed, values = one.parameters(method)
             parameters += listed

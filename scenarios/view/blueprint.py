@@ -110,20 +110,19 @@ def series_view(origin: str, title: str, start_s: float, end_s: float, legend: b
     )
 
 
+def sphere_view(sensor: str, name: str, eye: tuple[float, float, float]) -> rrb.Spatial3DView:
+    """A sensor's spheres of directions, seen from a place (3,)."""
+    controls = rrb.EyeControls3D(position=eye, look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0))
+    return rrb.Spatial3DView(origin=f"{SPHERES}/{sensor}", name=name, eye_controls=controls, line_grid=False)
+
+
 def _spheres(sensor: str, overlay: Overlay | None) -> rrb.Spatial3DView:
     name = f"Readings of the {sensor}, blue first, yellow last"
     if overlay is not None:
         name = f"{overlay.field_name.capitalize()} in frame 6 by residual, blue −3σ, orange +3σ"
     width = 1 if overlay is None else len(overlay.names)
     distance = 1.9 + 0.75 * width
-    return rrb.Spatial3DView(
-        origin=f"{SPHERES}/{sensor}",
-        name=name,
-        eye_controls=rrb.EyeControls3D(
-            position=(0.0, -distance, 0.4 * distance), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
-        ),
-        line_grid=False,
-    )
+    return sphere_view(sensor, name, (0.0, -distance, 0.4 * distance))
 
 
 def spatial_view(title: str, contents: list[str], base: str, reach: Array) -> rrb.Spatial3DView:
