@@ -24,8 +24,8 @@ from scenarios.scenario import Scenario
 from scenarios.shown_units import field_unit
 
 #: The interval of a maneuver whose worth is told apart [s]: a minute, or less so that there are this many.
-INTERVAL_S: Final = 60.0
-FEWEST_INTERVALS: Final = 20
+_INTERVAL_S: Final = 60.0
+_FEWEST_INTERVALS: Final = 20
 #: A sensor that turns by less [rad, rad/s] is at rest, and a maneuver at rest for more than this share holds poses.
 _TURNED: Final = 1e-9
 _HELD: Final = 0.1
@@ -81,14 +81,21 @@ class ScenarioBound:
             "format": "rig-bound/1",
             "scenario": self.scenario,
             "attitude": self.attitude,
-            "sensors": {name: _sensor_json(bound) for name, bound in self.sensors.items()},
+            "sensors": {
+                name: {
+                    **bound.prediction.to_json(),
+                    "reference_magnitude": bound.reference_magnitude,
+                    "after": plain(vars(bound.growth)),
+                }
+                for name, bound in self.sensors.items()
+            },
             "time_s": plain(self.time_s),
             "given": list(self.given),
             "effects_left_out": list(self.left_out),
         }
 
 
-def bound_of(scenario: Scenario, method: Method = "simultaneous", interval_s: float = INTERVAL_S) -> ScenarioBound:
+def bound_of(scenario: Scenario, method: Method = "simultaneous") -> ScenarioBound:
     """The Cramer-Rao bound of a scenario's maneuver, truth and white noise; nothing is simulated.
 
     The converter's rounding counts as noise of step / sqrt(12). Where the recording will have no pose, the bound is
@@ -98,7 +105,6 @@ def bound_of(scenario: Scenario, method: Method = "simultaneous", interval_s: fl
     Args:
         scenario: its maneuver is taken as commanded.
         method: of the known-angle calibration.
-        interval_s: whose worth is told apart [s]; less where the maneuver is short.
 
     Raises:
         RigError: the scenario has no noise, or its maneuver does not suit its arm.
@@ -106,7 +112,7 @@ def bound_of(scenario: Scenario, method: Method = "simultaneous", interval_s: fl
     noise = noise_of(scenario)
     t, rotations, still = _rotations(scenario)
     end = scenario.maneuver.duration_s
-    width = min(interval_s, end / FEWEST_INTERVALS)
+    width = min(_INTERVAL_S, end / _FEWEST_INTERVALS)
     edges = np.append(np.arange(1, round(np.ceil(end / width - 1e-9))) * width, end)
     cuts = np.concatenate([[0], np.searchsorted(t, edges - 1e-9), [len(t)]])[: len(edges) + 1]
     cuts[-1] = len(t)
@@ -205,8 +211,3 @@ def _given(sensors: Mapping[str, SensorBound], attitude: bool, joints: bool) -> 
     else:
         found.append("how the sensor sits on its carrier: without attitude, readings tell the axes up to a rotation")
     return found
-
-
-def _sensor_json(bound: SensorBound) -> dict[str, Any]:
-    after = plain(vars(bound.growth))
-    return {**bound.prediction.to_json(), "reference_magnitude": bound.reference_magnitude, "after": after}

@@ -27,6 +27,9 @@ ELAPSED: Final = (BLUE, SKY_BLUE, "#A8D08D", YELLOW)
 AXES_ON_DARK: Final = (SKY_BLUE, ORANGE, GREEN)
 AXES_ON_PAPER: Final = (BLUE, VERMILLION, GREEN)
 
+#: The orders in which a study takes samples.
+ORDERS: Final = {"first": VERMILLION, "every-kth": BLUE, "random": GREEN}
+
 #: Signed values, from below zero to above.
 SIGNED: Final = (BLUE, SKY_BLUE, "#F2F2F2", ORANGE, VERMILLION)
 

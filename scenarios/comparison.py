@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
+from estimators.calibration.turned import turned
 from rig.channels import MAGNETOMETER
 from rig.directions import difference_of
 from rig.errors import RigError
@@ -103,9 +104,10 @@ def compare_two(first: Calibration, second: Calibration) -> tuple[Compared, ...]
         if not names:
             raise RigError(f"{sensor}: found methods {one.method} and {two.method}, expected a parameter in common")
         of_units = one if one.field_unit is not None else two
+        beside = turned(two) if _opposed(one, two) else two
         for name in names:
             value, sigma = one.value(name), math.hypot(one.std(name), two.std(name))
-            error = difference_of(name, _on_side_of(one, two, name), value)
+            error = difference_of(name, beside.value(name), value)
             told = [each.identifiable.get(name, True) for each in (one, two)]
             rows.append(_row(sensor, name, of_units.unit_of(name), value, value + error, error, sigma, told))
     return tuple(rows)
@@ -128,15 +130,10 @@ def _row(
     )
 
 
-def _on_side_of(one: SensorCalibration, two: SensorCalibration, name: str) -> float:
-    """The second's value on the first's side."""
-    value = two.value(name)
-    fields = [each.field_direction for each in (one, two)]
-    if fields[0] is None or fields[1] is None or float(fields[0].vector @ fields[1].vector) >= 0.0:
-        return value
-    if name.startswith(("beta", "phi")):
-        return -value
-    return value + 180.0 if name.startswith(("gamma", "psi")) else value
+def _opposed(one: SensorCalibration, two: SensorCalibration) -> bool:
+    """Whether their fields point to opposite sides."""
+    first, second = one.field_direction, two.field_direction
+    return first is not None and second is not None and float(first.vector @ second.vector) < 0.0
 
 
 def apart(rows: Sequence[Compared], *calibrations: Calibration) -> dict[str, Apart]:

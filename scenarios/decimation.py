@@ -1,4 +1,4 @@
-"""Fewer samples to look at: evenly taken ones for poses, extremes for series."""
+"""Fewer samples to look at: evenly taken ones for poses, extremes for series, means of blocks for what noise hides."""
 
 from __future__ import annotations
 
@@ -12,6 +12,16 @@ def evenly(count: int, at_most: int) -> Rows:
     if count <= at_most:
         return np.arange(count)
     return np.linspace(0, count - 1, at_most).round().astype(np.intp)
+
+
+def means_of_blocks(values: Array, at_most: int) -> Array:
+    """Means (m, ...), m = min(n, at_most), of values (n, ...) over blocks of successive samples, all about as long."""
+    return np.stack([block.mean(axis=0) for block in np.array_split(values, min(at_most, len(values)))])
+
+
+def gone_by(t: Array, rows: Rows) -> Array:
+    """The share (m,) of the time from first to last of times (n,) [s] that has gone by at rows (m,)."""
+    return np.asarray(t[rows] - t[0]) / max(float(t[-1] - t[0]), 1e-9)
 
 
 def extremes(values: Array, at_most: int) -> Rows:

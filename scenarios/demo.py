@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from rich.console import RenderableType
@@ -20,14 +21,12 @@ from rig.files import atomic_path, made_folder
 from rig.progress import Progress
 from rig.recording import Recording
 from scenarios.comparison import Compared, compare
+from scenarios.gap_report.gap_residuals import GapResiduals, gap_residuals
 from scenarios.gap_report.terminal import diagnosis_tables
 from scenarios.loader import load
 from scenarios.scenario import Scenario
 from scenarios.terminal.calibration import calibration_report, comparison_table
 from scenarios.terminal.tables import plus_minus
-
-if TYPE_CHECKING:
-    from scenarios.gap_report.gap_residuals import GapResiduals
 
 #: What the demo shows unless told otherwise.
 SCENARIO: Final = "ann-arbor"
@@ -48,27 +47,21 @@ class Demo:
     """What the demo made.
 
     Attributes:
-        scenario: what was simulated, with ``seed``.
-        calibration: of its recording, with the locked recording's ``floor``.
-        compared: every parameter beside its truth.
+        scenario: what was simulated.
+        compared: every parameter of its calibration beside its truth.
         diagnosis: of the same sweep with play in a joint.
         files: what was written, by what it is.
         seconds: how long all of it took.
     """
 
     scenario: Scenario
-    seed: int
-    floor: NoiseFloor
-    calibration: Calibration
     compared: tuple[Compared, ...]
     diagnosis: Diagnosis
     files: dict[str, Path]
     seconds: float
 
 
-def run_demo(
-    folder: Path, seed: int = 0, tell: Tell = lambda _: None, working: Working = lambda _: nullcontext(_unheard)
-) -> Demo:
+def run_demo(folder: Path, seed: int, tell: Tell, working: Working) -> Demo:
     """Run the demo and write recordings, calibration, diagnosis, plots and views into ``folder``.
 
     Args:
@@ -124,7 +117,7 @@ def _told(folder: Path, seed: int, tell: Tell, working: Working) -> Demo:
     width = max(len(str(path)) for path in files.values())
     for what, path in files.items():
         tell(Text(f"  {path!s:<{width}}  {what}", no_wrap=True, overflow="ignore"))
-    return Demo(scenario, seed, floor, calibration, compared, fault.diagnosis, files, time.perf_counter() - begin)
+    return Demo(scenario, compared, fault.diagnosis, files, time.perf_counter() - begin)
 
 
 @dataclass(frozen=True)
@@ -137,17 +130,11 @@ class _Fault:
 
 
 def _faulty(scenario: Scenario, seed: int, locked: Recording, progress: Progress) -> _Fault:
-    from scenarios.gap_report import gap_residuals
-
     every = _FAULT_EVERY * scenario.rig.acquisition.decimation
     faulty = scenario.with_effects([make_effect(*FAULT)]).with_acquisition(decimation=every)
     recording = replace(faulty.simulate(seed), name=f"{scenario.name}-fault")
     diagnosis = estimators.diagnose(recording, locked, progress=progress)
     return _Fault(recording, diagnosis, gap_residuals(recording, diagnosis, locked))
-
-
-def _unheard(share: float) -> None:
-    """Progress that nobody watches."""
 
 
 def _heading(number: int, words: str) -> Text:
@@ -189,33 +176,30 @@ def _write(
     from scenarios.overlay import overlays
     from scenarios.view import write_diagnosis_view, write_view
 
-    name, arm = scenario.name, scenario.rig.arm
-    files = {
-        "the recording": folder / f"{name}.parquet",
-        "the arm locked": folder / f"{name}.locked.parquet",
-        "the calibration": folder / f"{name}.json",
-        "truth, estimate and error": folder / f"{name}-errors.png",
-        "the sweep": folder / f"{name}-sweep.png",
-        "residuals": folder / f"{name}-residuals.png",
-        "directions seen": folder / f"{name}-coverage.png",
-        "all of it, moving, for the rerun viewer": folder / f"{name}.rrd",
-        "the recording of the faulty arm": folder / f"{name}-fault.parquet",
-        "its diagnosis": folder / f"{name}-fault.diagnosis.json",
-        "the fault on the arm, for the rerun viewer": folder / f"{name}-fault.rrd",
-    }
+    arm, laid = scenario.rig.arm, overlays(recording, calibration, scenario.rig.arm)
+    writers: tuple[tuple[str, str, Callable[[Path], None]], ...] = (
+        ("the recording", ".parquet", recording.write),
+        ("the arm locked", ".locked.parquet", locked.write),
+        ("the calibration", ".json", calibration.write),
+        ("truth, estimate and error", "-errors.png", partial(plots.save, plots.errors_figure(compared))),
+        ("the sweep", "-sweep.png", partial(plots.save, plots.sweep_figure(recording, arm))),
+        ("residuals", "-residuals.png", partial(plots.save, plots.residuals_figure(recording.t, laid))),
+        ("directions seen", "-coverage.png", partial(plots.save, plots.coverage_figure(recording.t, laid))),
+        (
+            "all of it, moving, for the rerun viewer",
+            ".rrd",
+            lambda path: write_view(recording, calibration, path, arm),
+        ),
+        ("the recording of the faulty arm", "-fault.parquet", fault.recording.write),
+        ("its diagnosis", "-fault.diagnosis.json", fault.diagnosis.write),
+        (
+            "the fault on the arm, for the rerun viewer",
+            "-fault.rrd",
+            lambda path: write_diagnosis_view(fault.diagnosis, fault.residuals, path),
+        ),
+    )
+    files = {what: folder / f"{scenario.name}{suffix}" for what, suffix, _ in writers}
     with ExitStack() as opened:  # all of them or none: a recording is never beside another's calibration
-        own = [opened.enter_context(atomic_path(path)) for path in files.values()]
-        recorded, still, found, errors, sweep, residuals, coverage, view, faulty, diagnosis, fault_view = own
-        locked.write(still)
-        recording.write(recorded)
-        calibration.write(found)
-        laid = overlays(recording, calibration, arm)
-        plots.save(plots.errors_figure(compared), errors)
-        plots.save(plots.sweep_figure(recording, arm), sweep)
-        plots.save(plots.residuals_figure(recording.t, laid), residuals)
-        plots.save(plots.coverage_figure(recording.t, laid), coverage)
-        write_view(recording, calibration, view, arm)
-        fault.recording.write(faulty)
-        fault.diagnosis.write(diagnosis)
-        write_diagnosis_view(fault.diagnosis, fault.residuals, fault_view)
+        for what, _, write in writers:
+            write(opened.enter_context(atomic_path(files[what])))
     return files

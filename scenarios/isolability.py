@@ -13,7 +13,7 @@ from rig.arm.clearance import Clearance, finite_limits
 from rig.errors import RigError
 from rig.maneuver import Maneuver, StaticPoses
 from rig.maneuver.fitting import stops_at
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.signals import Signals
 from rig.trajectory import PoseTrajectory
 from scenarios.bound import noise_of
@@ -85,9 +85,7 @@ class EffectsBound:
         }
 
 
-def isolability_of(
-    scenario: Scenario, only: Sequence[Key] | None = None, progress: Progress | None = None
-) -> EffectsBound:
+def isolability_of(scenario: Scenario, only: Sequence[Key] | None = None, progress: Progress = unheard) -> EffectsBound:
     """What the maneuver of a scenario can show of the catalogue's effects.
 
     Args:
@@ -98,23 +96,21 @@ def isolability_of(
     """
     if scenario.rig.arm is None:
         raise RigError(f"scenario {scenario.name}: has no arm, expected joint angles: effects act on joints and links")
-    _, locked = _moved(scenario)
+    locked = _locked(scenario)
 
-    def share(first: float, last: float) -> Progress | None:
-        return None if progress is None else lambda done: progress(first + (last - first) * done)
-
-    here = shown_by(scenario, scenario.maneuver, only, progress=share(0.0, 0.5 if locked else 1.0))
-    moving = shown_by(scenario, moving_all(scenario), only, progress=share(0.5, 1.0)) if locked else None
+    half = 0.5 if locked else 1.0
+    here = shown_by(scenario, scenario.maneuver, only, progress=lambda done: progress(half * done))
+    moving = None
+    if locked:
+        moving = shown_by(scenario, moving_all(scenario), only, progress=lambda done: progress(half + half * done))
     return EffectsBound(scenario.name, here, moving, locked, scenario.rig.arm.place_names)
 
 
-def _moved(scenario: Scenario) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Numbers of the joints that the maneuver moves, and of the others."""
+def _locked(scenario: Scenario) -> tuple[int, ...]:
+    """Numbers of the joints that the maneuver does not move."""
     trajectory = scenario.maneuver.trajectory()
     assert not isinstance(trajectory, PoseTrajectory)
-    moves = np.ptp(trajectory.q, axis=0) > _STILL_RAD
-    numbers = range(1, len(moves) + 1)
-    return tuple(n for n in numbers if moves[n - 1]), tuple(n for n in numbers if not moves[n - 1])
+    return tuple((1 + np.flatnonzero(np.ptp(trajectory.q, axis=0) <= _STILL_RAD)).tolist())
 
 
 def moving_all(scenario: Scenario) -> StaticPoses:
@@ -146,7 +142,7 @@ def shown_by(
     maneuver: Maneuver,
     only: Sequence[Key] | None = None,
     samples: int = _SAMPLES,
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> Isolability:
     """What a maneuver can show with the arm, the sensors and the surroundings of a scenario.
 

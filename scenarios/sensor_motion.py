@@ -40,6 +40,10 @@ class SensorMotion:
         root = arm.link_poses(angles).position[:, max(arm.dof - 2, 0)]
         return cls(rows, poses.R_base_tool, poses.position, root)
 
+    def reach(self, from_base: bool) -> Array:
+        """(k, 3) [m] points that a view of the motion must hold, base frame; the base's origin among them, or not."""
+        return np.vstack([self.tip, self.root, *([np.zeros(3)] if from_base else [])])
+
 
 def arm_of(recording: Recording) -> Arm | None:
     """The arm that a recording's joint angles belong to, where its metadata name one that is known without a file."""

@@ -32,7 +32,6 @@ from scenarios.gap_report.words import (
     VERDICTS,
     apart_words,
     cause_title,
-    closed_words,
     estimate_for_people,
     estimate_words,
     headline,
@@ -301,7 +300,7 @@ def test_estimates_in_words(estimate: Estimate, own: str, people: str) -> None:
 def test_titles_and_headlines() -> None:
     assert cause_title("backlash", "joint5") == "backlash of joint 5"
     assert cause_title("field_gradient", "base") == "field gradient"  # it has no other place
-    assert closed_words(by_hand()) == "97 % (95–99)"
+    assert share_words(by_hand().closed) == "97 % (95–99)"
     assert headline(SHOWN["named"]) == "Backlash of joint 5, width 2.865 ± 0.023 deg"
     twins = "Either joint offset of joint 5 (.68; offset 0.5730 ± 0.0057 deg) or joint offset of joint 2 (.30)"
     assert headline(SHOWN["named with a twin"]) == twins

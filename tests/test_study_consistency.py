@@ -18,7 +18,8 @@ from rig.errors import RigError
 from scenarios.scenario import Scenario
 from scenarios.studies import consistency
 from scenarios.studies.coordinates import Coordinates
-from scenarios.studies.error_summary import Cell, Summary, clopper_pearson
+from scenarios.studies.error_summary import Cell, Summary
+from scenarios.studies.intervals import clopper_pearson
 from scenarios.studies.settings import Settings, expected, increments
 from scenarios.studies.store import StudyFolder
 from scenarios.studies.verdict import COARSEST, departures, verdicts
@@ -118,7 +119,7 @@ def test_the_summary_is_plain_arithmetic(settings: Settings, table: pa.Table, su
 
 
 def test_clopper_pearson_holds_at_its_ends() -> None:
-    low, high = clopper_pearson(np.array([0, 10]), 10, 0.95)
+    low, high = clopper_pearson(np.array([0, 10]), 10)
     assert low[0] == 0.0
     assert high[1] == 1.0
     assert high[0] == pytest.approx(1.0 - 0.025**0.1)

@@ -22,8 +22,9 @@ from rig.recording import Recording
 from scenarios.decimation import evenly
 from scenarios.overlay import overlays
 from scenarios.sensor_motion import motion
-from scenarios.view import Detail, write_view
+from scenarios.view import write_view
 from scenarios.view.viewer import viewer_environment, viewer_program
+from scenarios.view.write import BRISTLES, FRAMES, POINTS, SAMPLES
 
 SECOND_NS = 1_000_000_000
 #: Poses are stored in single precision: seven rotations and offsets of at most 1 m multiplied up, half an ulp each.
@@ -122,23 +123,23 @@ def test_the_one_timeline_spans_the_recording(view: Path, recording: Recording) 
 def test_the_arm_is_where_mujoco_puts_it(view: Path, recording: Recording) -> None:
     arm = Arm.a465()
     times, rotation, position = joint_transforms(view, arm)
-    rows = evenly(len(recording), Detail().frames)
-    assert len(times) == len(rows) == Detail().frames
+    rows = evenly(len(recording), FRAMES)
+    assert len(times) == len(rows) == FRAMES
     expected = arm.link_poses(recording.q[rows])
     assert np.abs(rotation - expected.rotation).max() < SINGLE
     assert np.abs(position - expected.position).max() < SINGLE
 
 
 def test_the_sensor_and_its_bristles_are_where_the_arm_holds_them(view: Path, recording: Recording) -> None:
-    arm, detail = Arm.a465(), Detail()
-    rows = evenly(len(recording), detail.frames)
+    arm = Arm.a465()
+    rows = evenly(len(recording), FRAMES)
     poses = arm.poses(recording.q[rows])
     _, translations = column(view, "/transforms/sensor", "Transform3D:translation")
     _, matrices = column(view, "/transforms/sensor", "Transform3D:mat3x3")
     assert np.abs(np.array(translations)[:, 0] - poses.position).max() < SINGLE
     stored = np.array(matrices)[:, 0].reshape(-1, 3, 3).swapaxes(1, 2)  # column by column
     assert np.abs(stored - poses.R_base_tool).max() < SINGLE
-    kept = rows[evenly(len(rows), detail.bristles)]
+    kept = rows[evenly(len(rows), BRISTLES)]
     strips = np.array(static(view, "/sweep/bristles", "LineStrips3D:strips"))
     wrist = arm.link_poses(recording.q[kept]).position[:, 4]  # frame 5 lies in the wrist
     assert np.abs(strips - np.stack([wrist, arm.poses(recording.q[kept]).position], axis=1)).max() < SINGLE
@@ -168,7 +169,7 @@ def test_readings_residuals_and_band(channel: str, view: Path, recording: Record
 def test_the_spheres_hold_the_directions_the_sensor_saw(
     view: Path, recording: Recording, calibration: Calibration
 ) -> None:
-    rows = evenly(len(recording), Detail().points)
+    rows = evenly(len(recording), POINTS)
     R = Arm.a465().poses(recording.q[rows]).R_base_tool
     for sensor in SENSORS:
         field = calibration[sensor].field_direction.vector
@@ -187,12 +188,12 @@ def test_a_long_recording_keeps_its_peaks_and_stays_small(
     path = tmp_path / "long.rrd"
     write_view(long, calibration, path)
     at, values = scalars(path, "/readings/accelerometer/accel2")
-    assert len(at) <= Detail().samples + 2
+    assert len(at) <= SAMPLES + 2
     assert values.max() == 4.99
     assert at[values[:, 0].argmax()] == pytest.approx(777.77, abs=1e-9)
     assert at[[0, -1]] == pytest.approx(times[[0, -1]], abs=1e-9)
     assert path.stat().st_size < 10e6
-    assert len(column(path, "/transforms/joint6", "Transform3D:quaternion")[0]) == Detail().frames
+    assert len(column(path, "/transforms/joint6", "Transform3D:quaternion")[0]) == FRAMES
 
 
 def test_the_blueprint_shows_the_whole_time(view: Path, recording: Recording) -> None:
@@ -222,7 +223,7 @@ def test_tool_poses_show_the_sensor_without_an_arm(tool_poses: Recording, tmp_pa
     found = entities(path)
     assert {"/sweep/bristles", "/transforms/sensor", "/residuals/magnetometer/mag1"} <= found
     assert not any(entity.startswith(("/arm", "/transforms/joint")) for entity in found)
-    kept = evenly(len(tool_poses), Detail().frames)[evenly(Detail().frames, Detail().bristles)]
+    kept = evenly(len(tool_poses), FRAMES)[evenly(FRAMES, BRISTLES)]
     strips = np.array(static(path, "/sweep/bristles", "LineStrips3D:strips"))
     assert np.abs(strips[:, 1] - tool_poses.tool_position[kept]).max() < SINGLE
 
@@ -265,7 +266,8 @@ def test_an_arm_without_shapes_is_a_stick_figure(
     monkeypatch.setattr("scenarios.view.geoms.shapes_of", lambda arm: [])
     arm = replace(Arm.a465(), urdf=None)
     path = tmp_path / "sticks.rrd"
-    write_view(recording, calibration, path, arm, Detail(frames=20))
+    monkeypatch.setattr("scenarios.view.write.FRAMES", 20)
+    write_view(recording, calibration, path, arm)
     times, strips = column(path, "/arm", "LineStrips3D:strips")
     assert len(times) == 20
     rows = evenly(len(recording), 20)
@@ -304,8 +306,6 @@ def test_nothing_is_written_when_something_is_wrong(
         write_view(in_millivolts, calibration, path)
     with pytest.raises(RigError, match="does not exist"):
         write_view(recording, calibration, tmp_path / "no" / "where.rrd")
-    with pytest.raises(RigError, match="frames: found 1"):
-        Detail(frames=1)
     monkeypatch.setenv("RERUN", "off")
     with pytest.raises(RigError, match="RERUN=off"):
         write_view(recording, calibration, path)

@@ -9,7 +9,7 @@ from typing import TypeVar
 import pyarrow as pa
 
 from rig.files import child, made_folder, write_text
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from scenarios.studies.store import StudyFolder
 from scenarios.studies.table_files import fitting_together, rows_of
 from scenarios.workers import Trial, Workers
@@ -27,7 +27,7 @@ def make_page(
     row: type[Row],
     lines: Callable[[Settings, tuple[Row, ...]], Iterable[str]],
     workers: Workers,
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> tuple[Path, tuple[Row, ...]]:
     """Write NAME.md, and NAME/study with the table behind it; an ended study goes on. The page and all rows.
 

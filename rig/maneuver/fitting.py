@@ -66,13 +66,20 @@ def unlimited(maneuver: type[Any]) -> dict[str, Any]:
     return {"limits_deg": None} if any(item.name == "limits_deg" for item in fields(maneuver)) else {}
 
 
-def stops_at(
-    arm: Arm, values: Array, hold_s: float, move_s: float, rate_Hz: float, limits_deg: Ranges | None = None
-) -> StaticPoses:
-    """Stops of an arm at poses (k, N) [deg, m]; without limits these are the arm's to check."""
-    poses = tuple(tuple(map(float, row)) for row in values)
+def checked_limits(arm: Arm) -> Ranges | None:
+    """The limits [deg] that a maneuver checks by itself: the A465's; another arm checks its own."""
+    return TorusSweep.limits_deg if arm.is_a465 else None
+
+
+def stops_at(arm: Arm, values: Array, hold_s: float, move_s: float, rate_Hz: float) -> StaticPoses:
+    """Stops of an arm at poses (k, N) [deg, m]."""
     return StaticPoses(
-        poses_deg=poses, hold_s=hold_s, move_s=move_s, rate_Hz=rate_Hz, limits_deg=limits_deg, slides=arm.slide_numbers
+        poses_deg=tuple(tuple(map(float, row)) for row in values),
+        hold_s=hold_s,
+        move_s=move_s,
+        rate_Hz=rate_Hz,
+        limits_deg=checked_limits(arm),
+        slides=arm.slide_numbers,
     )
 
 

@@ -19,6 +19,7 @@ from rig.errors import LONGEST_MESSAGE, LeftOut, RigError, nearest, one_line, sh
 from rig.memory import VARIABLE, WHERE
 from rig.patience import is_stuck
 from scenarios.cli import _signals
+from scenarios.cli._signals import debugging
 
 #: Exit statuses; the last two as the shell gives them for SIGINT and SIGPIPE.
 DONE, BAD, USAGE, BUG, INTERRUPTED, UNREAD = 0, 1, 2, 70, 130, 141
@@ -225,11 +226,6 @@ def _open_standard_streams() -> None:
             setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
         elif mode == "w" and hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-
-
-def debugging() -> bool:
-    """Whether errors are to be raised, not told: the environment says RIG_DEBUG=1."""
-    return os.environ.get("RIG_DEBUG", "") not in ("", "0")
 
 
 def _bug(error: Exception) -> int:

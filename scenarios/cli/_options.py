@@ -18,7 +18,7 @@ from rig.documents import plain
 from rig.errors import RigError, nearest, shown, unknown_name
 from rig.files import check_not_input, check_writable
 from rig.memory import VARIABLE, WHERE, parsed
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -39,6 +39,22 @@ class Choice(click.Choice[str]):
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
         """What was found, what was expected and the nearest of it."""
         return f"found {shown(value)}, expected one of {', '.join(self.choices)}{nearest(str(value), self.choices)}"
+
+
+def number(text: str) -> float:
+    """The number that a text says; NaN where it says none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def numbers(text: str) -> list[float]:
+    """The numbers between commas; none where one of them is no number."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
 
 
 class FiniteNumber(click.FloatRange):
@@ -83,29 +99,34 @@ def answer(as_json: bool, found: Any, report: Callable[[Any], RenderableType], *
     from scenarios.terminal.tables import show
 
     show(report(found))
-    for file in written:
+    tell_written(*written)
+
+
+def tell_written(*files: Path | None) -> None:
+    """A line for each file that was written."""
+    for file in files:
         if file is not None:
             click.echo(f"\n{file}: written")
 
 
-def check_output(path: Path, suffixes: Sequence[str], *inputs: Path | None) -> Path:
-    """Refuse, before any work, a file that could not be written at the end, or that is read.
+def check_output(path: Path | None, suffixes: Sequence[str], *inputs: Path | None) -> None:
+    """Refuse, before any work, a file that could not be written at the end, or that is read; None: none is asked for.
 
     Raises:
         RigError: another suffix, a folder, a folder that is missing or not writable, or one of ``inputs``.
     """
+    if path is None:
+        return
     if path.suffix not in suffixes:
         near = nearest(path.suffix, suffixes)
         raise RigError(f"{path}: found suffix {shown(path.suffix)}, expected {' or '.join(suffixes)}{near}")
     check_writable(path)
     check_not_input(path, *inputs)
-    return path
 
 
 def check_picture(path: Path | None, *inputs: Path | None) -> None:
-    """The same of a picture, where one is asked for."""
-    if path is not None:
-        check_output(path, (".png", ".svg", ".pdf"), *inputs)
+    """The same of a picture."""
+    check_output(path, (".png", ".svg", ".pdf"), *inputs)
 
 
 def memory_option(command: Command) -> Command:
@@ -129,7 +150,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
         What to call with the share done, 0 to 1; without a call the bar just moves.
     """
     if not sys.stderr.isatty():
-        yield lambda share: None
+        yield unheard
         return
     import rich.console
     import rich.progress
@@ -235,12 +256,6 @@ def on_arm(scenario: Scenario, arm_file: Path | None, tip: str | None, kind: str
     if arm is None:
         raise RigError(f"--maneuver: scenario {scenario.name} has no arm, expected --arm FILE")
     return scenario.with_arm(arm, kind)
-
-
-def given_arm(arm_file: Path | None, tip: str | None) -> list[str]:
-    """The words of ``--arm`` and ``--tip`` as they were given; none where they were not."""
-    given = {"--arm": arm_file, "--tip": tip}
-    return [word for option, value in given.items() if value is not None for word in (option, str(value))]
 
 
 def chosen_arm(arm_file: Path | None, tip: str | None) -> Arm | None:

@@ -34,6 +34,11 @@ class Ending(KeyboardInterrupt):
         self.number = number
 
 
+def debugging() -> bool:
+    """Whether errors are to be raised, not told: the environment says RIG_DEBUG=1."""
+    return os.environ.get("RIG_DEBUG", "") not in ("", "0")
+
+
 def install() -> None:
     """Have these signals end the command in order; to be called in the main thread, before anything is imported."""
     for number in WORDS:
@@ -112,5 +117,5 @@ def _indivisible(frame: FrameType | None) -> bool:
 
 def _unraisable(found: Any) -> None:
     """An end that fell into a destructor is raised again; anything else there is for programmers."""
-    if not isinstance(found.exc_value, Ending) and os.environ.get("RIG_DEBUG", "") not in ("", "0"):
+    if not isinstance(found.exc_value, Ending) and debugging():
         sys.__unraisablehook__(found)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError, unknown_name
+from scenarios.cli._options import numbers
 
 if TYPE_CHECKING:
     from estimators.ellipsoid import Start
@@ -30,11 +31,11 @@ def parsed_start(given: Sequence[str], scan: RecordingScan) -> dict[str, Start]:
         if text == "datasheet":
             found |= {sensor: _stated(sensor, scan) for sensor in scan.sensors}
             continue
-        name, equals, numbers = text.rpartition("=")
+        name, equals, own = text.rpartition("=")
         if equals and name not in scan.sensors:
             raise unknown_name("recorded sensor of --start", name, scan.sensors)
         for sensor in (name,) if equals else scan.sensors:
-            found[sensor] = _numbers(numbers, text, sensor, scan)
+            found[sensor] = _numbers(own, text, sensor)
     return found
 
 
@@ -53,14 +54,11 @@ def _stated(sensor: str, scan: RecordingScan) -> Start:
     return Start(gain, offset)
 
 
-def _numbers(numbers: str, text: str, sensor: str, scan: RecordingScan) -> Start:
+def _numbers(given: str, text: str, sensor: str) -> Start:
     from estimators.ellipsoid import Start
     from rig.units import STANDARD_GRAVITY
 
-    try:
-        values = [float(part) for part in numbers.split(",")]
-    except ValueError:
-        values = []
+    values = numbers(given)
     if len(values) not in (1, 2) or not values[0] > 0.0 or not all(abs(value) < float("inf") for value in values):
         raise RigError(f"--start: found {text!r}, {_EXPECTED}")
     gain = values[0] / STANDARD_GRAVITY if sensor == ACCELEROMETER else values[0]

@@ -12,7 +12,7 @@ import click
 
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
-from scenarios.cli._options import POSITIVE, Command
+from scenarios.cli._options import POSITIVE, Command, number, numbers
 
 if TYPE_CHECKING:
     from estimators import Calibration
@@ -46,10 +46,7 @@ def field_magnitude(text: str) -> tuple[float, str | None]:
         RigError: neither a number nor one with a unit of the magnetic field.
     """
     found = re.fullmatch(r"\s*([0-9.eE+-]+?)\s*(G|uT|nT)?\s*", text)
-    try:
-        value = float(found[1]) if found else 0.0
-    except ValueError:
-        value = 0.0
+    value = number(found[1]) if found else 0.0
     if found is None or not 0 < value < float("inf"):
         raise RigError(f"--field: found {text!r}, expected a number above zero with G, uT or nT behind it, or none")
     return value, found[2]
@@ -124,18 +121,15 @@ def stated_by_place(
     from rig.place import Place
     from rig.units import conversion_factor
 
-    try:
-        numbers = [float(part) for part in at.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (2, 3):
+    place_numbers = numbers(at)
+    if len(place_numbers) not in (2, 3):
         raise RigError(f"--at: found {at!r}, expected LAT,LON,HEIGHT: two numbers in degrees and one in metres")
     try:
         day = None if date is None else datetime.date.fromisoformat(date)
     except ValueError:
         raise RigError(f"--date: found {date!r}, expected a day as in 2026-11-22") from None
     try:
-        place = Place(*numbers)
+        place = Place(*place_numbers)
         found: dict[str, Any] = {}
         words = []
         if ACCELEROMETER in sensors and "gravity_m_s2" not in stated:
@@ -156,17 +150,12 @@ def with_assumptions(calibration: Calibration, scan: RecordingScan, stated: dict
     """The calibration with a warning for each magnitude that neither the recording nor the user has stated."""
     known = scan.stated | set(stated)
     sensors = dict(calibration.sensors)
-    for sensor, key, what, option in (
-        (
-            ACCELEROMETER,
-            "gravity_m_s2",
-            f"gravity is not stated: {scan.metadata.gravity_m_s2:g} m/s^2 taken",
-            "--gravity",
-        ),
-        (MAGNETOMETER, "magnetic_field", f"the field is not stated: {scan.metadata.magnetic_field:g} taken", "--field"),
+    own = scan.metadata
+    for sensor, key, what in (
+        (ACCELEROMETER, "gravity_m_s2", f"gravity is not stated: {own.gravity_m_s2:g} m/s^2 taken (--gravity)"),
+        (MAGNETOMETER, "magnetic_field", f"the field is not stated: {own.magnetic_field:g} taken (--field)"),
     ):
-        if sensor not in sensors or key in known:
-            continue
-        words = f"{what} ({option}): every 1 % in it is 1 % in every sensitivity, the other way"
-        sensors[sensor] = sensors[sensor].warned(words)
+        if sensor in sensors and key not in known:
+            words = f"{what}: every 1 % in it is 1 % in every sensitivity, the other way"
+            sensors[sensor] = sensors[sensor].warned(words)
     return replace(calibration, sensors=sensors)

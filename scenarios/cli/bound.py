@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -19,9 +19,6 @@ from scenarios.cli._options import (
     on_arm,
     progress_bar,
 )
-
-if TYPE_CHECKING:
-    from scenarios.scenario import Scenario
 
 
 @click.command(short_help="What a scenario's maneuver can tell, before it is run.")
@@ -65,33 +62,20 @@ def bound(
         raise RigError("--method: found with --effects, which asks for no parameters, expected one of them")
     check_picture(output, Path(scenario), arm_file)
     from scenarios.bound import bound_of
+    from scenarios.isolability import isolability_of
     from scenarios.loader import load
+    from scenarios.terminal.bound import bound_report, isolability_report
 
     chosen = on_arm(load(scenario), arm_file, tip, kind)
+    found: Any
     if effects:
-        _effects(chosen, output, as_json)
-        return
-    from scenarios.terminal.bound import bound_report
-
-    found = bound_of(chosen, method or "simultaneous")
+        with progress_bar(f"effects on {chosen.name}") as progress:
+            found = isolability_of(chosen, progress=progress)
+    else:
+        found = bound_of(chosen, method or "simultaneous")
     if output is not None:
         from scenarios.plots import save
-        from scenarios.plots.bound import bound_figure
+        from scenarios.plots.bound import bound_figure, isolability_figure
 
-        save(bound_figure(found), output)
-    answer(as_json, found, bound_report, output)
-
-
-def _effects(scenario: Scenario, output: Path | None, as_json: bool) -> None:
-    """What the maneuver can show of the catalogue's effects."""
-    from scenarios.isolability import isolability_of
-    from scenarios.terminal.bound import isolability_report
-
-    with progress_bar(f"effects on {scenario.name}") as progress:
-        found = isolability_of(scenario, progress=progress)
-    if output is not None:
-        from scenarios.plots import save
-        from scenarios.plots.bound import isolability_figure
-
-        save(isolability_figure(found), output)
-    answer(as_json, found, isolability_report, output)
+        save((isolability_figure if effects else bound_figure)(found), output)
+    answer(as_json, found, isolability_report if effects else bound_report, output)

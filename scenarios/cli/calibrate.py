@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from rig.errors import RigError, one_line
 from rig.files import check_different
 from scenarios.cli._options import (
     PATH,
@@ -20,11 +21,12 @@ from scenarios.cli._options import (
     check_picture,
     chosen_arm,
     counted,
-    given_arm,
     json_option,
     memory_option,
+    numbers,
     print_json,
     progress_bar,
+    tell_written,
     without_locked,
 )
 from scenarios.cli._stated import (
@@ -123,13 +125,10 @@ def calibrate(
       rig calibrate mine.parquet --arm mine.urdf --tip sensor_link --gravity 9.8029 --field 55.2uT -o cal.json
       rig calibrate mine.parquet --at 42.28,-83.74,260 --date 2026-11-22 -o cal.json
     """
-    from rig.errors import RigError, one_line
-
     several = without_locked(runs)
     check_different(several)
     run = several[0]
-    if output is not None:
-        check_output(output, (".json",), *several, locked, arm_file)
+    check_output(output, (".json",), *several, locked, arm_file)
     check_picture(coverage, *several, locked, arm_file)
     if locked is not None and noise is not None:
         raise RigError("--locked and --noise: found both, expected one of them")
@@ -232,11 +231,11 @@ def calibrate(
     if method is None and attitude_free:
         click.echo(f"{run}: has no pose: calibrated by the magnitude of the fields, as by --method ellipsoid\n")
     show(calibration_report(calibration))
-    for written in (output, coverage):
-        if written is not None:
-            click.echo(f"\n{written}: written")
+    tell_written(output, coverage)
     status = _status(calibration)
     if status and not attitude_free:
+        from scenarios.diagnosing.task import given_arm
+
         together = " --together" if len(several) > 1 else ""
         command = shlex.join(["rig", "diagnose", *map(str, several), *given_arm(arm_file, tip)])
         click.echo(f"\nWhat is wrong: {command}{together} looks for the cause.")
@@ -272,14 +271,10 @@ def _draw_coverage(run: Path | Recording, calibration: Calibration, arm: Arm | N
 
 def _given(text: str, scan: RecordingScan) -> dict[str, list[float]]:
     """The noise floor of the command line, by sensor in the recorded unit."""
-    from rig.errors import RigError
     from rig.units import conversion_factor
 
     expected = 3 * len(scan.sensors)
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
+    values = numbers(text)
     if len(values) != expected or not all(0.0 < value < float("inf") for value in values):
         raise RigError(
             f"--noise: found {text!r}, expected {expected} positive numbers in mV, separated by commas, "

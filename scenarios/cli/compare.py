@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
@@ -67,16 +68,12 @@ def compare(first: Path, second: Path, output: Path | None, as_json: bool) -> in
     return 0 if found.document["alike"] else 1
 
 
-class _Found:
-    """A comparison: its JSON object, what is shown on the terminal, and its picture."""
+class _Found(NamedTuple):
+    """A comparison: its JSON object, what is shown on the terminal, and its picture, made where it is wanted."""
 
-    def __init__(self, document: dict[str, Any], shown: list[RenderableType], figure: Any) -> None:
-        self.document, self.shown, self._figure = document, shown, figure
-
-    def figure(self) -> Figure:
-        """The picture, made where it is wanted."""
-        figure: Figure = self._figure()
-        return figure
+    document: dict[str, Any]
+    shown: list[RenderableType]
+    figure: Callable[[], Figure]
 
 
 def _kind(path: Path) -> str:
@@ -152,12 +149,13 @@ def _recording(first: Path, second: Path) -> _Found:
         "channels": [vars(row) for row in rows],
     }
     numbers = ("σ", "mean", "RMS", "RMS / σ", "recalibrated")
-    shown = table("channel", *numbers, "unit", numbers=numbers)
+    cells = []
     for row in rows:
         own = shown_unit(row.unit)
         ratios = ("–" if each is None else f"{each:.3g}" for each in (row.rms_sigmas, row.recalibrated_sigmas))
         sizes = (f"{own.factor * each:.3g}" for each in (row.sigma, row.mean, row.rms))
-        shown.add_row(row.channel, *sizes, *ratios, own.name)
+        cells.append((row.channel, *sizes, *ratios, own.name))
+    shown = table("channel", *numbers, "unit", numbers=numbers, rows=cells)
     words = "alike, as far as chance goes" if alike else "they differ by more than the noise that the scenario states"
     if not known:
         words = "the scenario states no noise, so that nothing is said of chance"

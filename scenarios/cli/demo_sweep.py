@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,8 +106,9 @@ def sweep(
       rig sweep ann-arbor --arm ur5e.urdf --tip tool0 -o run.parquet --locked
     """
     check_output(output, RECORDING_SUFFIXES, Path(scenario), arm_file, *causes)
-    if locked:
-        check_output(output.with_name(f"{output.stem}.locked.parquet"), RECORDING_SUFFIXES, output)
+    locked_path = output.with_name(f"{output.stem}.locked.parquet") if locked else None
+    check_output(locked_path, RECORDING_SUFFIXES, output)
+    from rig.files import atomic_path
     from scenarios.causes import read_causes
     from scenarios.loader import load
 
@@ -119,11 +121,12 @@ def sweep(
     chosen = replace(chosen, engine=engine or chosen.engine, motion=motion or chosen.motion)
     with progress_bar(f"sweeping {chosen.name}") as progress:
         recording = chosen.simulate(seed, progress)
-    still = None
-    if locked:
-        with progress_bar("locked arm") as progress:
-            still = chosen.simulate_locked(seed, progress)
-    locked_path = _write(recording, output, still)
+    with ExitStack() as both_or_none:
+        if locked_path is not None:
+            with progress_bar("locked arm") as progress:
+                still = chosen.simulate_locked(seed, progress)
+            still.write(both_or_none.enter_context(atomic_path(locked_path)))
+        recording.write(both_or_none.enter_context(atomic_path(output)))
     summary = _summary(chosen, recording, output, seed)
     if as_json:
         print_json(summary)
@@ -138,20 +141,6 @@ def sweep(
             click.echo(f"{locked_path}: the arm locked, for the noise floor")
         elif (older := summary["locked"]) is not None:
             click.echo(f"{older}: was there before; rig calibrate takes it for the noise floor of {output}")
-
-
-def _write(recording: Recording, path: Path, locked: Recording | None) -> Path | None:
-    """Both recordings or neither."""
-    from rig.files import atomic_path
-
-    if locked is None:
-        recording.write(path)
-        return None
-    locked_path = path.with_name(f"{path.stem}.locked.parquet")
-    with atomic_path(locked_path) as first, atomic_path(path) as second:
-        locked.write(first)
-        recording.write(second)
-    return locked_path
 
 
 def _summary(scenario: Scenario, recording: Recording, path: Path, seed: int | None) -> dict[str, Any]:

@@ -11,7 +11,6 @@ import click
 
 from rig.errors import RigError, one_line, unknown_name
 from rig.files import check_different
-from scenarios.cli._app import debugging
 from scenarios.cli._options import (
     PATH,
     FiniteNumber,
@@ -26,6 +25,7 @@ from scenarios.cli._options import (
     progress_bar,
     without_locked,
 )
+from scenarios.cli._signals import debugging
 
 if TYPE_CHECKING:
     from estimators.gap.diagnosis import Diagnosis

@@ -33,8 +33,7 @@ def export(calibration: Path, target: str, output: Path | None, field_unit: str 
       rig export cal.json --to c -o calibration.h
       rig export cal.json --to ros -o imu.yaml
     """
-    if output is not None:
-        check_output(output, _SUFFIXES[target], calibration)
+    check_output(output, _SUFFIXES[target], calibration)
     from estimators.calibration import Calibration
     from estimators.calibration.export import export as exported
     from rig.files import write_text

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rig.channels import ACCELEROMETER, SENSORS
+from rig.errors import RigError
 from rig.files import check_different
 from scenarios.cli._options import (
     PATH,
@@ -18,6 +21,7 @@ from scenarios.cli._options import (
     check_output,
     chosen_arm,
     json_option,
+    number,
     print_json,
     progress_bar,
 )
@@ -88,11 +92,7 @@ def import_(
       rig import log.csv --at 42.28,-83.74,260 --date 2026-11-22 -o run.parquet
     """
     check_different(logs)
-    if output is not None:
-        check_output(output, RECORDING_SUFFIXES, *logs, map_file, arm_file)
-    from contextlib import ExitStack
-    from dataclasses import replace
-
+    check_output(output, RECORDING_SUFFIXES, *logs, map_file, arm_file)
     from rig.files import atomic_path, write_text
     from scenarios.importing import import_logs
 
@@ -109,7 +109,7 @@ def import_(
     given, there = _mapping(
         map_file, {key: value for key, value in options.items() if value is not None}, gravity, field
     )
-    if map_file is not None and not there:
+    if not there:
         check_output(map_file, (".toml",), *logs)
     given, place = _placed(given, at, date)
     arm = chosen_arm(arm_file, tip)
@@ -132,12 +132,7 @@ def import_(
 def _offset(text: str | None) -> Any:
     if text is None or text == "auto":
         return text
-    from rig.errors import RigError
-
-    try:
-        offset = float(text)
-    except ValueError:
-        offset = math.nan
+    offset = number(text)
     if not math.isfinite(offset):
         raise RigError(f"--clock-offset: found {text!r}, expected a number of seconds or auto")
     return offset
@@ -147,8 +142,6 @@ def _mapping(
     path: Path | None, options: dict[str, Any], gravity: float | None, field: str | None
 ) -> tuple[Mapping, bool]:
     """The mapping file with the options over it, and whether there is one."""
-    from dataclasses import replace
-
     from scenarios.importing.mapping import Mapping, read_mapping
 
     there = path is not None and path.is_file()
@@ -159,8 +152,6 @@ def _mapping(
 
 def _placed(mapping: Mapping, at: str | None, date: str | None) -> tuple[Mapping, str]:
     """The mapping with gravity and, of a day, the field of a place, where they are not stated; and this in words."""
-    from dataclasses import replace
-
     stated = mapping.metadata
     known = {"gravity_m_s2": stated.gravity_m_s2, "magnetic_field": stated.magnetic_field}
     left = {key: value for key, value in known.items() if value is not None}

@@ -25,6 +25,7 @@ from scenarios.cli._options import (
     check_output,
     chosen_arm,
     json_option,
+    number,
     print_json,
 )
 
@@ -92,10 +93,7 @@ def _written(data: bytes) -> None:
 def _speed(text: str) -> float | None:
     if text == "max":
         return None
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = 0.0
+    speed = number(text)
     if not 0.0 < speed < float("inf"):
         raise RigError(f"--speed: found {text!r}, expected a positive number or max")
     return speed
@@ -104,11 +102,11 @@ def _speed(text: str) -> float | None:
 def _connected(text: str) -> socket.socket:
     from rig.stream.sources import ADDRESS
 
-    kind, _, number = text.partition(":")
-    if kind != "connect" or not number.isdecimal() or not 0 < int(number) < 65536:
+    kind, _, port = text.partition(":")
+    if kind != "connect" or not port.isdecimal() or not 0 < int(port) < 65536:
         raise RigError(f"--to: found {text!r}, expected connect:PORT, as in connect:5555")
     try:
-        return socket.create_connection((ADDRESS, int(number)), timeout=5.0)
+        return socket.create_connection((ADDRESS, int(port)), timeout=5.0)
     except OSError as error:
         raise RigError(f"--to {text}: nobody listens: {error.strerror or error}, expected rig live tcp:PORT") from error
 
@@ -161,8 +159,7 @@ def live(source: str, output: Path | None, as_json: bool, **given: Any) -> None:
     check_output(path, RECORDING_SUFFIXES, *inputs)
     cal = given["cal"] if given["cal"] is not None else path.with_suffix(".calibration.json")
     check_output(cal, (".json",), *inputs)
-    if given["view_file"] is not None:
-        check_output(given["view_file"], (".rrd",), *inputs)
+    check_output(given["view_file"], (".rrd",), *inputs)
     if given["resume"]:
         from scenarios.live.session import check_resumable
 
@@ -170,7 +167,7 @@ def live(source: str, output: Path | None, as_json: bool, **given: Any) -> None:
     elif path.with_suffix(".csv").exists():
         raise RigError(f"{path.with_suffix('.csv')}: is there already: expected --resume, or another -o")
     plan = _plan(source, given)
-    session, displays = _session(source, path, plan, given)
+    session = _session(source, path, plan, given)
     try:
         with _stoppable() as stopped:
             if given["resume"]:
@@ -178,7 +175,6 @@ def live(source: str, output: Path | None, as_json: bool, **given: Any) -> None:
             session.run(stopped)
     finally:
         made = session.close()
-    del displays
     if made is None:
         raise RigError(f"{source}: found {_nothing(session)}, expected readings under the names of their columns")
     _finish(session, made, cal, plan, as_json)
@@ -222,12 +218,8 @@ def _plan(source: str, given: dict[str, Any]) -> Plan:
 
 
 def _share(text: str) -> float:
-    number = text.strip()
-    percent = number.endswith("%")
-    try:
-        value = float(number.rstrip("% ")) * (0.01 if percent else 1.0)
-    except ValueError:
-        value = 0.0
+    share = text.strip()
+    value = number(share.rstrip("% ")) * (0.01 if share.endswith("%") else 1.0)
     if not _LEAST_SHARE <= value < 1.0:
         raise RigError(f"--to: found {text!r}, expected a share such as 0.1% or 0.001, {_LEAST_SHARE:g} or more")
     return value
@@ -256,17 +248,13 @@ def _list_procedures(as_json: bool) -> None:
     if as_json:
         print_json(rows)
         return
-    from rich.text import Text
-
     from scenarios.terminal.tables import show, table
 
-    listed = table("procedure", "steps", "what it is", "what it lacks", numbers=("steps",))
-    for row in rows:
-        listed.add_row(*map(Text, (row["name"], str(len(row["steps"])), row["title"], row["lacking"] or "")))
-    show(listed)
+    cells = [(row["name"], str(len(row["steps"])), row["title"], row["lacking"] or "") for row in rows]
+    show(table("procedure", "steps", "what it is", "what it lacks", numbers=("steps",), rows=cells))
 
 
-def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tuple[Session, list[Display]]:
+def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> Session:
     from rig.stream import Feed, open_source
     from scenarios.live.panel import Lines, TerminalPanel
     from scenarios.live.session import Session
@@ -286,7 +274,7 @@ def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> tupl
 
         displays.append(LiveView(given["view"], given["view_file"], plan.arm))
     displays.append(TerminalPanel("standard input" if source == "-" else source) if sys.stderr.isatty() else Lines())
-    return Session(feed, path, plan, displays), displays
+    return Session(feed, path, plan, displays)
 
 
 def _metadata(given: dict[str, Any], mapped: Metadata | None) -> Metadata | None:

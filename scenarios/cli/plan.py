@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rig.errors import RigError, unknown_name
 from scenarios.cli._options import (
     PATH,
     POSITIVE,
@@ -18,6 +19,8 @@ from scenarios.cli._options import (
     check_output,
     check_picture,
     json_option,
+    number,
+    numbers,
     on_arm,
     print_json,
     progress_bar,
@@ -93,8 +96,7 @@ def plan(
       rig sweep plan.toml -o run.parquet --engine dynamic && rig calibrate run.parquet --still
     """
     check_output(output, (".toml",), Path(scenario), arm_file)
-    if csv is not None:
-        check_output(csv, (".csv",), arm_file)
+    check_output(csv, (".csv",), arm_file)
     check_picture(plot, arm_file)
     from rig.files import atomic_path, write_text
     from scenarios.loader import load
@@ -149,18 +151,13 @@ def _weights(given: tuple[str, ...]) -> dict[str, float]:
     Raises:
         RigError: no such name, or no number.
     """
-    from rig.errors import RigError, unknown_name
-
     found = {}
     known = [*_STEMS, *(f"{stem}{k}" for stem in _STEMS[:3] for k in (1, 2, 3))]
     for text in given:
-        name, _, number = text.partition("=")
+        name, _, weight = text.partition("=")
         if name not in known:
             raise unknown_name("--weight", name, known)
-        try:
-            found[name] = float(number)
-        except ValueError:
-            found[name] = -1.0
+        found[name] = number(weight)
         if not 0.0 <= found[name] <= _HEAVIEST:
             raise RigError(f"--weight: found {text!r}, expected {name}=W with a number from 0 to {_HEAVIEST:g}")
     return found
@@ -173,7 +170,6 @@ def _causes(given: tuple[str, ...]) -> list[tuple[str, str]] | None:
         RigError: no such effect, or no place.
     """
     from rig.effects import EFFECTS
-    from rig.errors import RigError, unknown_name
 
     if not given:
         return None
@@ -191,10 +187,8 @@ def _causes(given: tuple[str, ...]) -> list[tuple[str, str]] | None:
 
 
 def _box(text: str) -> tuple[float, float, float, float, float, float]:
-    from rig.errors import RigError
-
-    try:
-        x, y, z, far_x, far_y, far_z = map(float, text.split(","))
-    except ValueError:
-        raise RigError(f"--box: found {text!r}, expected six numbers x,y,z,X,Y,Z [m]") from None
+    corners = numbers(text)
+    if len(corners) != 6:
+        raise RigError(f"--box: found {text!r}, expected six numbers x,y,z,X,Y,Z [m]")
+    x, y, z, far_x, far_y, far_z = corners
     return x, y, z, far_x, far_y, far_z

@@ -52,9 +52,9 @@ def scenarios(name: str | None, as_json: bool) -> None:
         if as_json:
             print_json([{"name": key, "title": title} for key, title in titles().items()])
             return
-        from scenarios.terminal.tables import scenarios_table, show
+        from scenarios.terminal.tables import show, table
 
-        show(scenarios_table(titles()))
+        show(table("scenario", "what it is", rows=titles().items()))
         return
     from scenarios.loader import load, read_text
 
@@ -149,8 +149,7 @@ def view(
     """
     if diagnosis is not None and calibration is not None:
         raise RigError("--calibration: found beside --diagnosis, which has its own, expected one or the other")
-    if output is not None:
-        check_output(output, (".rrd",), run, calibration, diagnosis, arm_file)
+    check_output(output, (".rrd",), run, calibration, diagnosis, arm_file)
     target = output if output is not None else Path(mkdtemp(prefix="rig-view-")) / f"{run.stem}.rrd"
     try:
         arm = chosen_arm(arm_file, tip)

@@ -1,4 +1,4 @@
-"""Many recordings diagnosed side by side; whoever asked writes the files."""
+"""Recordings diagnosed, one or together, many side by side; whoever asked writes the files."""
 
 from __future__ import annotations
 
@@ -9,57 +9,66 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
+from estimators.calibration import Calibration
 from estimators.gap.data.basefit import fitted_model, posed
 from estimators.gap.diagnose import examined
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.memory import as_stated, stated
-from rig.progress import Progress
-from rig.recording import locked_beside, whole_or_means
+from rig.progress import Progress, unheard
+from rig.recording import Recording, locked_beside, whole_or_means
 from rig.threads import one_blas_thread
 from scenarios.diagnosing.concluded import concluded
 from scenarios.diagnosing.kept import origin
 from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
-from scenarios.diagnosing.together import carry_out_together
+from scenarios.diagnosing.together import residuals_of_each
 from scenarios.gap_report.gap_residuals import gap_residuals
 from scenarios.workers import Workers
 
 __all__ = ["Outcome", "Task", "carry_out", "outcomes"]
 
 
-def carry_out(task: Task, progress: Progress | None = None) -> Outcome:
-    """Diagnose one recording in this process, with one BLAS thread.
+def carry_out(task: Task, progress: Progress = unheard) -> Outcome:
+    """Diagnose one recording, or several of one rig together, in this process, with one BLAS thread.
 
     Raises:
-        RigError, RefusedFit: the recording cannot be read or diagnosed.
+        RigError, RefusedFit: a recording cannot be read, or they cannot be diagnosed.
     """
-    if task.others or task.calibration is not None:
-        return carry_out_together(task, progress)
     arm = None if task.arm_file is None else Arm.from_file(task.arm_file, task.tip)
-    joints = None if arm is None else arm.dof
+    runs = (task.run, *task.others)
+    together = len(runs) > 1 or task.calibration is not None
     means = partial(
         whole_or_means,
-        joints=joints,
-        bytes_a_sample=BYTES_A_SAMPLE * task.together,
+        joints=None if arm is None else arm.dof,
+        bytes_a_sample=BYTES_A_SAMPLE * task.together * len(runs),
         fixed=BYTES_ANYWAY * task.together,
+        fitted=None if together else partial(fitted_model, arm=arm),
     )
-    fitted = partial(fitted_model, arm=arm)
-    recording, block = means(task.run, fitted=fitted)
-    recording = posed(recording, arm)[0]
+    read = [means(run) for run in runs]
+    recordings = [recording for recording, _ in read]
     made_from = origin(task)
     if task.origin is not None and made_from["files_sha256"] != task.origin["files_sha256"]:
         raise RigError(f"{task.run}: is another file on {platform.node()}, expected the one to diagnose")
-    beside = task.locked or locked_beside(task.run)
-    locked = None if beside is None else means(beside, block=block)[0]
-    second = None if task.maneuver2 is None else means(task.maneuver2, block=block, fitted=fitted)[0]
+    rests: list[Recording | None] = []
+    for run, (_, block) in zip(runs, read, strict=True):
+        beside = task.locked or locked_beside(run)
+        rests.append(None if beside is None else means(beside, block=block, fitted=None)[0])
     with one_blas_thread():
-        found = examined(recording, locked, second, task.without, arm, progress, task.prior, task.rig)
-        residuals = gap_residuals(recording, found.diagnosis, locked, arm, found.data)
-        return concluded(task, found.diagnosis, [residuals], locked, About.of(recording, block), made_from)
+        if together:
+            known = None if task.calibration is None else Calibration.read(task.calibration)
+            found = examined(recordings, rests, None, task.without, arm, progress, task.prior, calibration=known)
+            residuals = residuals_of_each(found)
+        else:
+            recordings = [posed(recordings[0], arm)[0]]
+            second = None if task.maneuver2 is None else means(task.maneuver2, block=read[0][1])[0]
+            found = examined(recordings[0], rests[0], second, task.without, arm, progress, task.prior, task.rig)
+            residuals = [gap_residuals(recordings[0], found.diagnosis, rests[0], arm, found.data)]
+        about = About.of(recordings[-1], max(block for _, block in read))
+        return concluded(task, found.diagnosis, residuals, rests[-1], about, made_from)
 
 
 def outcomes(
-    tasks: Sequence[Task], workers: Workers, progress: Progress = lambda share: None
+    tasks: Sequence[Task], workers: Workers, progress: Progress = unheard
 ) -> Iterator[tuple[int, Outcome | Exception]]:
     """The number of each task with its outcome, or with what stopped it, as they are done.
 
@@ -94,7 +103,7 @@ def _elsewhere(task: Task) -> Task:
     return whole
 
 
-def _attempt(task: Task, progress: Progress | None = None) -> Outcome | Exception:
+def _attempt(task: Task, progress: Progress = unheard) -> Outcome | Exception:
     """The outcome, or what stopped it: one recording does not stop the others."""
     try:
         with as_stated(task.memory):

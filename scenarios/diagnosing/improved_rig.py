@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.data.basefit import all_readings
+from estimators.gap.data.basefit import all_readings, floor_of
 from estimators.gap.data.defects import lattice
 from estimators.gap.diagnosis import Diagnosis, Estimate
 from estimators.gap.report.fitted_rig import FittedRig, delayed, known_to
@@ -107,19 +107,14 @@ def read_fitted_rig(path: Path) -> FittedRig:
     return FittedRig(path.stem, scenario.rig.effects, scenario.fitted_to, scenario.fitted_std)
 
 
-def _floor_of(residuals: GapResiduals, sensor: str) -> Array:
-    """(3,) standard deviation of a sensor's noise at rest [recorded unit]."""
-    columns = range(len(CHANNELS))[COLUMNS_OF[sensor]]
-    return np.sqrt([residuals.floor[column].variance for column in columns])
-
-
 def _acquisition(residuals: GapResiduals, locked: Recording | None, every: int) -> Acquisition:
     """Noise floor, converter step and decimation; the range is the board's where no reading leaves it."""
     recording = residuals.recording
     noise = np.zeros(len(CHANNELS))
-    for sensor in recording.sensors:
-        noise[COLUMNS_OF[sensor]] = _floor_of(residuals, sensor)
-    in_volts = [CHANNELS.index(name) for name in residuals.channels if _unit_of(recording, name) == "V"]
+    for sensor, sigma in floor_of(recording, residuals.floor).items():
+        noise[COLUMNS_OF[sensor]] = sigma
+    volts = [CHANNELS_OF[sensor] for sensor, unit in recording.units.items() if unit == "V"]
+    in_volts = [CHANNELS.index(name) for names in volts for name in names]
     steps = lattice(all_readings(recording if locked is None else locked))[in_volts]
     steps = steps[steps > 0.0]
     readings = all_readings(recording)[:, in_volts]
@@ -137,12 +132,6 @@ def _acquisition(residuals: GapResiduals, locked: Recording | None, every: int) 
         pose="joints" if residuals.data.base.arm is not None else "tool",
         units=(recording.units.get(ACCELEROMETER, "V"), recording.units.get(MAGNETOMETER, "V")),
     )
-
-
-def _unit_of(recording: Recording, channel: str) -> str:
-    """The recorded unit of a channel."""
-    (unit,) = [recording.unit(sensor) for sensor in recording.sensors if channel in CHANNELS_OF[sensor]]
-    return unit
 
 
 def _warming(environment: Environment, recording: Recording) -> Environment:

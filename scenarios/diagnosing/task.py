@@ -6,17 +6,21 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from estimators.gap import Diagnosis
+from estimators.gap.report.fitted_rig import FittedRig
 from rig.recording import Recording
-
-if TYPE_CHECKING:
-    from estimators.gap.report.fitted_rig import FittedRig
 
 #: Memory that a diagnosis takes [bytes a sample], and the program by itself [bytes].
 BYTES_A_SAMPLE: Final = 10_000.0
 BYTES_ANYWAY: Final = 400e6
+
+
+def given_arm(arm_file: Path | None, tip: str | None) -> list[str]:
+    """The words of ``--arm`` and ``--tip`` as they were given; none where they were not."""
+    given = {"--arm": arm_file, "--tip": tip}
+    return [word for option, value in given.items() if value is not None for word in (option, str(value))]
 
 
 @dataclass(frozen=True)
@@ -58,8 +62,7 @@ class Task:
     @property
     def arm_options(self) -> str:
         """The options of the arm, as a shell takes them; empty where none was given."""
-        given = {"--arm": self.arm_file, "--tip": self.tip}
-        return " ".join(f"{option} {shlex.quote(str(value))}" for option, value in given.items() if value is not None)
+        return shlex.join(given_arm(self.arm_file, self.tip))
 
 
 @dataclass(frozen=True)

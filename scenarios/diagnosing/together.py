@@ -1,51 +1,17 @@
-"""Several recordings diagnosed together, or one beside a calibration from before."""
+"""What is left of recordings diagnosed together, or of one beside a calibration from before, each by itself."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from estimators.calibration import Calibration
 from estimators.gap.data.stack import acting
-from estimators.gap.diagnose import Examined, examined
-from rig.arm import Arm
+from estimators.gap.diagnose import Examined
+from estimators.gap.report.fitted_rig import delayed
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
-from rig.progress import Progress
-from rig.recording import Recording, locked_beside, whole_or_means
-from rig.threads import one_blas_thread
-from scenarios.diagnosing.concluded import concluded
-from scenarios.diagnosing.kept import origin
-from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
 from scenarios.gap_report.gap_residuals import GapResiduals, diagnosed_effects, whitened, with_noise
-
-
-def carry_out_together(task: Task, progress: Progress | None = None) -> Outcome:
-    """Diagnose recordings of one rig in this process, with one BLAS thread.
-
-    Raises:
-        RigError, RefusedFit: a recording cannot be read, or all together cannot be diagnosed.
-    """
-    arm = None if task.arm_file is None else Arm.from_file(task.arm_file, task.tip)
-    joints = None if arm is None else arm.dof
-    runs = (task.run, *task.others)
-    share = len(runs) * task.together
-    recordings: list[Recording] = []
-    rests: list[Recording | None] = []
-    longest = 1
-    for run in runs:
-        recording, block = whole_or_means(run, joints, share * BYTES_A_SAMPLE, fixed=task.together * BYTES_ANYWAY)
-        beside = task.locked or locked_beside(run)
-        longest = max(longest, block)
-        recordings.append(recording)
-        rests.append(None if beside is None else whole_or_means(beside, joints, block=block)[0])
-    known = None if task.calibration is None else Calibration.read(task.calibration)
-    with one_blas_thread():
-        found = examined(recordings, rests, None, task.without, arm, progress, task.prior, calibration=known)
-        about = About.of(recordings[-1], longest)
-        return concluded(task, found.diagnosis, residuals_of_each(found), rests[-1], about, origin(task))
 
 
 def residuals_of_each(found: Examined) -> list[GapResiduals]:
@@ -85,10 +51,6 @@ def residuals_of_each(found: Examined) -> list[GapResiduals]:
 
 def _own(effect: Effect, began: float, start: float) -> Effect:
     """The catalogue's effect on a recording's own clock, from its first sample on where it begins before that."""
-    values: dict[str, Any] = dict(vars(effect))
-    if "at_s" in values:
-        values["at_s"] = max(values["at_s"] - began, start)
-    if effect.tone:
-        turn = 2.0 * np.pi * values["freq_Hz"] * began
-        values["phase_rad"] = np.remainder(np.asarray(values["phase_rad"]) + turn, 2.0 * np.pi).tolist()
-    return EFFECTS[effect.name].from_mapping(values)
+    own = delayed(EFFECTS[effect.name].from_mapping(vars(effect)), -began)
+    values = vars(own)
+    return own.from_mapping({**values, "at_s": max(values["at_s"], start)}) if "at_s" in values else own

@@ -11,6 +11,7 @@ from scenarios.gap_report import html
 from scenarios.gap_report.words import (
     ITS_SHARE,
     alike_title,
+    capital,
     cause_title,
     estimate_words,
     formula,
@@ -94,9 +95,8 @@ def _cause(cause: Cause, status: str) -> str:
     listed = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
     titles = ("parameter", "value ± standard deviation", "in other units", "remark")
     filled = [index for index in range(len(titles)) if index < 2 or any(row[index] for row in rows)]
-    title = alike_title(cause)
     parts = [
-        f'<section class="cause"><h3>{escape(title[:1].upper() + title[1:])}</h3>',
+        f'<section class="cause"><h3>{escape(capital(alike_title(cause)))}</h3>',
         f'<p class="soft">{escape(formula(cause.effect))}</p>',
         f'<dl class="facts">{listed}</dl>',
         html.table([titles[index] for index in filled], [[row[index] for index in filled] for row in rows]),

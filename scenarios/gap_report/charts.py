@@ -13,7 +13,7 @@ from estimators.gap.share_words import chance, percent
 from rig.channels import CHANNELS_OF
 from scenarios.colours import BLACK, BLUE, VERMILLION
 from scenarios.gap_report import html
-from scenarios.gap_report.words import ANSWERS, closed_words, part_words, place_words
+from scenarios.gap_report.words import ANSWERS, part_words, place_words, share_words
 from scenarios.plots.inline_svg import inline_svg, page_panels
 from scenarios.plots.style import style
 from scenarios.shown_units import Shown
@@ -92,7 +92,7 @@ def closed_bar(diagnosis: Diagnosis) -> str:
     """The share of the squared gap that is gone, with its interval."""
     closed = diagnosis.closed
     ends = None if closed.low is None or closed.high is None else (closed.low, closed.high)
-    told = html.bar("of the squared gap", closed_words(diagnosis), closed.value or 0.0, "after", ends)
+    told = html.bar("of the squared gap", share_words(diagnosis.closed), closed.value or 0.0, "after", ends)
     return html.bars([told], "share of the squared gap that closes, with its 95 % interval")
 
 

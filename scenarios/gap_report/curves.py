@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullLocator
+from scipy.signal import periodogram
 
 from estimators.gap.floor.channel_noise import ChannelNoise
 from rig.arrays import Array, Rows
@@ -76,11 +77,7 @@ def label_decades(axis: Axes) -> None:
 
 def density(values: Array, interval_s: float) -> tuple[Array, Array]:
     """Frequencies (m,) [Hz] and the mean power density [unit^2/Hz] of values (n,) in bands of even ratio."""
-    window = 1.0 - np.cos(2.0 * np.pi * np.arange(len(values)) / len(values))  # Hann's
-    spectrum = np.fft.rfft((values - values.mean()) * window)[1:]
-    power = 2.0 * interval_s * np.abs(spectrum) ** 2 / np.sum(window**2)
-    power[-1] *= 1.0 if len(values) % 2 else 0.5  # half the rate has no other side
-    frequency = np.arange(1, len(power) + 1) / (len(values) * interval_s)
+    frequency, power = (each[1:] for each in periodogram(values, 1.0 / interval_s, "hann"))
     edges = np.unique(np.round(np.geomspace(1, len(frequency) + 1, _BANDS)).astype(int)) - 1
     starts = edges[:-1]
     counts = np.diff(edges)

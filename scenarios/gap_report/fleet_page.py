@@ -20,7 +20,7 @@ from rig.files import made_folder, write_text
 from scenarios.diagnosing.fleet import Entry, History, fleet_csv, fleet_json, histories, in_order
 from scenarios.gap_report import html
 from scenarios.gap_report.own_names import in_own_names
-from scenarios.gap_report.words import VERDICTS, cause_or_alike, cause_title, closed_words
+from scenarios.gap_report.words import VERDICTS, cause_or_alike, cause_title, share_words
 from scenarios.terminal.tables import table
 
 _SIGN: Final = '<i class="k-{0}" title="{0}" aria-label="{0}" role="img"></i>'
@@ -36,7 +36,9 @@ def fleet_page(entries: Sequence[Entry]) -> str:
         f"<h1>{escape(_headline(told, arms))}</h1>",
         _tiles(ordered),
         "<h2>Which cause, on which arm, since when</h2>",
-        _since(told) if told else "<p>No recording shows a cause.</p>",
+        html.table(_HEADER, [[escape(cell) for cell in row] for row in _rows(told)])
+        if told
+        else "<p>No recording shows a cause.</p>",
         _picture(told) if told else "",
         "<h2>All recordings</h2>",
         _recordings(ordered),
@@ -76,16 +78,12 @@ def _moment(entry: Entry) -> str:
     return f"{entry.recorded} ({entry.name})" if entry.recorded else entry.name
 
 
-def _state(history: History) -> str:
-    return "now" if history.now else "gone again"
-
-
 def _rows(told: Sequence[History]) -> list[tuple[str, str, str, str, str]]:
     """Arm, cause, since, last without, in how many of those that could tell."""
     return [
         (
             each.arm,
-            f"{_title(each)} ({_state(each)})",
+            f"{_title(each)} ({'now' if each.now else 'gone again'})",
             _moment(each.since),
             _before(each),
             f"{each.seen.count('found')} of {sum(seen != 'open' for seen in each.seen)}",
@@ -101,10 +99,6 @@ def _before(history: History) -> str:
 
 
 _HEADER: Final = ("arm", "cause", "since", "last recording without it", "found in")
-
-
-def _since(told: Sequence[History]) -> str:
-    return html.table(_HEADER, [[escape(cell) for cell in row] for row in _rows(told)])
 
 
 def _picture(told: Sequence[History]) -> str:
@@ -129,7 +123,7 @@ def _recordings(entries: Sequence[Entry]) -> str:
         causes = [f"{cause_or_alike(cause)}: {chance(cause.probability)}" for cause in entry.causes]
         link = f'<a href="{quote(f"{entry.name}.html")}">{escape(entry.name)}</a>'
         rows.append(
-            [*row, link, html.badge(found.verdict), "<br>".join(map(escape, causes)), escape(closed_words(found))]
+            [*row, link, html.badge(found.verdict), "<br>".join(map(escape, causes)), escape(share_words(found.closed))]
         )
     return html.table(("arm", "recorded", "recording", "verdict", "causes", "closed"), rows)
 
@@ -137,12 +131,10 @@ def _recordings(entries: Sequence[Entry]) -> str:
 def fleet_tables(entries: Sequence[Entry]) -> Group:
     """The same for the terminal: which cause on which arm since when, then one line a verdict."""
     told = histories(_in_own_names(entries))
-    result = table(*_HEADER)
-    for row in _rows(told):
-        result.add_row(*map(Text, row))
     verdicts = Counter(entry.diagnosis.verdict for entry in entries if entry.diagnosis is not None)
     counts = and_words([f"{count} {VERDICTS[name].lower()}" for name, count in verdicts.most_common()])
-    return Group(*([result] if told else []), Text(f"\n{_number(sum(verdicts.values()), 'recording')}: {counts}"))
+    listed = [table(*_HEADER, rows=_rows(told))] if told else []
+    return Group(*listed, Text(f"\n{_number(sum(verdicts.values()), 'recording')}: {counts}"))
 
 
 def write_fleet(entries: Sequence[Entry], out: Path) -> tuple[Path, Path, Path]:

@@ -13,6 +13,7 @@ from estimators.gap.data.basefit import (
     cleared,
     estimated_floor,
     fitted_pipeline,
+    floor_of,
     learn_floor,
     posed,
     set_up,
@@ -27,7 +28,7 @@ from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import Left
 from rig.arm import Arm
 from rig.arrays import Array, Mask
-from rig.channels import CHANNELS, COLUMNS_OF
+from rig.channels import CHANNELS
 from rig.effects import EFFECTS, Effect, Kind, make_effect, without_nulls
 from rig.errors import RigError
 from rig.pipeline import Pipeline
@@ -61,11 +62,6 @@ class GapResiduals:
     causes: tuple[Effect, ...]
     data: WhitenedData
     calibrated: Pipeline
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """The channels that were recorded."""
-        return tuple(CHANNELS[column] for column in self.data.columns)
 
 
 def gap_residuals(
@@ -159,8 +155,7 @@ def _recalibrated(
 ) -> WhitenedData:
     """The data with the recording's calibration once the causes' change and the readings they spoil are left out."""
     corrected = cleared(recording, data.given_change + data.change(mean_effects(causes)))
-    sigma = np.sqrt([channel.variance for channel in floor])
-    noise = {sensor: sigma[COLUMNS_OF[sensor]] for sensor in recording.sensors}
+    noise = floor_of(recording, floor)
     whole = np.flatnonzero(~left_out.any(axis=1))
     try:
         pipeline = fitted_pipeline(calibrate(corrected.select(whole), noise=noise, arm=data.base.arm), recording)

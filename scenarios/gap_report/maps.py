@@ -23,6 +23,8 @@ _LEAST: Final = (10, 6)
 _FILLED: Final = 0.85  # a map with more empty cells is drawn coarser
 _STILL_RAD: Final = 0.05
 _TURNS: Final = 1.5  # a joint that spans more than so many turns is shown within one
+#: Of an angle within a turn [deg].
+_TURN: Final = tuple((share, f"{360.0 * share - 180.0:g}".replace("-", "−")) for share in (0.0, 0.25, 0.5, 0.75, 1.0))
 _SHOWN: Final[dict[str, Any]] = {
     "cmap": LinearSegmentedColormap.from_list("signed", SIGNED),
     "vmin": -LIMIT,
@@ -104,7 +106,7 @@ def axis_pairs(residuals: GapResiduals) -> list[tuple[Axis, Axis]]:
         return _attitude_pairs(residuals)
     across = [_joint_axis(joint, q[:, joint]) for joint in moving]
     if len(moving) == 1:
-        return [(across[0], _time_axis(residuals.recording.t))]
+        return [(across[0], _linear("time", "s", residuals.recording.t, 0))]
     pairs = [(across[-1], across[-2])]
     if len(moving) > 2:
         pairs.append((across[0], _joint_axis(moving[-2], q[:, moving[-2]], fold=False)))
@@ -116,8 +118,7 @@ def _joint_axis(joint: int, angle: Array, fold: bool = True) -> Axis:
     turns = np.ptp(np.unwrap(angle)) > 2.0 * np.pi * _TURNS
     if turns:
         place = np.mod(angle / (2.0 * np.pi) + 0.5, 1.0)
-        ticks = tuple((share, _label(360.0 * share - 180.0)) for share in (0.0, 0.25, 0.5, 0.75, 1.0))
-        return Axis(name, "deg", place, ticks)
+        return Axis(name, "deg", place, _TURN)
     low, high = float(angle.min()), float(angle.max())
     along = np.clip((angle - low) / (high - low), 0.0, 1.0)
     rising = np.gradient(angle) >= 0
@@ -128,33 +129,27 @@ def _joint_axis(joint: int, angle: Array, fold: bool = True) -> Axis:
     return Axis(name, "deg", along, ((0.0, ends[0]), (1.0, ends[1])))
 
 
-def _time_axis(t: Array) -> Axis:
-    ticks = ((0.0, _label(round(float(t[0])))), (1.0, _label(round(float(t[-1])))))
-    return Axis("time", "s", (t - t[0]) / max(float(t[-1] - t[0]), 1e-12), ticks)
-
-
 def _attitude_pairs(residuals: GapResiduals) -> list[tuple[Axis, Axis]]:
     """Where the base's vertical points in the tool's frame; and the tool's position, where it is known."""
     vertical = residuals.data.base.R_base_tool[:, 2, :]
     azimuth = np.arctan2(vertical[:, 1], vertical[:, 0]) / (2.0 * np.pi) + 0.5
-    ticks = tuple((share, _label(360.0 * share - 180.0)) for share in (0.0, 0.25, 0.5, 0.75, 1.0))
     heights = tuple((0.5 + 0.5 * value, _label(value)) for value in (-1.0, 0.0, 1.0))
     attitude = (
-        Axis("azimuth of the vertical in the tool", "deg", azimuth, ticks),
+        Axis("azimuth of the vertical in the tool", "deg", azimuth, _TURN),
         Axis("its z component", "1", 0.5 + 0.5 * vertical[:, 2], heights),
     )
     position = residuals.data.base.position
     if not position.size or np.ptp(position, axis=0).max() < 1e-3:
         return [attitude]
-    axes = [_length_axis(name, position[:, column]) for column, name in enumerate("xyz")]
+    axes = [_linear(name, "m", position[:, column], 2) for column, name in enumerate("xyz")]
     widest = sorted(np.argsort(-np.ptp(position, axis=0))[:2])
     return [attitude, (axes[widest[0]], axes[widest[1]])]
 
 
-def _length_axis(name: str, values: Array) -> Axis:
+def _linear(name: str, unit: str, values: Array, decimals: int) -> Axis:
     low, high = float(values.min()), float(values.max())
-    ticks = ((0.0, _label(round(low, 2))), (1.0, _label(round(high, 2))))
-    return Axis(name, "m", np.clip((values - low) / max(high - low, 1e-9), 0.0, 1.0), ticks)
+    ticks = ((0.0, _label(round(low, decimals))), (1.0, _label(round(high, decimals))))
+    return Axis(name, unit, np.clip((values - low) / max(high - low, 1e-9), 0.0, 1.0), ticks)
 
 
 def cells(white: Array, horizontal: Axis, vertical: Axis, shape: tuple[int, int]) -> Array:

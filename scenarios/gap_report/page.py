@@ -12,7 +12,7 @@ from scenarios.gap_report import html, sections
 from scenarios.gap_report.cause_section import which
 from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.own_names import in_own_names
-from scenarios.gap_report.words import VERDICTS, closed_words, consequences, headline, noise_words
+from scenarios.gap_report.words import VERDICTS, consequences, headline, noise_words, share_words
 from scenarios.version import package_version
 
 
@@ -82,7 +82,7 @@ def _tiles(diagnosis: Diagnosis) -> str:
         )
     tiles.append(_probability(diagnosis))
     if diagnosis.closed.value is not None:
-        share, _, interval = closed_words(diagnosis).partition(" (")
+        share, _, interval = share_words(diagnosis.closed).partition(" (")
         note = f"95 % interval: {interval.removesuffix(')')}" if interval else "by the likeliest explanation"
         tiles.append(("Squared gap closed", share, note))
     if diagnosis.remainder.verdict == "noise":

@@ -10,7 +10,7 @@ from typing import Any, Final
 from estimators.gap.diagnosis import Cause, Diagnosis
 from estimators.gap.readable_units import rms_text
 from estimators.gap.remainder_words import grouped, share_left, source_words, variable_words
-from estimators.gap.share_words import chance, elsewhere_words
+from estimators.gap.share_words import elsewhere_words
 from rig.effects import EFFECTS, Kind
 from rig.recording import Recording
 from scenarios.gap_report import charts, curves, html, maps
@@ -19,19 +19,20 @@ from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.maneuver_words import interval_words
 from scenarios.gap_report.untold import grouped_untold
 from scenarios.gap_report.words import (
-    LISTED,
     MEANINGS,
     RIG_COLUMNS,
     VERDICTS,
     apart_words,
+    as_sentence,
+    capital,
     cause_title,
-    explanation_words,
+    explanation_rows,
     hidden_words,
-    listed_words,
     noise_words,
     one_of_words,
     part_words,
     readable,
+    rig_rows,
     rig_words,
     worth_shifts,
 )
@@ -49,18 +50,15 @@ _NOT_TAKEN_OUT: Final = (
 
 def explanations(diagnosis: Diagnosis) -> str:
     """What could explain the recording, each with its probability."""
-    shown = diagnosis.hypotheses[:LISTED]
-    rows = [(escape(explanation_words(one, diagnosis.causes)), chance(one.probability)) for one in shown]
-    if rest := listed_words(diagnosis, len(shown)):
-        words, _, probability = rest.partition(": ")
-        rows.append((f"<i>{escape(words)}</i>", escape(probability)))
+    rows, rest = explanation_rows(diagnosis)
+    cells = [*((escape(words), told) for words, told in rows), *((f"<i>{words}</i>", told) for words, told in rest)]
     return "\n".join(
         [
             "<h2>What could explain it</h2>",
             f"<p><b>{VERDICTS[diagnosis.verdict]}</b>: {escape(MEANINGS[diagnosis.verdict])}</p>",
             html.figure(charts.posterior_bars(diagnosis), "Probability of each answer; the three add up to one."),
-            html.table(("explanation", "probability"), rows, numbers=(1,)),
-            *(f"<p>{escape(_sentence(words))}</p>" for words in one_of_words(diagnosis)),
+            html.table(("explanation", "probability"), cells, numbers=(1,)),
+            *(f"<p>{escape(as_sentence(words))}</p>" for words in one_of_words(diagnosis)),
             '<p class="soft">Every explanation is a set of causes that act together, the likeliest first. '
             f"{_EITHER if any(cause.equivalent for cause in diagnosis.causes) else ''}"
             "Of what is said with a probability of .9, nine in ten should be true.</p>",
@@ -72,11 +70,10 @@ def fitted_rig(diagnosis: Diagnosis, residuals: GapResiduals) -> str:
     """The gap against the fitted rig beside that against the ideal one; empty where no rig was given."""
     if diagnosis.rig is None:
         return ""
-    shown = shown_units(residuals.recording.units)
-    rows = []
-    for name, row in diagnosis.rig["channels"].items():
-        sizes = (rms_text(row[key], row["noise_floor"], diagnosis.samples, shown[name].factor) for key in RIG_COLUMNS)
-        rows.append((f"<code>{escape(name)}</code>", *sizes, escape(shown[name].name)))
+    rows = [
+        (f"<code>{escape(name)}</code>", *map(escape, told))
+        for name, *told in rig_rows(diagnosis.rig, residuals.recording.units, diagnosis.samples)
+    ]
     titles = ("channel", *RIG_COLUMNS.values(), "unit")
     words = " ".join(escape(line) for line in rig_words(diagnosis))
     return (
@@ -197,7 +194,7 @@ def calibration(diagnosis: Diagnosis, recording: Recording) -> str:
     shifts, none = worth_shifts(diagnosis)
     heading = "<h2>What it does to the calibration</h2>"
     if not shifts:
-        return f"{heading}\n<p>{_sentence(none)}</p>" if none else ""
+        return f"{heading}\n<p>{as_sentence(none)}</p>" if none else ""
     shown = shifts[:_SHIFTS]
     rest = len(diagnosis.calibration_shift) - len(shown)
     rows = []
@@ -231,7 +228,7 @@ def remainder(diagnosis: Diagnosis) -> str:
     """What is left after the likeliest explanation, and what could still hide."""
     parts = ["<h2>What is left</h2>"]
     if diagnosis.remainder.verdict == "noise":
-        parts.append(f"<p>{_sentence(noise_words(diagnosis))}</p>")
+        parts.append(f"<p>{as_sentence(noise_words(diagnosis))}</p>")
     elif not diagnosis.remainder.follows:
         parts.append("<p>More than noise, without a pattern that could be told.</p>")
     else:
@@ -270,8 +267,7 @@ def untold(diagnosis: Diagnosis) -> str:
         return ""
     groups = grouped_untold(diagnosis)
     listed = "".join(
-        f"<dt>{escape(why[:1].upper() + why[1:])}</dt><dd>{escape(', '.join(effects))}</dd>"
-        for why, effects in groups.items()
+        f"<dt>{escape(capital(why))}</dt><dd>{escape(', '.join(effects))}</dd>" for why, effects in groups.items()
     )
     return (
         "<h2>What this recording cannot tell</h2>\n"
@@ -287,7 +283,7 @@ def next_step(diagnosis: Diagnosis) -> str:
     step = diagnosis.next or {}
     if not step.get("maneuver"):
         return "\n".join(parts)
-    parts += [f"<p><b>{escape(_sentence(str(step['maneuver'])))}</b></p>", f"<p>{escape(str(step['why']))}</p>"]
+    parts += [f"<p><b>{escape(as_sentence(str(step['maneuver'])))}</b></p>", f"<p>{escape(str(step['why']))}</p>"]
     if step.get("scenario"):
         name = escape(str(step["scenario"]))
         parts.append(f"<p>To simulate it: <code>rig sweep {name} -o RUN.parquet</code></p>")
@@ -306,7 +302,3 @@ def next_step(diagnosis: Diagnosis) -> str:
             '<p class="soft">A chi-square of 10 makes the true one about 150 times as likely as the other.</p>'
         )
     return "\n".join(parts)
-
-
-def _sentence(words: str) -> str:
-    return words[:1].upper() + words[1:] + "."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -20,23 +19,21 @@ from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.untold import grouped_untold
 from scenarios.gap_report.words import (
     ITS_SHARE,
-    LISTED,
     RIG_COLUMNS,
     VERDICTS,
     alike_title,
     cause_title,
-    closed_words,
     estimate_words,
-    explanation_words,
+    explanation_rows,
     hidden_words,
     left_words,
-    listed_words,
     noise_words,
     one_of_words,
     parameter_for_people,
     part_words,
     place_words,
     posterior_words,
+    rig_rows,
     rig_words,
     sentence,
     share_words,
@@ -73,7 +70,9 @@ def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
         _explanations(diagnosis),
     ]
     if diagnosis.rig is not None:
-        parts[2:2] = [Text(""), _against_rig(diagnosis.rig, units, diagnosis.samples), *map(Text, rig_words(diagnosis))]
+        numbers, rows = RIG_COLUMNS.values(), rig_rows(diagnosis.rig, units, diagnosis.samples)
+        against = table("channel", *numbers, "unit", numbers=numbers, rows=rows)
+        parts[2:2] = [Text(""), against, *map(Text, rig_words(diagnosis))]
     if diagnosis.causes:
         parts += [Text(""), _causes(diagnosis)]
     if diagnosis.channels:
@@ -90,29 +89,14 @@ def diagnosis_tables(diagnosis: Diagnosis, units: Mapping[str, str]) -> Group:
 
 
 def _explanations(diagnosis: Diagnosis) -> Table:
-    result = table("explanation", "probability", numbers=("probability",))
-    shown = diagnosis.hypotheses[:LISTED]
-    for one in shown:
-        result.add_row(Text(explanation_words(one, diagnosis.causes)), chance(one.probability))
-    if rest := listed_words(diagnosis, len(shown)):
-        words, _, probability = rest.partition(": ")
-        result.add_row(Text(words, style="dim"), probability)
-    return result
-
-
-def _against_rig(rig: Mapping[str, Any], units: Mapping[str, str], samples: int) -> Table:
-    shown = shown_units(units)
-    numbers = tuple(RIG_COLUMNS.values())
-    result = table("channel", *numbers, "unit", numbers=numbers)
-    for name, row in rig["channels"].items():
-        sizes = (rms_text(row[key], row["noise_floor"], samples, shown[name].factor) for key in RIG_COLUMNS)
-        result.add_row(name, *sizes, shown[name].name)
-    return result
+    rows, rest = explanation_rows(diagnosis)
+    rest_cells = [(Text(words, style="dim"), told) for words, told in rest]
+    return table("explanation", "probability", numbers=("probability",), rows=[*rows, *rest_cells])
 
 
 def _causes(diagnosis: Diagnosis) -> Table:
     numbers = ("probability", "its share")
-    result = table("cause", "parameters", *numbers, numbers=numbers)
+    rows = []
     for cause in diagnosis.causes:
         parameters = [
             f"{parameter_name(name)} {estimate_words(value)}"
@@ -123,8 +107,8 @@ def _causes(diagnosis: Diagnosis) -> Table:
         if cause.equivalent:
             names.append("(parameters of the first)")
         sizes = (chance(cause.probability), share_words(cause.closed))
-        result.add_row(*map(Text, ("\n".join(names), "\n".join(parameters), *sizes)))
-    return result
+        rows.append(("\n".join(names), "\n".join(parameters), *sizes))
+    return table("cause", "parameters", *numbers, numbers=numbers, rows=rows)
 
 
 def _channels(diagnosis: Diagnosis, units: Mapping[str, str]) -> Table:
@@ -132,7 +116,7 @@ def _channels(diagnosis: Diagnosis, units: Mapping[str, str]) -> Table:
     shown = shown_units(units)
     gap = ("gap", "gap after", "closed") if diagnosis.leading else () if diagnosis.verdict == "no-gap" else ("gap",)
     numbers = ("floor", "RMS", "RMS / floor", *gap)
-    result = table("channel", *numbers, "unit", numbers=numbers)
+    rows = []
     for name, row in diagnosis.channels.items():
         every = (row.noise_floor, row.rms_before, row.gap_before, row.gap_after)
         own, residual, *gaps = (
@@ -140,20 +124,20 @@ def _channels(diagnosis: Diagnosis, units: Mapping[str, str]) -> Table:
         )
         ratio = f"{row.rms_before / row.noise_floor:.2f}" if row.noise_floor > 0 else "–"
         told = [*gaps, part_words(row.closed)]
-        result.add_row(name, own, residual, ratio, *told[: len(gap)], shown[name].name)
-    return result
+        rows.append((name, own, residual, ratio, *told[: len(gap)], shown[name].name))
+    return table("channel", *numbers, "unit", numbers=numbers, rows=rows)
 
 
 def _recordings(diagnosis: Diagnosis) -> Table:
     """Of several recordings what each says for each cause, and where its gap is largest."""
     told = [cause for cause in diagnosis.causes if cause.evidence]
-    titles = [f"log likelihood for {cause_title(cause.effect, cause.where)}" for cause in told]
-    result = table("recording", "largest gap / floor", *titles, numbers=("largest gap / floor", *titles))
+    titles = ["largest gap / floor", *(f"log likelihood for {cause_title(each.effect, each.where)}" for each in told)]
+    rows = []
     for name in diagnosis.recordings:
         own = diagnosis.by_recording[name]
         ratio = max((row.gap_before / row.noise_floor for row in own.values() if row.noise_floor > 0), default=0.0)
-        result.add_row(name, two_digits(ratio), *(f"{cause.evidence.get(name, 0.0):,.1f}" for cause in told))
-    return result
+        rows.append((name, two_digits(ratio), *(f"{cause.evidence.get(name, 0.0):,.1f}" for cause in told)))
+    return table("recording", *titles, numbers=titles, rows=rows)
 
 
 def _lines(diagnosis: Diagnosis) -> list[str]:
@@ -166,7 +150,7 @@ def _lines(diagnosis: Diagnosis) -> list[str]:
         lines.append("follows      " + "; ".join([f"{shares[0]} of the squared gap", *shares[1:]]) + overlap)
     if diagnosis.closed.value is not None:
         judged = "held-out blocks and on the other maneuver" if diagnosis.closed_on == "both" else diagnosis.closed_on
-        lines.append(f"closes       {closed_words(diagnosis)} of the squared gap, judged on {judged}")
+        lines.append(f"closes       {share_words(diagnosis.closed)} of the squared gap, judged on {judged}")
     shifts, none = worth_shifts(diagnosis)
     if shifts:
         sizes = [f"{name} by {sigmas_words(shift['sigmas'])}" for name, shift in shifts[:_SHIFTS]]

@@ -5,18 +5,19 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from estimators.gap.cause_words import alike, causes_words, either_words, naming
 from estimators.gap.choices import Causes, and_words, cause_name, cause_names, choice_words, or_words, parted, plural
 from estimators.gap.diagnosis import ESTABLISHED, Cause, Closed, Diagnosis, Estimate, Hypothesis
 from estimators.gap.parameter_words import pairs, sizes_words, told_parameters
-from estimators.gap.readable_units import readable_unit, two_digits
+from estimators.gap.readable_units import readable_unit, rms_text, two_digits
 from estimators.gap.remainder_words import left_over_words
 from estimators.gap.share_words import chance, percent
 from estimators.gap.verdict_words import consequence_words, told_words
 from rig.effects import EFFECTS
+from scenarios.shown_units import shown_units
 from scenarios.terminal.tables import plus_minus
 
 #: A parameter of more numbers is not written out.
@@ -55,7 +56,7 @@ NOT_FELT: Final = "not felt"
 #: Of a frequency: a faster one looks the same at this sampling rate.
 SAMPLED: Final = " as sampled"
 #: So many explanations are listed, on the terminal and on the page; the file has more.
-LISTED: Final = 5
+_LISTED: Final = 5
 #: A calibration parameter that moved by fewer standard deviations is not worth a line.
 WORTH_SIGMAS: Final = 0.5
 #: From this probability on something outside the catalogue is not negligible.
@@ -191,13 +192,12 @@ def one_of_words(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def listed_words(diagnosis: Diagnosis, shown: int) -> str:
-    """What the first ``shown`` explanations leave out; empty where they are all."""
-    rest = diagnosis.hypotheses[shown:]
+def explanation_rows(diagnosis: Diagnosis) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """The likeliest explanations with their probabilities; and the row of all others together, where there are any."""
+    shown, rest = diagnosis.hypotheses[:_LISTED], diagnosis.hypotheses[_LISTED:]
     left = diagnosis.omitted + sum(one.probability for one in rest)
-    if left < 0.0005:
-        return ""
-    return f"all other explanations together: {chance(left)}"
+    rows = [(explanation_words(one, diagnosis.causes), chance(one.probability)) for one in shown]
+    return rows, [] if left < 0.0005 else [("all other explanations together", chance(left))]
 
 
 def posterior_words(diagnosis: Diagnosis) -> str:
@@ -243,18 +243,13 @@ def worth_shifts(diagnosis: Diagnosis) -> tuple[list[tuple[str, Any]], str]:
     return shown, none if shifts and not shown else ""
 
 
-def closed_words(diagnosis: Diagnosis) -> str:
-    """How far the gap closes, with its interval: "97 % (95–99)"."""
-    return share_words(diagnosis.closed)
-
-
 def part_words(share: float | None) -> str:
     """A share without its interval, with a true minus sign where the gap has grown; beyond twice, that it has."""
     return percent(share).replace("-", "−") + (" or less" if share is not None and share <= -1.0 else "")
 
 
 def share_words(closed: Closed) -> str:
-    """A share with its interval; a dash where nothing is to close."""
+    """How far a gap closes, with the share's interval: "97 % (95–99)"; a dash where nothing is to close."""
     if closed.value is None:
         return "–"
     words = percent(closed.value, closed.low, closed.high)
@@ -264,13 +259,13 @@ def share_words(closed: Closed) -> str:
 def sentence(diagnosis: Diagnosis) -> str:
     """The diagnosis' own sentence without the verdict's name before it, as a sentence on paper."""
     words = ": ".join(filter(None, (told_words(diagnosis), consequence_words(diagnosis))))
-    return _as_sentence(on_paper(f"no gap: {words}" if diagnosis.verdict == "no-gap" else words))
+    return as_sentence(on_paper(f"no gap: {words}" if diagnosis.verdict == "no-gap" else words))
 
 
 def consequences(diagnosis: Diagnosis) -> str:
     """What follows from what the headline says; the whole sentence where nothing does."""
     words = consequence_words(diagnosis)
-    return _as_sentence(on_paper(words)) if words else sentence(diagnosis)
+    return as_sentence(on_paper(words)) if words else sentence(diagnosis)
 
 
 def on_paper(words: str) -> str:
@@ -287,6 +282,24 @@ RIG_COLUMNS: Final = {
     "rms_fitted": "RMS, fitted rig",
     "gap_fitted": "gap, fitted rig",
 }
+
+
+def rig_rows(rig: Mapping[str, Any], units: Mapping[str, str], samples: int) -> list[tuple[str, ...]]:
+    """Channel, ``RIG_COLUMNS`` and unit of each channel.
+
+    Args:
+        rig: of a diagnosis of so many samples.
+        units: sensor -> recorded unit.
+    """
+    shown = shown_units(units)
+    return [
+        (
+            name,
+            *(rms_text(row[key], row["noise_floor"], samples, shown[name].factor) for key in RIG_COLUMNS),
+            shown[name].name,
+        )
+        for name, row in rig["channels"].items()
+    ]
 
 
 def rig_words(diagnosis: Diagnosis) -> list[str]:
@@ -310,17 +323,17 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "no-gap":
         return "No gap: the model leaves noise"
     if diagnosis.verdict == "named":
-        return _capital(_found(diagnosis.leading))
+        return capital(_found(diagnosis.leading))
     if diagnosis.verdict == "ambiguous":
         name = naming(diagnosis.causes, cause_title, chances=False)
-        return _capital(choice_words([one.causes for one in diagnosis.alternatives], name))
+        return capital(choice_words([one.causes for one in diagnosis.alternatives], name))
     other = diagnosis.posterior["other"] >= 0.5
     if diagnosis.verdict == "partly":
         rest = ANSWERS["other"] if other else "perhaps more"
-        return _capital(f"{_found(diagnosis.established)}, and {rest}")
+        return capital(f"{_found(diagnosis.established)}, and {rest}")
     if not other and diagnosis.likely is not None:
-        return _capital(f"{explanation_words(diagnosis.likely, diagnosis.causes)} is likely, but not certain")
-    return _capital(ANSWERS["other"]) if other else "No explanation stands out"
+        return capital(f"{explanation_words(diagnosis.likely, diagnosis.causes)} is likely, but not certain")
+    return capital(ANSWERS["other"]) if other else "No explanation stands out"
 
 
 def _found(causes: Sequence[Cause]) -> str:
@@ -328,9 +341,11 @@ def _found(causes: Sequence[Cause]) -> str:
     return cause_or_alike(causes[0]) if len(causes) == 1 else on_paper(causes_words(causes, cause_title))
 
 
-def _capital(words: str) -> str:
+def capital(words: str) -> str:
+    """Words that begin a sentence or a title."""
     return words[:1].upper() + words[1:]
 
 
-def _as_sentence(words: str) -> str:
-    return _capital(words) + ("" if words.endswith(".") else ".")
+def as_sentence(words: str) -> str:
+    """Words as a sentence, with its stop."""
+    return capital(words) + ("" if words.endswith(".") else ".")

@@ -50,9 +50,8 @@ def read_bag(path: Path, base_frame: str | None = None, tool_frame: str | None =
                     for each in message.transforms:
                         transforms.add(each, _stamp(each.header, logged), str(path))
                     continue
-                stamp, row = _READERS[connection.msgtype](message, logged)
-                times.setdefault(connection.topic, []).append(stamp)
-                rows.setdefault(connection.topic, []).append(row)
+                times.setdefault(connection.topic, []).append(_stamp(message.header, logged))
+                rows.setdefault(connection.topic, []).append(_READERS[connection.msgtype](message))
                 if connection.msgtype in _SENSORS and message.header.frame_id not in transforms.sensors:
                     transforms.sensors.append(message.header.frame_id)
     except RigError:
@@ -85,20 +84,13 @@ def _stamp(header: Any, logged: int) -> int:
     return own or logged
 
 
-def _imu(message: Any, logged: int) -> tuple[int, _Row]:
-    a = message.linear_acceleration
-    return _stamp(message.header, logged), {"accel_x_m_s2": a.x, "accel_y_m_s2": a.y, "accel_z_m_s2": a.z}
+def _vector(stem: str, vector: Any, unit: str) -> _Row:
+    return {f"{stem}_{axis}_{unit}": getattr(vector, axis) for axis in "xyz"}
 
 
-def _magnetic(message: Any, logged: int) -> tuple[int, _Row]:
-    b = message.magnetic_field
-    return _stamp(message.header, logged), {"mag_x_T": b.x, "mag_y_T": b.y, "mag_z_T": b.z}
-
-
-def _joints(message: Any, logged: int) -> tuple[int, _Row]:
+def _joints(message: Any) -> _Row:
     positions = np.asarray(message.position, dtype=float)
-    row = {f"position {name}": float(value) for name, value in zip(message.name, positions, strict=False)}
-    return _stamp(message.header, logged), row
+    return {f"position {name}": float(value) for name, value in zip(message.name, positions, strict=False)}
 
 
 def _pose(position: Any, turn: Any) -> _Row:
@@ -106,20 +98,14 @@ def _pose(position: Any, turn: Any) -> _Row:
     return {**names, "x_m": position.x, "y_m": position.y, "z_m": position.z}
 
 
-def _pose_stamped(message: Any, logged: int) -> tuple[int, _Row]:
-    return _stamp(message.header, logged), _pose(message.pose.position, message.pose.orientation)
-
-
-def _transform(message: Any, logged: int) -> tuple[int, _Row]:
-    return _stamp(message.header, logged), _pose(message.transform.translation, message.transform.rotation)
-
-
 _TF: Final = "tf2_msgs/msg/TFMessage"
 _SENSORS: Final = ("sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField")
-_READERS: Final[dict[str, Callable[[Any, int], tuple[int, _Row]]]] = {
-    "sensor_msgs/msg/Imu": _imu,
-    "sensor_msgs/msg/MagneticField": _magnetic,
+_READERS: Final[dict[str, Callable[[Any], _Row]]] = {
+    "sensor_msgs/msg/Imu": lambda message: _vector("accel", message.linear_acceleration, "m_s2"),
+    "sensor_msgs/msg/MagneticField": lambda message: _vector("mag", message.magnetic_field, "T"),
     "sensor_msgs/msg/JointState": _joints,
-    "geometry_msgs/msg/PoseStamped": _pose_stamped,
-    "geometry_msgs/msg/TransformStamped": _transform,
+    "geometry_msgs/msg/PoseStamped": lambda message: _pose(message.pose.position, message.pose.orientation),
+    "geometry_msgs/msg/TransformStamped": lambda message: _pose(
+        message.transform.translation, message.transform.rotation
+    ),
 }

@@ -111,23 +111,19 @@ def _rivals(pose: Track, rotations: Array, rows: Rows, arm: Arm | None) -> Itera
     turn = [joint for joint in range(arm.dof) if not arm.slides[joint]]
     moving = [joint for joint in turn if np.ptp(q[:, joint]) > 1e-3]
 
-    def of(changed: Array) -> Array:
+    def having(joints: list[int], values: Array) -> Array:
+        changed = q.copy()
+        changed[:, joints] = values
         return arm.rotation_map.rotations(changed)
 
     for unit, factor in (("in degrees, not radians", np.pi / 180.0), ("in radians, not degrees", 180.0 / np.pi)):
-        changed = q.copy()
-        changed[:, turn] *= factor
-        yield f"with the joints {unit}", of(changed)
+        yield f"with the joints {unit}", having(turn, factor * q[:, turn])
     for joint in moving:
-        changed = q.copy()
-        changed[:, joint] *= -1.0
-        yield f"with {arm.joint_names[joint]} of the other sign", of(changed)
+        yield f"with {arm.joint_names[joint]} of the other sign", having([joint], -q[:, [joint]])
     for a, b in itertools.combinations(turn, 2):
         if a in moving or b in moving:
-            changed = q.copy()
-            changed[:, [a, b]] = changed[:, [b, a]]
-            yield f"with {arm.joint_names[a]} and {arm.joint_names[b]} exchanged", of(changed)
-    yield "with the joints in reverse order", of(q[:, ::-1])
+            yield f"with {arm.joint_names[a]} and {arm.joint_names[b]} exchanged", having([a, b], q[:, [b, a]])
+    yield "with the joints in reverse order", having(list(range(arm.dof)), q[:, ::-1])
 
 
 def _euler_rivals(turns: Rotation, stated: str) -> Iterator[tuple[str, Array]]:

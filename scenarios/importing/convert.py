@@ -21,7 +21,7 @@ from scenarios.importing.bag_log import is_bag, read_bag
 from scenarios.importing.checks import GRAVITY_M_S2, rotations_of, shown_by
 from scenarios.importing.clocks import clock_offset
 from scenarios.importing.mapping import Conventions, Mapping, check_columns
-from scenarios.importing.quantities import guess, is_joint, is_numbered, is_time
+from scenarios.importing.quantities import guess, is_numbered, is_time, kind_of
 from scenarios.importing.text_log import Log, read_text_log
 from scenarios.importing.tracks import LOUD, Track, tracks_of
 from scenarios.importing.unused import lacking_words, unused_columns, unused_words
@@ -246,7 +246,7 @@ def _arm_name(pose: Track | None, mapping: Mapping, arm: Arm | None) -> str:
     if arm is not None:
         return arm.name
     own = Arm.a465()
-    named = [name for name, target in mapping.columns.items() if is_joint(target) and not is_numbered(name)]
+    named = [name for name, target in mapping.columns.items() if kind_of(target) == "joint" and not is_numbered(name)]
     if named or pose.values.shape[1] != own.dof:
         return "unknown"
     try:

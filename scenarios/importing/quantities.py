@@ -11,82 +11,95 @@ import numpy as np
 
 from rig.arrays import Array
 
+Units = dict[str, tuple[str, float]]
+
 #: Unit in a log -> (unit it is recorded in, factor).
-ACCELEROMETER_UNITS: Final = {
+ACCELEROMETER_UNITS: Final[Units] = {
     "V": ("V", 1.0), "mV": ("mV", 1.0), "raw": ("raw", 1.0), "g": ("g", 1.0), "mg": ("g", 1e-3), "m_s2": ("m_s2", 1.0),
 }  # fmt: skip
-MAGNETOMETER_UNITS: Final = {
+MAGNETOMETER_UNITS: Final[Units] = {
     "V": ("V", 1.0), "mV": ("mV", 1.0), "raw": ("raw", 1.0), "G": ("G", 1.0), "mG": ("G", 1e-3),
     "T": ("uT", 1e6), "uT": ("uT", 1.0), "nT": ("nT", 1.0),
 }  # fmt: skip
-JOINT_UNITS: Final = {"rad": 1.0, "deg": float(np.pi / 180.0), "m": 1.0}
-LENGTHS: Final = {"m": 1.0, "mm": 1e-3}
+_ANGLES: Final[Units] = {"rad": ("rad", 1.0), "deg": ("rad", float(np.pi / 180.0))}
+_JOINTS: Final[Units] = {**_ANGLES, "m": ("m", 1.0)}
+_LENGTHS: Final[Units] = {"m": ("m", 1.0), "mm": ("m", 1e-3)}
 TIME_UNITS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
-_KINDS: Final[tuple[tuple[str, str, dict[str, object]], ...]] = (
-    ("accel", r"accel([123])_(\w+)", dict(ACCELEROMETER_UNITS)),
-    ("mag", r"mag([123])_(\w+)", dict(MAGNETOMETER_UNITS)),
-    ("joint", r"q([1-9]\d?)_(\w+)", dict(JOINT_UNITS)),
-    ("theta", r"theta([156])_(\w+)", {"rad": 1, "deg": 1}),
-    ("matrix", r"r([123][123])", {}),
-    ("quaternion", r"q([wxyz])", {}),
-    ("euler", r"euler([123])_(\w+)", {"rad": 1, "deg": 1}),
-    ("position", r"([xyz])_(\w+)", dict(LENGTHS)),
-    ("temperature", r"temperature_(degC)", {"degC": 1}),
-    ("supply", r"supply_(V)", {"V": 1}),
-    ("current", r"current([1-9]\d?)_(A)", {"A": 1}),
-    ("time", r"t", {}),
-)
+#: Kind -> what a column of it is called before its unit, with the place of its part; its units.
+_KINDS: Final[dict[str, tuple[str, Units]]] = {
+    "time": ("t", {}),
+    "accel": ("accel{}", ACCELEROMETER_UNITS),
+    "mag": ("mag{}", MAGNETOMETER_UNITS),
+    "joint": ("q{}", _JOINTS),
+    "theta": ("theta{}", _ANGLES),
+    "matrix": ("r{}", {}),
+    "quaternion": ("q{}", {}),
+    "euler": ("euler{}", _ANGLES),
+    "position": ("{}", _LENGTHS),
+    "temperature": ("temperature", {"degC": ("degC", 1.0)}),
+    "supply": ("supply", {"V": ("V", 1.0)}),
+    "current": ("current{}", {"A": ("A", 1.0)}),
+}
+#: Kind -> its parts, in their order, all of which there must be; joints and motor currents are numbered from 1.
+PARTS: Final = {
+    "accel": tuple("123"),
+    "mag": tuple("123"),
+    "theta": tuple("156"),
+    "matrix": tuple(f"{row}{column}" for row in "123" for column in "123"),
+    "quaternion": tuple("wxyz"),
+    "euler": tuple("123"),
+    "position": tuple("xyz"),
+}
+_PATTERNS: Final = {
+    kind: re.compile(stem.format(f"({'|'.join(PARTS.get(kind, ['[1-9][0-9]?']))})") + (r"_(\w+)" if units else ""))
+    for kind, (stem, units) in _KINDS.items()
+}
+_LISTED: Final = {"joint": tuple("1234567"), "current": ("1",)}
 
-#: Everything that a column can be, for messages and the reference page.
-TARGETS: Final = (
-    "t",
-    *(f"accel{axis}_{unit}" for unit in ACCELEROMETER_UNITS for axis in (1, 2, 3)),
-    *(f"mag{axis}_{unit}" for unit in MAGNETOMETER_UNITS for axis in (1, 2, 3)),
-    *(f"q{joint}_{unit}" for unit in JOINT_UNITS for joint in range(1, 8)),
-    *(f"theta{joint}_deg" for joint in (1, 5, 6)),
-    *(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)),
-    *(f"q{part}" for part in "wxyz"),
-    *(f"euler{number}_{unit}" for unit in ("deg", "rad") for number in (1, 2, 3)),
-    *(f"{axis}_{unit}" for unit in LENGTHS for axis in "xyz"),
-    "temperature_degC",
-    "supply_V",
-    "current1_A",
+#: Everything that a column can be, for messages.
+TARGETS: Final = tuple(
+    stem.format(part) + unit
+    for kind, (stem, units) in _KINDS.items()
+    for unit in ([f"_{unit}" for unit in units] or [""])
+    for part in PARTS.get(kind) or _LISTED.get(kind, ("",))
 )
 
 
 @dataclass(frozen=True)
 class Target:
-    """What a column is: ``kind``, which of them (``part``), the unit, and a sign that is turned."""
+    """What a column is.
+
+    Attributes:
+        kind: one of a recording's quantities. part: which of its columns; empty where it has but one.
+        unit: in the log; empty where it has none. recorded: the unit that it is recorded in.
+        factor: what the numbers are multiplied with for that, negative where their sign is turned.
+    """
 
     kind: str
     part: str
     unit: str
-    sign: float
+    recorded: str
+    factor: float
 
 
 def parse_target(text: str) -> Target | None:
     """A target by its name, with a minus sign before it or not; None where it is none."""
     sign = -1.0 if text.startswith("-") else 1.0
-    name = text.removeprefix("-")
-    for kind, pattern, units in _KINDS:
-        found = re.fullmatch(pattern, name)
-        if found is None:
-            continue
-        groups = found.groups()
-        part = groups[0] if groups else ""
-        unit = groups[1] if len(groups) > 1 else ""
-        if kind in ("temperature", "supply"):
-            part, unit = "", groups[0]
-        if not units or unit in units:
-            return Target(kind, part, unit, sign)
+    for kind, pattern in _PATTERNS.items():
+        found = pattern.fullmatch(text.removeprefix("-"))
+        stem, units = _KINDS[kind]
+        unit = found[pattern.groups] if found and units else ""
+        if found and (unit in units or not units):
+            recorded, factor = units.get(unit, ("", 1.0))
+            return Target(kind, found[1] if "{}" in stem else "", unit, recorded, sign * factor)
     return None
 
 
-def is_joint(text: str) -> bool:
-    """Whether a target is a joint's value."""
+def kind_of(text: str) -> str:
+    """The kind of a target; empty where it is none."""
     target = parse_target(text)
-    return target is not None and target.kind == "joint"
+    return "" if target is None else target.kind
 
 
 def is_numbered(name: str) -> bool:
@@ -190,10 +203,7 @@ def _axis(match: re.Match[str]) -> int:
 
 
 def _guess_readings(columns: dict[str, Array], found: dict[str, str]) -> None:
-    for sensor, pattern, units, guess_unit in (
-        ("accel", _ACCEL, ACCELEROMETER_UNITS, _accelerometer_unit),
-        ("mag", _MAG, MAGNETOMETER_UNITS, _magnetometer_unit),
-    ):
+    for sensor, pattern, units in (("accel", _ACCEL, ACCELEROMETER_UNITS), ("mag", _MAG, MAGNETOMETER_UNITS)):
         axes: dict[int, str] = {}
         for name in columns:
             match = pattern.fullmatch(name.strip())
@@ -202,31 +212,23 @@ def _guess_readings(columns: dict[str, Array], found: dict[str, str]) -> None:
                 axes.setdefault(_axis(match), name)
         if len(axes) == 3:
             values = np.stack([columns[axes[axis]] for axis in (1, 2, 3)], axis=1)
-            unit = unit_word(axes[1], tuple(units)) or guess_unit(values)
+            unit = unit_word(axes[1], tuple(units)) or _unit_by_size(sensor, values)
             found.update({axes[axis]: f"{sensor}{axis}_{unit}" for axis in (1, 2, 3)})
 
 
-def _magnitude(values: Array) -> float:
-    good = values[np.isfinite(values).all(axis=1)]
-    return float(np.median(np.linalg.norm(good, axis=1))) if len(good) else np.nan
-
-
-def _accelerometer_unit(values: Array) -> str:
-    size = _magnitude(values)
-    for unit, low, high in (("g", 0.6, 1.6), ("m_s2", 6.0, 14.0), ("mg", 600.0, 1600.0)):
-        if low < size < high:
-            return unit
-    return "raw"
-
-
-def _magnetometer_unit(values: Array) -> str:
-    size = _magnitude(values)
-    for unit, low, high in (
+#: Of gravity and of the Earth's field: unit, and between what the median magnitude is in it.
+_SIZES: Final = {
+    "accel": (("g", 0.6, 1.6), ("m_s2", 6.0, 14.0), ("mg", 600.0, 1600.0)),
+    "mag": (
         ("G", 0.1, 1.2), ("uT", 10.0, 120.0), ("mG", 120.0, 1200.0), ("nT", 10_000.0, 120_000.0), ("T", 1e-5, 1.2e-4),
-    ):  # fmt: skip
-        if low < size < high:
-            return unit
-    return "raw"
+    ),
+}  # fmt: skip
+
+
+def _unit_by_size(sensor: str, values: Array) -> str:
+    good = values[np.isfinite(values).all(axis=1)]
+    size = float(np.median(np.linalg.norm(good, axis=1))) if len(good) else np.nan
+    return next((unit for unit, low, high in _SIZES[sensor] if low < size < high), "raw")
 
 
 def _angle_unit(name: str, values: Array) -> str:

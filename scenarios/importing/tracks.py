@@ -14,15 +14,7 @@ from rig.arrays import Array, Mask
 from rig.errors import RigError
 from rig.recording.checks import check_finite
 from scenarios.importing.mapping import Conventions
-from scenarios.importing.quantities import (
-    ACCELEROMETER_UNITS,
-    JOINT_UNITS,
-    LENGTHS,
-    MAGNETOMETER_UNITS,
-    TIME_UNITS,
-    parse_target,
-    unit_word,
-)
+from scenarios.importing.quantities import PARTS, TIME_UNITS, Target, parse_target, unit_word
 from scenarios.importing.text_log import Log
 from scenarios.importing.whole_rows import whole_rows
 
@@ -31,7 +23,7 @@ _EPOCH: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 _LATEST_S: Final = 1e11  # three thousand years: later is no time, or a unit that it is not in
 _ORTHOGONAL: Final = 0.02  # entries of R' R - 1: matrices rounded to two decimals pass, another kind of table does not
 #: theta1, theta5, theta6 of Renk's Table 1 as joints 1, 5, 6 [rad], and where the others are locked.
-_RENK_ZEROS: Final = {"1": -np.pi / 2, "5": 0.0, "6": -np.pi}
+_RENK_ZEROS: Final = {1: -np.pi / 2, 5: 0.0, 6: -np.pi}
 _RENK_LOCKED: Final = {2: np.pi / 2, 3: -np.pi / 2, 4: 0.0}
 
 
@@ -80,7 +72,7 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
     Raises:
         RigError: a quantity is not whole, or poses are no rotations.
     """
-    groups: dict[str, dict[str, tuple[str, str, float]]] = {}
+    groups: dict[str, dict[str, tuple[str, Target]]] = {}
     for name, text in targets.items():
         target = parse_target(text)
         if target is None or name not in log.columns:
@@ -90,7 +82,7 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
             raise RigError(
                 f"{log.name}: columns {parts[target.part][0]!r} and {name!r} are both {text!r}, expected one"
             )
-        parts[target.part] = (name, target.unit, target.sign)
+        parts[target.part] = (name, target)
     said: list[str] = []
     t, order = None, np.arange(len(next(iter(log.columns.values()))))
     if "time" in groups:
@@ -121,11 +113,12 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
     rows: dict[str, Mask] = {}
     left_out = 0
     if stacked:
-        rows, left_out, wrong, notes = whole_rows(log.name, stacked, None if t is None else np.isfinite(t))
+        named = {kind: ([name for name, _ in own], values) for kind, (own, values) in stacked.items()}
+        rows, left_out, wrong, notes = whole_rows(log.name, named, None if t is None else np.isfinite(t))
         said += [*(f"{LOUD}{line}" for line in wrong), *notes]
     when = None if t is None else t[order]
-    for kind, parts in groups.items():
-        columns, whole = stacked[kind][1][order], rows[kind][order]
+    for kind, (of_kind, values) in stacked.items():
+        columns, whole = values[order], rows[kind][order]
         if when is not None:
             later = np.ones(len(when), dtype=bool)
             kept = np.flatnonzero(whole)
@@ -144,31 +137,20 @@ def tracks_of(log: Log, targets: Table[str, str], conventions: Conventions) -> t
             rate_Hz=log.rate_Hz,
             left_out=left_out,
         )
-        found.append(_converted(track, parts, conventions))
+        found.append(_converted(track, [target for _, target in of_kind], conventions))
     return found, said
 
 
-_PARTS: Final = {
-    "accel": ("1", "2", "3"),
-    "mag": ("1", "2", "3"),
-    "matrix": tuple(f"{row}{column}" for row in "123" for column in "123"),
-    "quaternion": ("w", "x", "y", "z"),
-    "euler": ("1", "2", "3"),
-    "position": ("x", "y", "z"),
-    "theta": ("1", "5", "6"),
-}
-
-
-def _stacked(kind: str, parts: dict[str, tuple[str, str, float]], log: Log) -> tuple[list[str], Array]:
-    """The names of a quantity's columns, and their numbers (n, k), in the order of its parts."""
-    wanted = _PARTS.get(kind) or tuple(sorted(parts, key=lambda part: int(part or 0)))
+def _stacked(kind: str, parts: dict[str, tuple[str, Target]], log: Log) -> tuple[list[tuple[str, Target]], Array]:
+    """A quantity's columns, and their numbers (n, k) in the recorded unit, in the order of its parts."""
+    wanted = PARTS.get(kind) or tuple(sorted(parts, key=lambda part: int(part or 0)))
     if kind == "joint":
         wanted = tuple(str(number) for number in range(1, max(map(int, parts)) + 1))
     if missing := [part for part in wanted if part not in parts]:
         have = ", ".join(repr(parts[part][0]) for part in parts)
         raise RigError(f"{log.name}: {kind}: part {missing[0]} is missing beside {have}, expected {', '.join(wanted)}")
-    values = np.stack([parts[part][2] * log.columns[parts[part][0]] for part in wanted], axis=1)
-    return [parts[part][0] for part in wanted], values
+    ordered = [parts[part] for part in wanted]
+    return ordered, np.stack([target.factor * log.columns[name] for name, target in ordered], axis=1)
 
 
 def _times(name: str, values: Array, conventions: Conventions) -> tuple[Array, str]:
@@ -190,36 +172,33 @@ def _times(name: str, values: Array, conventions: Conventions) -> tuple[Array, s
     return (values - start) * TIME_UNITS[unit] + start * TIME_UNITS[unit], f"in {unit} {why}"
 
 
-def _converted(track: Track, parts: dict[str, tuple[str, str, float]], conventions: Conventions) -> Track:
+def _converted(track: Track, targets: list[Target], conventions: Conventions) -> Track:
+    """A track of what the log's columns ``targets`` are, as one of what a recording has."""
     kind, values = track.kind, track.values
-    units = [parts[part][1] for part in (_PARTS.get(kind) or sorted(parts, key=lambda p: int(p or 0)))]
     if kind in ("accel", "mag"):
+        units = [target.unit for target in targets]
         if len(set(units)) > 1:
             raise RigError(f"{track.log}: {kind} columns have the units {', '.join(units)}, expected one")
-        unit, factor = (ACCELEROMETER_UNITS if kind == "accel" else MAGNETOMETER_UNITS)[units[0]]
-        return replace(track, values=factor * values, unit=unit)
+        return replace(track, unit=targets[0].recorded)
     if kind == "joint":
-        slides = tuple(number for number, unit in enumerate(units, start=1) if unit == "m")
-        return replace(track, kind="joints", values=values * [JOINT_UNITS[unit] for unit in units], slides=slides)
+        slides = tuple(number for number, target in enumerate(targets, start=1) if target.recorded == "m")
+        return replace(track, kind="joints", slides=slides)
     if kind == "theta":
-        scale = np.array([JOINT_UNITS[unit] for unit in units])
         q = np.zeros((len(values), 6))
-        for column, (part, zero) in enumerate(_RENK_ZEROS.items()):
-            q[:, int(part) - 1] = values[:, column] * scale[column] + zero
+        for column, (joint, zero) in enumerate(_RENK_ZEROS.items()):
+            q[:, joint - 1] = values[:, column] + zero
         for joint, angle in _RENK_LOCKED.items():
             q[:, joint - 1] = angle
         return replace(track, kind="joints", values=q)
     if kind in ("matrix", "quaternion", "euler"):
         unit = f"euler {conventions.euler}" if kind == "euler" else kind
-        return replace(track, kind="rotation", values=_rotation(track, units[0], conventions), unit=unit)
+        return replace(track, kind="rotation", values=_rotation(track, conventions), unit=unit)
     if kind == "current":
-        return replace(track, joints=tuple(sorted(map(int, parts))))
-    if kind == "position":
-        return replace(track, values=values * LENGTHS[units[0]])
+        return replace(track, joints=tuple(int(target.part) for target in targets))
     return track
 
 
-def _rotation(track: Track, unit: str, conventions: Conventions) -> Array:
+def _rotation(track: Track, conventions: Conventions) -> Array:
     """(n, 9) R_base_tool."""
     values = track.values
     if track.kind == "matrix":
@@ -241,7 +220,7 @@ def _rotation(track: Track, unit: str, conventions: Conventions) -> Array:
             raise RigError(f"{track.log}: the quaternion in row {row} has the norm {norm[row]:.4g}, expected 1")
         turns = Rotation.from_quat(values, scalar_first=True)
     else:
-        turns = Rotation.from_euler(conventions.euler, values * JOINT_UNITS[unit])
+        turns = Rotation.from_euler(conventions.euler, values)
     if conventions.rotation == "tool<-base":
         turns = turns.inv()
     return np.asarray(turns.as_matrix().reshape(-1, 9))

@@ -8,7 +8,7 @@ from typing import Final
 
 from rig.channels import SENSORS
 from rig.recording import Recording
-from scenarios.importing.quantities import parse_target
+from scenarios.importing.quantities import kind_of
 from scenarios.importing.text_log import Log
 
 _LISTED: Final = 24
@@ -20,18 +20,13 @@ def unused_columns(logs: Sequence[Log], targets: Table[str, str], recording: Rec
     Args:
         targets: column -> what it is.
     """
-    idle = {name for name, text in targets.items() if recording.tool_position is None and _is_position(text)}
+    idle = {name for name, text in targets.items() if recording.tool_position is None and kind_of(text) == "position"}
     found: dict[str, tuple[str, ...]] = {}
     for log in logs:
         every = dict.fromkeys((*log.columns, *log.unread))
         if left := tuple(name for name in every if name not in targets or name in idle):
             found[log.name] = left
     return found
-
-
-def _is_position(text: str) -> bool:
-    target = parse_target(text)
-    return target is not None and target.kind == "position"
 
 
 def lacking_words(recording: Recording) -> str:

@@ -9,9 +9,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from scenarios.view.arm import ARM
-from scenarios.view.blueprint import layout, scene_view
+from scenarios.view.blueprint import layout, scene_view, sphere_view
 from scenarios.view.series import READINGS, RESIDUALS
-from scenarios.view.spheres import SPHERES
 from scenarios.view.stream import TIMELINE
 
 INTERVALS: Final = "intervals"
@@ -48,14 +47,7 @@ def _column(sensor: str, unit: str) -> rrb.Container:
     whole = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     return rrb.Vertical(
         contents=[
-            rrb.Spatial3DView(
-                origin=f"{SPHERES}/{sensor}",
-                name=f"Field at the {sensor}: seen blue, missing orange, now white",
-                eye_controls=rrb.EyeControls3D(
-                    position=(1.6, -2.5, 1.3), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
-                ),
-                line_grid=False,
-            ),
+            sphere_view(sensor, f"Field at the {sensor}: seen blue, missing orange, now white", (1.6, -2.5, 1.3)),
             rrb.TimeSeriesView(origin=f"{READINGS}/{sensor}", name=f"{sensor.capitalize()} [{unit}]", axis_x=last),
             rrb.TimeSeriesView(
                 origin=f"{RESIDUALS}/{sensor}", name="Residuals [standard deviations], lines at ±3", axis_x=last

@@ -9,17 +9,19 @@ from rig.errors import RigError
 from rig.recording import Metadata
 from rig.recording.metadata import FIELD_SIZES
 from scenarios.importing.mapping import Mapping, read_mapping
-from scenarios.importing.quantities import (
-    ACCELEROMETER_UNITS,
-    JOINT_UNITS,
-    LENGTHS,
-    MAGNETOMETER_UNITS,
-    TIME_UNITS,
-    Target,
-    parse_target,
-)
+from scenarios.importing.quantities import TIME_UNITS, parse_target
 
-_AS_THEY_ARE: Final = {"temperature": "temperature_degC", "supply": "supply_V"}
+#: What a stream can be calibrated from as it comes -> the recording's name for it.
+_NAMES: Final = {
+    "accel": "accel{part}_{unit}",
+    "mag": "mag{part}_{unit}",
+    "joint": "q{part}_{unit}",
+    "quaternion": "tool_q{part}",
+    "position": "tool_{part}_{unit}",
+    "current": "current{part}_{unit}",
+    "temperature": "temperature_{unit}",
+    "supply": "supply_{unit}",
+}
 
 
 def renamed(path: Path) -> tuple[dict[str, tuple[str, float]], Metadata]:
@@ -46,31 +48,14 @@ def renamed(path: Path) -> tuple[dict[str, tuple[str, float]], Metadata]:
 def _column(path: Path, mapping: Mapping, text: str) -> tuple[str, float]:
     target = parse_target(text)
     assert target is not None  # read_mapping has refused it
-    name, factor = _named(path, mapping, text, target)
-    return name, target.sign * factor
-
-
-def _named(path: Path, mapping: Mapping, text: str, target: Target) -> tuple[str, float]:
-    if target.kind in ("accel", "mag"):
-        units = ACCELEROMETER_UNITS if target.kind == "accel" else MAGNETOMETER_UNITS
-        unit, factor = units[target.unit]
-        return f"{target.kind}{target.part}_{unit}", factor
-    if target.kind == "joint":
-        return f"q{target.part}_{'m' if target.unit == 'm' else 'rad'}", JOINT_UNITS[target.unit]
-    if target.kind == "position":
-        return f"tool_{target.part}_m", LENGTHS[target.unit]
-    if target.kind == "quaternion":
-        return f"tool_q{target.part}", 1.0
-    if target.kind == "current":
-        return f"current{target.part}_A", 1.0
     if target.kind == "time":
         unit = mapping.conventions.time_unit
         if unit == "guess":
             raise RigError(f"{path}: time_unit: found 'guess', expected s, ms, us or ns of a stream")
-        return "t_s", TIME_UNITS[unit]
-    if target.kind in _AS_THEY_ARE:
-        return _AS_THEY_ARE[target.kind], 1.0
-    raise _whole(path, text)
+        return "t_s", target.factor * TIME_UNITS[unit]
+    if target.kind not in _NAMES:
+        raise _whole(path, text)
+    return _NAMES[target.kind].format(part=target.part, unit=target.recorded), target.factor
 
 
 def _whole(path: Path, what: str) -> RigError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
@@ -29,7 +30,6 @@ def replay(
     from_s: float | None = None,
     until_s: float | None = None,
     pose: bool = True,
-    progress: Callable[[int], None] | None = None,
 ) -> int:
     """Write a recording line by line.
 
@@ -40,7 +40,6 @@ def replay(
         form: CSV with its metadata and a header, or a JSON object a line.
         from_s, until_s: of the recording's own time [s]; None: from its begin, to its end.
         pose: with joint angles and tool poses.
-        progress: called with the number of samples of every slice.
 
     Returns:
         How many samples were written.
@@ -72,8 +71,6 @@ def replay(
                 stop = min(stop, first + _MOST)
             write(_lines([column[first:stop] for column in table], names, form))
             count += stop - first
-            if progress is not None:
-                progress(stop - first)
             first = stop
     return count
 
@@ -85,8 +82,6 @@ def _within(batch: Recording, from_s: float | None, until_s: float | None) -> Re
 
 
 def _without_pose(batch: Recording) -> Recording:
-    from dataclasses import replace
-
     metadata = replace(batch.metadata, arm="none")
     return replace(batch, q=None, tool_quaternion=None, tool_position=None, metadata=metadata)
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import rerun as rr
 
-from estimators.coverage import direction_name
+from estimators.coverage import Enough, direction_name
 from estimators.live import SensorState
+from estimators.live.estimate import SensorEstimate
+from rig.arm import Arm
 from rig.arrays import Array
 from rig.channels import CHANNELS_OF
 from rig.recording import Recording, joined
@@ -27,10 +29,6 @@ from scenarios.view.series import READINGS, RESIDUALS
 from scenarios.view.spheres import SPHERES, globe
 from scenarios.view.stream import TIMELINE, at, new_stream
 from scenarios.view.viewer import start_viewer
-
-if TYPE_CHECKING:
-    from rig.arm import Arm
-
 
 #: The view is brought up to date this often at most [s], and the larger parts of it less often.
 _PERIOD_S: Final = 0.2
@@ -124,7 +122,7 @@ class LiveView:
         if parts:
             self._last = joined(parts)
             for sensor in self._last.sensors:
-                self._series(sensor, self._last, snapshot, _POINTS)
+                self._series(sensor, self._last, snapshot)
         if self._last is None:
             return
         self._stream.set_time(TIMELINE, duration=snapshot.t_s)
@@ -132,14 +130,17 @@ class LiveView:
             self._arm.move(self._last.t[-1:], self._last.q[-1:])
         spheres = time.monotonic() - self._sphere_at >= _SPHERE_S
         for state in snapshot.states:
-            self._state(state, spheres)
+            if state.estimate is not None and state.rule is not None:
+                self._intervals(state.sensor, state.rule)
+                if spheres:
+                    self._sphere(state, state.estimate, state.rule)
         if spheres:
             self._sphere_at = time.monotonic()
         self._stream.log(GUIDE, rr.TextDocument(_words(snapshot), media_type=rr.MediaType.MARKDOWN))
 
-    def _series(self, sensor: str, part: Recording, snapshot: Snapshot, points: int) -> None:
+    def _series(self, sensor: str, part: Recording, snapshot: Snapshot) -> None:
         for channel, values in zip(CHANNELS_OF[sensor], part.readings(sensor).T, strict=True):
-            self._line(f"{READINGS}/{sensor}/{channel}", part.t, values, points)
+            self._line(f"{READINGS}/{sensor}/{channel}", part.t, values)
         watch = snapshot.watch
         reference = None if watch is None or sensor not in watch.sensors else watch.sensors[sensor].reference
         if reference is None or not np.isfinite(reference.matrix).all():
@@ -154,51 +155,39 @@ class LiveView:
             for name in ("+3σ", "-3σ"):
                 self._style(f"{RESIDUALS}/{sensor}/{name}", name, GREY)
         for name, column in zip(names, values.T, strict=True):
-            self._line(f"{RESIDUALS}/{sensor}/{name}", part.t, column, points)
+            self._line(f"{RESIDUALS}/{sensor}/{name}", part.t, column)
         for name, level in (("+3σ", 3.0), ("-3σ", -3.0)):
-            ends = part.t[[-1]]
-            self._line(f"{RESIDUALS}/{sensor}/{name}", ends, np.full(1, level), 2)
+            self._line(f"{RESIDUALS}/{sensor}/{name}", part.t[-1:], np.full(1, level))
 
-    def _line(self, path: str, t: Array, values: Array, points: int) -> None:
-        rows = extremes(np.ascontiguousarray(values), points)
+    def _line(self, path: str, t: Array, values: Array) -> None:
+        rows = extremes(np.ascontiguousarray(values), _POINTS)
         self._stream.send_columns(path, indexes=at(t[rows]), columns=rr.Scalars.columns(scalars=values[rows]))
 
-    def _state(self, state: SensorState, spheres: bool) -> None:
-        if state.estimate is None or state.rule is None:
-            return
-        self._intervals(state)
-        if spheres:
-            self._sphere(state)
-
-    def _intervals(self, state: SensorState) -> None:
+    def _intervals(self, sensor: str, rule: Enough) -> None:
         """How wide each interval is over what was asked for, as powers of ten: all below zero is enough."""
-        assert state.rule is not None
-        rule = state.rule
-        if self._parameters.get(state.sensor) != tuple(rule.target):
-            self._parameters[state.sensor] = tuple(rule.target)
+        if self._parameters.get(sensor) != tuple(rule.target):
+            self._parameters[sensor] = tuple(rule.target)
             for place, name in enumerate(rule.target):
-                self._style(f"{INTERVALS}/{state.sensor}/{name}", name, AXES_ON_DARK[place % 3])
-            self._style(f"{INTERVALS}/{state.sensor}/asked", "asked for", YELLOW, 2.0)
+                self._style(f"{INTERVALS}/{sensor}/{name}", name, AXES_ON_DARK[place % 3])
+            self._style(f"{INTERVALS}/{sensor}/asked", "asked for", YELLOW, 2.0)
         for name, target in rule.target.items():
             ratio = rule.std[name] / target
             if np.isfinite(ratio) and ratio > 0.0:
-                self._stream.log(f"{INTERVALS}/{state.sensor}/{name}", rr.Scalars(float(np.log10(ratio))))
-        self._stream.log(f"{INTERVALS}/{state.sensor}/asked", rr.Scalars(0.0))
+                self._stream.log(f"{INTERVALS}/{sensor}/{name}", rr.Scalars(float(np.log10(ratio))))
+        self._stream.log(f"{INTERVALS}/{sensor}/asked", rr.Scalars(0.0))
 
-    def _sphere(self, state: SensorState) -> None:
-        assert state.estimate is not None
-        assert state.rule is not None
+    def _sphere(self, state: SensorState, estimate: SensorEstimate, rule: Enough) -> None:
         path = f"{SPHERES}/{state.sensor}"
-        seen, missing = state.estimate.directions, state.rule.coverage.missing
+        seen, missing = estimate.directions, rule.coverage.missing
         self._stream.log(f"{path}/seen", rr.Points3D(seen, colors=[_SEEN], radii=0.022 if len(seen) > 100 else 0.05))
         self._stream.log(f"{path}/missing", rr.Points3D(missing, colors=[_MISSING], radii=0.05))
         if self._last is not None:
-            field = (self._last.readings(state.sensor)[-1] - state.estimate.bias) @ state.estimate.matrix.T
+            field = (self._last.readings(state.sensor)[-1] - estimate.bias) @ estimate.matrix.T
             length = float(np.sqrt(field @ field))
             if length > 0.0:
                 marker = rr.Points3D([field / length], colors=[(255, 255, 255)], radii=0.07)
                 self._stream.log(f"{path}/{NOW}", marker)
-        toward = state.rule.next_direction
+        toward = rule.next_direction
         if state.enough or toward is None:
             self._stream.log(f"{path}/next", rr.Clear(recursive=False))
             return
@@ -216,7 +205,7 @@ def _words(snapshot: Snapshot) -> str:
         todo = "enough" if state.enough else state.problem or state.turn
         lines += [f"**{state.sensor}**: {100.0 * state.seen:.0f} % of directions seen; {todo}", ""]
         if state.estimate is not None:
-            lines += _table(state)
+            lines += _table(state.estimate)
     if snapshot.watch is not None:
         for name, one in snapshot.watch.sensors.items():
             if one.alarmed is not None:
@@ -224,9 +213,7 @@ def _words(snapshot: Snapshot) -> str:
     return "\n".join(lines)
 
 
-def _table(state: SensorState) -> Sequence[str]:
-    assert state.estimate is not None
-    found = state.estimate
+def _table(found: SensorEstimate) -> Sequence[str]:
     cells = [
         f"{symbol(name)} {plus_minus(value, std * found.quantile, ' ± ')}"
         for name, value, std in zip(found.names, found.values.tolist(), found.std.tolist(), strict=True)

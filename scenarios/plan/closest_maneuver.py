@@ -11,7 +11,8 @@ from rig.arm import Arm
 from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import HandTumble, Maneuver, StaticPoses, TorusSweep
-from rig.maneuver.fitting import stops_at
+from rig.maneuver.fitting import checked_limits, stops_at
+from scenarios.decimation import evenly
 
 #: A joint that moves less is locked: one that turns [rad], one that slides [m].
 _LOCKED: Final = (1e-2, 1e-3)
@@ -51,9 +52,7 @@ def closest_maneuver(t: Array, q: Array | None, sampling_Hz: float, arm: Arm | N
             tumble,
             "The recording has tool poses, which no maneuver plays back: a tumble of that duration stands for them.",
         )
-    limits = TorusSweep.limits_deg if arm.is_a465 else None
-    slides = arm.slide_numbers
-    sweep = _torus_sweep(duration, q[:: max(1, len(q) // _LOOKED_AT)], sampling_Hz, limits, slides)
+    sweep = _torus_sweep(duration, q[:: max(1, len(q) // _LOOKED_AT)], sampling_Hz, arm)
     if sweep is not None:
         return ClosestManeuver(
             sweep,
@@ -61,21 +60,16 @@ def closest_maneuver(t: Array, q: Array | None, sampling_Hz: float, arm: Arm | N
             "begins with yaw and pitch at their low ends.",
         )
     return ClosestManeuver(
-        _waypoints(duration, q, sampling_Hz, limits, arm),
+        _waypoints(duration, q, sampling_Hz, arm),
         f"The recorded motion is no torus sweep, and no maneuver plays a recording back: the arm stops at up to "
         f"{_WAYPOINTS} poses along the recorded way instead, in the recorded time.",
     )
 
 
-def _torus_sweep(
-    duration_s: float,
-    q: Array,
-    rate_Hz: float,
-    limits: tuple[tuple[float, float], ...] | None,
-    slides: tuple[int, ...],
-) -> TorusSweep | None:
+def _torus_sweep(duration_s: float, q: Array, rate_Hz: float, arm: Arm) -> TorusSweep | None:
     """The torus sweep with these ranges and passes; None where the motion is none."""
-    still = {joint - 1: float(np.median(q[:, joint - 1])) for joint in slides}
+    limits = checked_limits(arm)
+    still = {joint - 1: float(np.median(q[:, joint - 1])) for joint in arm.slide_numbers}
     degrees = np.degrees(np.unwrap(q, axis=0))
     moving = [joint for joint in range(q.shape[1]) if np.ptp(q[:, joint]) > _LOCKED[joint in still]]
     if len(moving) != _SWEPT or any(joint in still for joint in moving):
@@ -112,7 +106,7 @@ def _torus_sweep(
             corner_s=min(0.5, 0.5 * duration_s / max(passes.values())),
             joints=(yaw + 1, pitch + 1, roll + 1),
             limits_deg=limits,
-            slides=slides,
+            slides=arm.slide_numbers,
         )
     except RigError:  # a roll that a sweep cannot have, or a joint beyond its limit
         return None
@@ -142,19 +136,13 @@ def _rounded(degrees: float) -> float:
     return float(np.round(degrees, 3)) + 0.0
 
 
-def _waypoints(
-    duration_s: float,
-    q: Array,
-    rate_Hz: float,
-    limits: tuple[tuple[float, float], ...] | None,
-    arm: Arm,
-) -> StaticPoses:
+def _waypoints(duration_s: float, q: Array, rate_Hz: float, arm: Arm) -> StaticPoses:
     """Stops at poses along a way; turns beyond a limit are taken back by whole turns."""
-    rows = np.linspace(0, len(q) - 1, min(_WAYPOINTS, len(q))).round().astype(int)
+    rows = evenly(len(q), _WAYPOINTS)
     degrees = arm.in_degrees(q[rows])
-    if limits is not None:
+    if (limits := checked_limits(arm)) is not None:
         low, high = np.array(limits).T
         degrees = np.where((degrees < low) | (degrees > high), (degrees + 180.0) % 360.0 - 180.0, degrees)
         degrees = np.clip(degrees, low, high)
     cycle = duration_s / len(rows)
-    return stops_at(arm, np.round(degrees, 3) + 0.0, 0.1 * cycle, 0.9 * cycle, rate_Hz, limits)
+    return stops_at(arm, np.round(degrees, 3) + 0.0, 0.1 * cycle, 0.9 * cycle, rate_Hz)

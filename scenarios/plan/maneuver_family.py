@@ -13,6 +13,7 @@ from rig.arm import Arm
 from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import StaticPoses, TorusSweep
+from rig.maneuver.fitting import checked_limits
 from rig.maneuver.reach import Reach
 from rig.maneuver.static_poses import between
 
@@ -72,11 +73,6 @@ class Family:
         """Lower and upper (N,) [deg, m]; of a joint without any, one turn."""
         low, high = self.reach.limits
         return self.arm.in_degrees(low), self.arm.in_degrees(high)
-
-    @property
-    def checked(self) -> tuple[tuple[float, float], ...] | None:
-        """What a maneuver checks itself: the A465's limits; of another arm the scenario does."""
-        return TorusSweep.limits_deg if self.arm.is_a465 else None
 
     def way(self, joint: int, degrees: float) -> float:
         """How far a joint (a column) goes for so many degrees: these, or as much of a slide's range."""
@@ -141,7 +137,7 @@ def _sweep(room: Family, joints: tuple[int, ...], duration_s: float, rate_Hz: fl
             locked_deg=tuple(float(home[joint]) for joint in range(room.arm.dof) if joint not in joints),
             corner_s=min(0.5, duration_s / 60.0),
             joints=(yaw + 1, pitch + 1, roll + 1),
-            limits_deg=room.checked,
+            limits_deg=checked_limits(room.arm),
             slides=room.arm.slide_numbers,
         )
         if made is not None and room.reach.allows(made):
@@ -192,7 +188,7 @@ def stops(room: Family, duration_s: float, rate_Hz: float, seed: int, spread: fl
         poses += _approached(room, rng, spread, poses[-1:])
     while True:
         made = StaticPoses(
-            poses_deg=tuple(poses), rate_Hz=rate_Hz, limits_deg=room.checked, slides=room.arm.slide_numbers
+            poses_deg=tuple(poses), rate_Hz=rate_Hz, limits_deg=checked_limits(room.arm), slides=room.arm.slide_numbers
         )
         q = made.angles
         longest = float(np.ceil(100.0 * room.reach.dynamics.seconds(q[:-1], q[1:]).max()) / 100.0)

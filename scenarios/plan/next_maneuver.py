@@ -21,10 +21,9 @@ from rig.maneuver import StaticPoses, TorusSweep
 from rig.signals import Signals
 from scenarios.gap_report.gap_residuals import GapResiduals
 from scenarios.gap_report.maneuver_words import decides, described, interval_words, noise_advice, speed_advice
-from scenarios.gap_report.words import apart_words
 from scenarios.plan.closest_maneuver import closest_maneuver
 from scenarios.plan.maneuver_family import Family, family, neighbours
-from scenarios.plan.undecided import fewer_rows, undecided_words
+from scenarios.plan.undecided import fewer_rows, titles, undecided_words
 from scenarios.scenario import Scenario
 from scenarios.writer import set_fields, toml_table
 
@@ -77,7 +76,7 @@ class NextManeuver:
     def why(self) -> str:
         """What it is for, in a sentence."""
         worst = self.worst
-        truth, rival = _titles(worst.truth, worst.rival)
+        truth, rival = titles(worst.truth, worst.rival)
         words = (
             f"If “{truth}” is true, “{rival}” fits worse by a chi-square of "
             f"{interval_words(worst.noncentrality, worst.low, worst.high)}"
@@ -88,7 +87,7 @@ class NextManeuver:
             words += "; every other pair differs by more"
         if self.alike:
             words += ". No maneuver tried separates " + "; ".join(
-                "“{}” from “{}”".format(*_titles(*pair)) for pair in self.alike
+                "“{}” from “{}”".format(*titles(*pair)) for pair in self.alike
             )
         words += "."
         if self.felt:
@@ -368,11 +367,6 @@ def _lasting(maneuver: Joint, duration_s: float, arm: Arm) -> Joint:
     poses = arm.in_degrees(maneuver.angles)[np.arange(count) % len(maneuver.angles)]
     cycle = duration_s / count
     return replace(maneuver, poses_deg=tuple(map(tuple, poses.tolist())), hold_s=0.1 * cycle, move_s=0.9 * cycle)
-
-
-def _titles(one: Sequence[Effect], other: Sequence[Effect]) -> tuple[str, str]:
-    first, second = ([(effect.name, effect.where) for effect in each] for each in (one, other))
-    return apart_words(first, second)
 
 
 def _names(effects: Sequence[Effect]) -> list[dict[str, str]]:

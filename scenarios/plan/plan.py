@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
@@ -22,7 +23,7 @@ from rig.maneuver import FourierSweep, StaticPoses, TorusSweep
 from rig.maneuver.fitting import stops_at
 from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.trajectory import check_samples
 from scenarios.bound import noise_of
 from scenarios.isolability import shown_by
@@ -187,7 +188,7 @@ def make_plan(
     tell: Sequence[Key] | None = None,
     seed: int = 0,
     name: str = "plan",
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> Plan:
     """The poses with holds, or the sweep, from which a calibration is most certain in this time, moves included.
 
@@ -240,28 +241,12 @@ def _posed(base: Scenario, search: PoseSearch, found: PosePlan, seconds: float, 
     shown = np.where(arm.slides, np.round(shown, 4), np.round(shown, _DIGITS)) + 0.0
     q = arm.from_degrees(shown)
     poses = search.timed(q, seconds)
-    if contact := search.clearance.first_contact(between(q)):
-        raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")
-    limits = StaticPoses.limits_deg if arm.is_a465 else None
-    maneuver = stops_at(arm, shown, poses.hold_s, poses.move_s, _RATE_HZ, limits)
-    samples = (poses.hold_s - 2.0 * SETTLE_S) * search.rate_Hz
-    gram = samples * search.grams(poses.q)
-    return Plan(
-        _scenario(
-            base,
-            search,
-            maneuver,
-            name,
-            f"{len(q)} poses",
-            poses.worst,
-            "Readings at rest count: rig calibrate --still.",
-        ),
-        poses,
-        tuple(Parameters.of(criterion, gram, np.zeros((len(q), 10, 3))) for criterion in search.criteria),
-        _curve(search, poses, seconds, whole),
-        search.dynamics.assumed,
-        search.clearance.slender,
-    )
+    maneuver = stops_at(arm, shown, poses.hold_s, poses.move_s, _RATE_HZ)
+    said = "Readings at rest count: rig calibrate --still."
+    made = _scenario(base, search, maneuver, name, f"{len(q)} poses", poses.worst, said)
+    gram = (poses.hold_s - 2.0 * SETTLE_S) * search.rate_Hz * search.grams(poses.q)
+    curve = _curve(search, poses, seconds, whole)
+    return _promised(search, made, poses, between(q), gram, np.zeros((len(q), 10, 3)), curve)
 
 
 def _swept(base: Scenario, search: SweepSearch, found: SweepPlan, name: str, whole: bool) -> Plan:
@@ -270,24 +255,27 @@ def _swept(base: Scenario, search: SweepSearch, found: SweepPlan, name: str, who
     room, seconds = search.room, found.seconds
     maneuver = search.maneuver(found.values, seconds)
     swept = search.plan(search.values_of(maneuver), seconds)
-    if contact := room.clearance.first_contact(search.way(swept.values, seconds)):
-        raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")
-    gram, cross = (tenths(part) for part in search.grams(swept.motion, swept.samples_each(room.rate_Hz)))
     said = (
         "The sensor's acceleration, which a calibration takes for gravity, is counted as an error: simulated with it."
     )
-    scenario = _scenario(base, room, maneuver, name, "Sweep", swept.worst, said)
-    return Plan(
-        replace(scenario, motion="inertial"),
-        swept,
-        tuple(
-            Parameters.of(one, gram, cross if one.sensor == ACCELEROMETER else np.zeros_like(cross))
-            for one in room.criteria
-        ),
-        sweep_curve(search, swept, np.array(_SHORTER) * seconds, whole),
-        room.dynamics.assumed,
-        room.clearance.slender,
+    made = replace(_scenario(base, room, maneuver, name, "Sweep", swept.worst, said), motion="inertial")
+    gram, cross = (tenths(part) for part in search.grams(swept.motion, swept.samples_each(room.rate_Hz)))
+    curve = sweep_curve(search, swept, np.array(_SHORTER) * seconds, whole)
+    return _promised(room, made, swept, search.way(swept.values, seconds), gram, cross, curve)
+
+
+def _promised(
+    room: PoseSearch, made: Scenario, found: PosePlan | SweepPlan, way: Array, gram: Array, cross: Array, curve: Array
+) -> Plan:
+    """The plan of what was found, whose ``way`` (m, N) [rad, m] must be free; ``gram`` and ``cross`` as of
+    ``Parameters.of``, of which an accelerometer alone feels the latter."""
+    if contact := room.clearance.first_contact(way):
+        raise RigError(f"plan: {contact[1]} and {contact[2]} come too near each other on the way: try another --seed")
+    still = np.zeros_like(cross)
+    parameters = tuple(
+        Parameters.of(one, gram, cross if one.sensor == ACCELEROMETER else still) for one in room.criteria
     )
+    return Plan(made, found, parameters, curve, room.dynamics.assumed, room.clearance.slender)
 
 
 def _scenario(
@@ -330,7 +318,7 @@ def trajectory_csv(plan: Plan) -> str:
     units = ["m" if slide else "deg" for slide in arm.slides]
     header = ["t_s", *(f"{name}_{unit}" for name, unit in zip(arm.joint_names, units, strict=True))]
     header += [f"{name}_{unit}_per_s" for name, unit in zip(arm.joint_names, units, strict=True)]
-    rows = np.column_stack([motion.t, arm.in_degrees(motion.q), arm.in_degrees(motion.qd)])
-    # All columns to 1e-6, which encoders do not resolve.
-    lines = [",".join(f"{value:.6f}" for value in row) for row in rows + 0.0]
-    return "\n".join([",".join(header), *lines]) + "\n"
+    text = io.StringIO()
+    rows = np.column_stack([motion.t, arm.in_degrees(motion.q), arm.in_degrees(motion.qd)]) + 0.0
+    np.savetxt(text, rows, "%.6f", ",", header=",".join(header), comments="")  # encoders do not resolve 1e-6
+    return text.getvalue()

@@ -16,7 +16,7 @@ from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 
 #: The shortest hold that is planned [s].
 _LEAST_HOLD_S: Final = 0.5
@@ -102,7 +102,7 @@ class PoseSearch:
             )
         return np.array(found)
 
-    def best(self, seconds: float, progress: Progress | None = None) -> PosePlan:
+    def best(self, seconds: float, progress: Progress = unheard) -> PosePlan:
         """The best poses in this time, moves included.
 
         Raises:
@@ -120,8 +120,7 @@ class PoseSearch:
             plan = self._climbed(pool[chosen], seconds)
             if plan is not None and plan.worst < FAR:
                 plans.append(plan)
-            if progress is not None:
-                progress((done + 1) / len(ways))
+            progress((done + 1) / len(ways))
         if not plans:
             raise RigError(
                 f"--seconds: found {seconds:g}, expected more: {min(_COUNTS)} poses with the moves between them, free"

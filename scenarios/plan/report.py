@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.console import Group, RenderableType
+from rich.console import RenderableType, group
 from rich.text import Text
 
 from estimators.design.exchange import OPEN
@@ -26,12 +26,9 @@ _FEW: Final = 6
 _COLOURS: Final = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY_BLUE, BLACK)
 
 
-def plan_report(plan: Plan) -> Group:
+@group()
+def plan_report(plan: Plan) -> Iterable[RenderableType]:
     """What a plan is and what it promises."""
-    return Group(*_parts(plan))
-
-
-def _parts(plan: Plan) -> Iterable[RenderableType]:
     found, maneuver = plan.found, plan.maneuver
     sweeps = isinstance(found, SweepPlan)
     readings = f"{found.samples_s * maneuver.rate_Hz:,.0f} readings"
@@ -50,19 +47,21 @@ def _parts(plan: Plan) -> Iterable[RenderableType]:
         yield from _told(plan.told, {} if plan.scenario.rig.arm is None else plan.scenario.rig.arm.place_names)
     moved = ("moved by acceleration",) if sweeps else ()
     columns = ("std", *moved, "over the reference's", f"most of it from {'tenth' if sweeps else 'pose'}")
-    rows = table("sensor", "parameter", *columns, numbers=columns)
+    rows: list[tuple[str, ...]] = []
     for each in plan.parameters:
         for place, name in enumerate(each.names):
             told, ratio = each.std[place] < OPEN, each.ratio[place]
-            rows.add_row(
-                each.sensor,
-                shown_name(name),
-                _size(name, float(each.std[place])) if told else "cannot be told",
-                *([_size(name, float(each.moved[place])).split(" of ")[0] if told else "–"] if sweeps else []),
-                f"{ratio:.3f}" if np.isfinite(ratio) and told else "–",
-                f"{int(each.share[:, place].argmax()) + 1} ({each.share[:, place].max():.0%})" if told else "–",
+            rows.append(
+                (
+                    each.sensor,
+                    shown_name(name),
+                    _size(name, float(each.std[place])) if told else "cannot be told",
+                    *([_size(name, float(each.moved[place])).split(" of ")[0] if told else "–"] if sweeps else []),
+                    f"{ratio:.3f}" if np.isfinite(ratio) and told else "–",
+                    f"{int(each.share[:, place].argmax()) + 1} ({each.share[:, place].max():.0%})" if told else "–",
+                )
             )
-    yield rows
+    yield table("sensor", "parameter", *columns, numbers=columns, rows=rows)
     yield Text(f"\nThe reference is {REFERENCE}; the worst is {found.worst:.3f} of it.")
     if sweeps:
         yield Text(
@@ -88,11 +87,12 @@ def _told(found: Isolability, own: Mapping[str, str]) -> Iterable[RenderableType
             " apart.\n"
         )
         return
-    rows = table("cause", "seen [σ]", *(names([key], own) for key in found.effects), numbers=("seen [σ]",))
+    called = [names([key], own) for key in found.effects]
+    rows = []
     for key, seen, row in zip(found.effects, found.seen, found.apart, strict=True):
         left = ["–" if key == other else f"{value:.3g}" for other, value in zip(found.effects, row, strict=True)]
-        rows.add_row(names([key], own), f"{seen:.3g}", *left)
-    yield rows
+        rows.append((names([key], own), f"{seen:.3g}", *left))
+    yield table("cause", "seen [σ]", *called, numbers=("seen [σ]",), rows=rows)
     yield Text("What is left of each beside another [σ].\n")
 
 

@@ -16,8 +16,9 @@ from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RigError
 from rig.maneuver import FourierSweep
+from rig.maneuver.fitting import checked_limits
 from rig.maneuver.fourier_sweep import series
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.threads import one_blas_thread
 from rig.trajectory import JointTrajectory
 from scenarios.plan.poses import FAR, WORTHLESS, PoseSearch
@@ -86,7 +87,7 @@ class SweepSearch:
         self.room, self.arm = room, room.arm
         self.span = 0.5 * (room.high - room.low)[:, None]
 
-    def best(self, seconds: float, progress: Progress | None = None) -> SweepPlan:
+    def best(self, seconds: float, progress: Progress = unheard) -> SweepPlan:
         """The best sweep in this time.
 
         Raises:
@@ -97,8 +98,7 @@ class SweepSearch:
             found = []
             for done, (_, values) in enumerate(drawn):
                 found.append(self._bettered(values, seconds))
-                if progress is not None:
-                    progress((done + 1) / len(drawn))
+                progress((done + 1) / len(drawn))
         best = min(found, key=lambda each: each.worst)
         if best.worst >= FAR:
             raise RigError(
@@ -179,7 +179,7 @@ class SweepSearch:
             sine_deg=tuple(row[1 + harmonics :] for row in rows),
             duration_s=seconds,
             rate_Hz=self.room.rate_Hz,
-            limits_deg=FourierSweep.limits_deg if self.arm.is_a465 else None,
+            limits_deg=checked_limits(self.arm),
             slides=self.arm.slide_numbers,
         )
 

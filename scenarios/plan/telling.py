@@ -11,7 +11,7 @@ from estimators.design.isolability import SEEN, Isolability, Key
 from rig.arrays import Array
 from rig.errors import RigError, nearest
 from rig.maneuver.fitting import stops_at
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from scenarios.isolability import shown_by
 from scenarios.plan.poses import FAR, PosePlan, PoseSearch
 from scenarios.plan.sweeps import SweepPlan, SweepSearch
@@ -33,7 +33,7 @@ def telling(
     search: PoseSearch,
     seconds: float,
     tell: Sequence[Key],
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> PosePlan:
     """The poses whose least separated pair of causes is separated most.
 
@@ -74,8 +74,7 @@ def telling(
             found = value(other)
             if found > best:
                 best, plan = found, other
-        if progress is not None:
-            progress((turn + 1) / climbs)
+        progress((turn + 1) / climbs)
     free = search.freed(plan, seconds)
     if free is None:
         raise RigError("plan: no way between the poses is free of contacts: try another --seed or more room")
@@ -87,7 +86,7 @@ def telling_sweep(
     search: SweepSearch,
     seconds: float,
     tell: Sequence[Key],
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> SweepPlan:
     """The sweep whose least separated pair of causes is separated most; arguments and errors as of ``telling``."""
     _check(tell)
@@ -104,8 +103,7 @@ def telling_sweep(
         other = search.fitted(moved, seconds)
         if (found := value(other)) > best and search.free(other, seconds):
             best, values = found, other
-        if progress is not None:
-            progress((turn + 1) / climbs)
+        progress((turn + 1) / climbs)
     return search.plan(values, seconds)
 
 

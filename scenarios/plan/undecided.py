@@ -114,9 +114,14 @@ def _own(one: Explanation, other: Explanation) -> Explanation:
     return Explanation(fits, np.zeros((size, size)), np.empty((size, 0)))
 
 
+def titles(one: Sequence[Effect], other: Sequence[Effect]) -> tuple[str, str]:
+    """Two explanations in words, without what both have."""
+    first, second = ([(effect.name, effect.where) for effect in each] for each in (one, other))
+    return apart_words(first, second)
+
+
 def _pair_words(one: Sequence[Effect], other: Sequence[Effect], arm: Arm) -> str:
-    first, second = apart_words(*([(effect.name, effect.where) for effect in each] for each in (one, other)))
-    words = f"“{first}” and “{second}”"
+    words = "“{}” and “{}”".format(*titles(one, other))
     joints = [_own_joint(each, others) for each, others in ((one, other), (other, one))]
     if None not in joints and _parallel(arm, *sorted(joint for joint in joints if joint is not None)):
         names = " and ".join(arm.joint_names[joint] for joint in joints if joint is not None)

@@ -8,10 +8,4 @@ from scenarios.plots.residuals import residuals_figure
 from scenarios.plots.style import save
 from scenarios.plots.sweep import sweep_figure
 
-__all__ = [
-    "coverage_figure",
-    "errors_figure",
-    "residuals_figure",
-    "save",
-    "sweep_figure",
-]
+__all__ = ["coverage_figure", "errors_figure", "residuals_figure", "save", "sweep_figure"]

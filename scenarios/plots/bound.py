@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from estimators.design.isolability import SEEN
 from estimators.design.maneuver_bound import Growth
 from rig.arrays import Array
+from scenarios.bound import ScenarioBound, SensorBound
 from scenarios.colours import AXES_ON_PAPER, BLUE, GREY, PURPLE, SKY_BLUE
 from scenarios.isolability import EffectsBound
 from scenarios.plots.style import new_figure, style
 from scenarios.terminal.bound import names
-
-if TYPE_CHECKING:
-    from scenarios.bound import ScenarioBound, SensorBound
-
 
 _FREE_LABELS: Final = ("A11", "A22", "A33", "A12", "A13", "A23")
 
@@ -76,7 +73,7 @@ def _falling(panel: Axes, minutes: Array, values: Array, labels: tuple[str, ...]
     if np.isfinite(values).any():
         panel.set_yscale("log")
         panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        panel.yaxis.set_major_formatter("{x:g}")
         panel.yaxis.set_minor_formatter(NullFormatter())
     else:
         panel.text(0.5, 0.5, "cannot be told", transform=panel.transAxes, ha="center", va="center", style="italic")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,10 +11,8 @@ from matplotlib.figure import Figure
 from estimators.known_angle.reported import NORMAL_95
 from rig.errors import RigError
 from scenarios.colours import BLACK, BLUE, GREY, VERMILLION
+from scenarios.comparison import Compared
 from scenarios.plots.style import new_figure, style
-
-if TYPE_CHECKING:
-    from scenarios.comparison import Compared
 
 _SYMBOLS = {
     "sensitivity": "$S",

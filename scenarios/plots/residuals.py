@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from rig.arrays import Array
 from rig.errors import RigError
 from scenarios.colours import AXES_ON_PAPER, BLACK, GREY
-from scenarios.decimation import evenly
+from scenarios.decimation import evenly, means_of_blocks
 from scenarios.overlay import Overlay
 from scenarios.plots.style import new_figure, style
 
@@ -58,9 +58,7 @@ def _over_time(axis: Axes, t: Array, values: Array, sigma: float, colour: str) -
     axis.axhline(0.0, color=GREY, linewidth=0.6)
     shown = evenly(len(t), _POINTS)
     axis.plot(t[shown], values[shown], ".", color=colour, markersize=1.8, alpha=0.6, markeredgewidth=0, rasterized=True)
-    blocks = np.array_split(np.arange(len(t)), min(_BLOCKS, len(t)))
-    middle, mean = zip(*((t[block].mean(), values[block].mean()) for block in blocks), strict=True)
-    axis.plot(middle, mean, color=BLACK, linewidth=1.0)
+    axis.plot(means_of_blocks(t, _BLOCKS), means_of_blocks(values, _BLOCKS), color=BLACK, linewidth=1.0)
     limit = 1.08 * max(float(np.abs(values).max()), 3.4 * sigma)
     axis.set_ylim(-limit, limit)
     if t[-1] > t[0]:

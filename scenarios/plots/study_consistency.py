@@ -10,18 +10,17 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from estimators.known_angle.reported import NORMAL_95
 from rig.arrays import Array
 from rig.errors import RigError, unknown_name
-from scenarios.colours import BLACK, BLUE, GREEN, GREY, VERMILLION
+from scenarios.colours import BLACK, BLUE, GREY, ORDERS, VERMILLION
 from scenarios.parameter_names import shown_name
 from scenarios.plots.style import new_figure, style
 from scenarios.studies.error_summary import Cell, Summary, first_draw
 
-_ORDER_COLOURS: Final = {"first": VERMILLION, "every-kth": BLUE, "random": GREEN}
 _ORDER_NAMES: Final = {"first": "first n", "every-kth": "every k-th", "random": "random"}
 #: Estimates are drawn within so many bounds of the sample count in the middle.
 _HEIGHT: Final = 5.0
@@ -116,7 +115,7 @@ def _rmse(axis: Axes, cells: Sequence[Cell], levels: Sequence[float], orders: Se
         for level in levels:
             shown = _of(cells, level, order)
             n = [cell.count for cell in shown]
-            colour, marker = _ORDER_COLOURS[order], "o" if level == levels[0] else "s"
+            colour, marker = ORDERS[order], "o" if level == levels[0] else "s"
             axis.plot(n, [cell.bound for cell in shown], color=colour, linewidth=0.9)
             face = "none" if order == "random" else colour  # it lies on top of every k-th
             points = [cell.rmse for cell in shown]
@@ -127,7 +126,7 @@ def _rmse(axis: Axes, cells: Sequence[Cell], levels: Sequence[float], orders: Se
     axis.set_ylim(0.5 * min(finite), min(2.0 * max(finite), 3e3 * min(finite)))
     axis.set_title(f"RMSE (points) and bound (lines) [{cells[0].unit}]")
     _samples(axis, np.array([cell.count for cell in cells]))
-    lines = [Line2D([], [], color=_ORDER_COLOURS[order]) for order in orders]
+    lines = [Line2D([], [], color=ORDERS[order]) for order in orders]
     labels = [_ORDER_NAMES[order] for order in orders]
     marks = ["os"[min(k, 1)] for k in range(len(levels))]
     lines += [Line2D([], [], color=GREY, marker=mark, linestyle="none", markersize=3) for mark in marks]
@@ -151,7 +150,7 @@ def _ratio(axis: Axes, cells: Sequence[Cell], levels: Sequence[float], orders: S
             ratio,
             reach,
             fmt="o" if level == levels[0] else "s",
-            color=_ORDER_COLOURS[order],
+            color=ORDERS[order],
             markersize=2.2,
             elinewidth=0.6,
         )
@@ -168,6 +167,6 @@ def _samples(axis: Axes, counts: NDArray[np.int_]) -> None:
     axis.set_xlim(0.9 * counts.min(), 1.1 * counts.max())
     ticks = [n for n in (10, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000) if counts.min() <= n <= counts.max()]
     axis.set_xticks(ticks)
-    axis.xaxis.set_major_formatter(FuncFormatter(lambda n, _: f"{n:,.0f}"))
+    axis.xaxis.set_major_formatter("{x:,.0f}")
     axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_xlabel("samples n")

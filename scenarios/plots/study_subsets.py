@@ -7,14 +7,14 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
-from scipy.stats import chi2
+from matplotlib.ticker import NullFormatter
 
 from scenarios.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from scenarios.parameter_names import shown_name
 from scenarios.plots.style import new_figure, style
 from scenarios.shown_units import shown_unit
-from scenarios.studies.subset_results import LEVEL, SubsetStudy
+from scenarios.studies.intervals import spread_interval
+from scenarios.studies.subset_results import SubsetStudy
 
 _TICKS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
@@ -38,9 +38,8 @@ def subsets_figure(study: SubsetStudy) -> Figure:
 def _ratios(axis: Axes, study: SubsetStudy, sensor: str) -> None:
     rows = [row for row in study.parameters if row.sensor == sensor]
     heights = -np.arange(len(rows), dtype=float)
-    freedom = study.subsets - 1
-    band = np.sqrt(chi2.isf([0.5 * (1.0 + LEVEL), 0.5 * (1.0 - LEVEL)], freedom) / freedom)
-    axis.axvspan(band[0], band[1], color=GREY, alpha=0.18, linewidth=0)
+    low, high = spread_interval(study.subsets - 1)
+    axis.axvspan(1.0 / high, 1.0 / low, color=GREY, alpha=0.18, linewidth=0)
     axis.axvline(1.0, color=GREY, linewidth=0.8)
     for row, height in zip(rows, heights, strict=True):
         if not np.isfinite(row.ratio):
@@ -68,7 +67,7 @@ def logarithmic(axis: Axes, values: list[float]) -> None:
     if len(ticks) > 8:
         ticks = [tick for tick in ticks if f"{tick:g}".strip("0.") in ("1", "2", "5")]
     axis.set_xticks(ticks)
-    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_formatter(NullFormatter())
 
 

@@ -14,7 +14,7 @@ from rig.arrays import Array
 from rig.errors import RigError
 from rig.recording import Recording
 from scenarios.colours import BLACK, BLUE, elapsed
-from scenarios.decimation import evenly, extremes
+from scenarios.decimation import evenly, extremes, gone_by
 from scenarios.plots.coverage import time_bar
 from scenarios.plots.style import new_figure, style
 from scenarios.sensor_motion import motion
@@ -46,9 +46,8 @@ def sweep_figure(recording: Recording, arm: Arm | None) -> Figure:
             _joints(left, recording.t, recording.q, arm.joint_names)
         else:
             figure = right = new_figure(6.5, 5.2)
-        at = recording.t[sweep.rows]
-        _torus(right, sweep.root, sweep.tip, (at - at[0]) / max(float(at[-1] - at[0]), 1e-9))
-        time_bar(right, right.axes, at, 0.6, 35.0)
+        _torus(right, sweep.root, sweep.tip, gone_by(recording.t, sweep.rows))
+        time_bar(right, right.axes, recording.t, 0.6, 35.0)
     return figure
 
 

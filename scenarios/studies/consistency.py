@@ -17,7 +17,7 @@ from estimators.batch import fit_many
 from estimators.known_angle.model import METHODS
 from estimators.known_angle.reported import NORMAL_95
 from rig.arrays import Array, Mask
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.threads import one_blas_thread
 from scenarios.studies.coordinates import Coordinates, coordinate_names
 from scenarios.studies.settings import Settings, expected, increments
@@ -106,7 +106,7 @@ def run(
     settings: Settings,
     folder: StudyFolder,
     workers: Workers | None = None,
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> pa.Table:
     """Make all trials that the folder does not hold yet, and merge them.
 

@@ -19,6 +19,7 @@ from estimators.known_angle.identifiability import bound
 from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_of_channels
 from rig.arrays import Array
 from rig.directions import elevation_azimuth_basis, tangent_basis
+from scenarios.studies.second_order import second_order_bias
 
 #: A unit vector's natural size: a radian, in degrees.
 RADIAN_DEG: Final = float(np.degrees(1.0))
@@ -79,6 +80,10 @@ class Coordinates:
         result[touched] = np.nan
         result[:, touched] = np.nan
         return result
+
+    def bias(self, gram: ArrayLike, noise: ArrayLike) -> Array:
+        """(p,) what the curvature of the model lets expect, to second order in the noise; arguments as of ``bound``."""
+        return self.from_tangent @ second_order_bias(gram, self.truth, noise, self.method)
 
     def errors(self, estimates: ManyParameters) -> Array:
         """(m, p) estimate minus truth."""

@@ -10,21 +10,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
-from scipy.stats import beta as beta_distribution
-from scipy.stats import chi2, t
+from scipy.stats import t
 
 from estimators.known_angle.model import Method, columns_of_channels
 from rig.arrays import Array, Mask
 from scenarios.studies.coordinates import Coordinates
+from scenarios.studies.intervals import LEVEL, clopper_pearson, spread_interval
 from scenarios.studies.orders import Order
-from scenarios.studies.second_order import second_order_bias
 from scenarios.studies.settings import Expected, Settings, expected, increments
 from scenarios.studies.table_files import rows_of
 
 #: The file of the rates in a study's folder; the cells are its summary.
 RATES: Final = "rates.parquet"
-#: Intervals are given at this level.
-LEVEL: Final = 0.95
 #: A bound is small where that of every parameter of the same fit is below this share of its value (of S, delta) or of
 #: a radian: there the model is linear within the errors.
 SMALL_BOUND: Final = 0.05
@@ -177,14 +174,24 @@ class _Group:
         with np.errstate(invalid="ignore", divide="ignore"):
             scaled = np.square(self.errors / self.bounds[self.block].swapaxes(0, 1))
             ratio = np.sqrt(scaled.mean(axis=1))
-        low, high = np.sqrt(m / chi2.ppf([1.0 - 0.5 * (1.0 - LEVEL), 0.5 * (1.0 - LEVEL)], m))
+        low, high = spread_interval(m)
         bound = np.sqrt(np.square(self.bounds).mean(axis=0))
-        largest = self._largest(bound)
-        mean, std = self.errors.mean(axis=1), self.errors.std(axis=1, ddof=1) / np.sqrt(m)
-        expected_bias = self._over_blocks(self.bias)
-        rmse = np.sqrt(np.square(self.errors).mean(axis=1))
         inside = self.covered.sum(axis=1)
-        inside_low, inside_high = clopper_pearson(inside, m, LEVEL)
+        inside_low, inside_high = clopper_pearson(inside, m)
+        numbers = {
+            "bound": bound,
+            "largest_bound": self._largest(bound),
+            "bias": self.errors.mean(axis=1),
+            "bias_std": self.errors.std(axis=1, ddof=1) / np.sqrt(m),
+            "bias_expected": self._over_blocks(self.bias),
+            "rmse": np.sqrt(np.square(self.errors).mean(axis=1)),
+            "ratio": ratio,
+            "ratio_low": low * ratio,
+            "ratio_high": high * ratio,
+            "coverage": inside / m,
+            "coverage_low": inside_low,
+            "coverage_high": inside_high,
+        }
         found = []
         for c, count in enumerate(self.counts):
             for p, name in enumerate(self.coordinates.names):
@@ -200,18 +207,7 @@ class _Group:
                         float(self.coordinates.values[p]),
                         m,
                         float(self.told[c].mean()),
-                        float(bound[c, p]),
-                        float(largest[c, p]),
-                        float(mean[c, p]),
-                        float(std[c, p]),
-                        float(expected_bias[c, p]),
-                        float(rmse[c, p]),
-                        float(ratio[c, p]),
-                        float(low * ratio[c, p]),
-                        float(high * ratio[c, p]),
-                        float(inside[c, p]) / m,
-                        float(inside_low[c, p]),
-                        float(inside_high[c, p]),
+                        **{key: float(values[c, p]) for key, values in numbers.items()},
                     )
                 )
         return found
@@ -298,30 +294,13 @@ def _groups(settings: Settings, poses: Expected, table: pa.Table) -> Iterator[_G
                         _stacked(part, "covered", coordinates.names, shape).astype(bool),
                         part["told"].to_numpy().reshape(shape),
                         np.arange(settings.draws) // settings.block if blocks > 1 else np.zeros(settings.draws, int),
-                        np.stack([_bounds(coordinates, gram, noise) for gram in sums]),
-                        np.stack([_biases(coordinates, gram, noise) for gram in sums]),
+                        np.sqrt([[coordinates.bound(gram, noise).diagonal() for gram in grams] for grams in sums]),
+                        np.array([[coordinates.bias(gram, noise) for gram in grams] for grams in sums]),
                     )
 
 
 def _stacked(part: pa.Table, stem: str, names: tuple[str, ...], shape: tuple[int, int]) -> NDArray[Any]:
     return np.stack([part[f"{stem}_{name}"].to_numpy().reshape(shape) for name in names], axis=2)
-
-
-def _bounds(coordinates: Coordinates, grams: Array, noise: Array) -> Array:
-    return np.sqrt([coordinates.bound(gram, noise).diagonal() for gram in grams])
-
-
-def _biases(coordinates: Coordinates, grams: Array, noise: Array) -> Array:
-    truth, method = coordinates.truth, coordinates.method
-    return np.stack([coordinates.from_tangent @ second_order_bias(gram, truth, noise, method) for gram in grams])
-
-
-def clopper_pearson(inside: NDArray[Any], draws: int, level: float) -> tuple[Array, Array]:
-    """The exact interval of a probability from how often something has happened."""
-    tail = 0.5 * (1.0 - level)
-    low = np.where(inside > 0, beta_distribution.ppf(tail, np.maximum(inside, 1), draws - inside + 1), 0.0)
-    high = np.where(inside < draws, beta_distribution.ppf(1.0 - tail, inside + 1, np.maximum(draws - inside, 1)), 1.0)
-    return low, high
 
 
 def unit_of(name: str, sensor: str) -> str:

@@ -27,7 +27,7 @@ import pyarrow.parquet as pq
 from rig.documents import read_json
 from rig.errors import RigError, nearest, shown
 from rig.files import atomic_path, file_hash, made_folder, own_folder, sync_folder, write_text
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from scenarios.studies.table_files import opened_table, read_table, write_table
 from scenarios.version import package_version
 from scenarios.workers import Settings, Trial, Workers
@@ -122,7 +122,7 @@ class StudyFolder:
         settings: Settings,
         count: int,
         workers: Workers,
-        progress: Progress | None = None,
+        progress: Progress = unheard,
     ) -> pa.Table:
         """Make the trials that are missing or damaged, and the table of all.
 
@@ -159,17 +159,15 @@ class StudyFolder:
         settings: Settings,
         count: int,
         workers: Workers,
-        progress: Progress | None,
+        progress: Progress,
     ) -> str:
         """Make the trials that are missing and merge all; gives the hash of the table."""
         own_folder(self.path / _TRIALS)
         finished = self._trials()
-        if progress is not None:
-            progress(len(finished) / count)
+        progress(len(finished) / count)
         for number, table in workers.completed(trial, settings, sorted({*range(count)} - set(finished))):
             finished[number] = self._keep(number, table)
-            if progress is not None:
-                progress(len(finished) / count)
+            progress(len(finished) / count)
         return self._merge([finished[number] for number in range(count)])
 
     def _keep(self, number: int, table: pa.Table) -> Path:

@@ -16,8 +16,6 @@ from scenarios.studies.table_files import rows_of
 
 FloorSource = Literal["locked recording", "given", "residuals"]
 
-#: Intervals are given at this level.
-LEVEL: Final = 0.95
 CHANNELS: Final = "channels.parquet"
 FIELDS: Final = "fields.parquet"
 

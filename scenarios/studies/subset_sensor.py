@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 from scipy.special import chdtrc
-from scipy.stats import chi2
 
 from estimators.batch import ManyFits, fit_many
 from estimators.known_angle.agreement import common_field
@@ -21,7 +21,8 @@ from rig.arrays import Array
 from rig.channels import CHANNELS_OF
 from rig.units import parameter_unit
 from scenarios.studies.coordinates import Coordinates
-from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetParameter
+from scenarios.studies.intervals import spread_interval
+from scenarios.studies.subset_results import FieldAgreement, SubsetChannel, SubsetParameter
 
 #: A subset's three fields disagree where their chi-square is less probable than this.
 DISAGREEMENT: Final = 0.01
@@ -31,12 +32,11 @@ _NEAR_POLE: Final = 3.0
 
 @dataclass(frozen=True, eq=False)
 class SubsetsOfSensor:
-    """One sensor's subsets, and its separate fits.
+    """One sensor's subsets.
 
     Attributes:
         name, unit, field_unit, magnitude: of the sensor, as of its calibration. where: the recording, for messages.
         whole: of all samples. parts: of the subsets. floor: (3,) known noise, or None.
-        fit: separate fit of all samples. fits: separate fits of the subsets.
     """
 
     name: str
@@ -47,43 +47,35 @@ class SubsetsOfSensor:
     whole: Statistics
     parts: Sequence[Statistics]
     floor: Array | None
-    fit: SensorFit
-    fits: ManyFits
 
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        unit: str,
-        field_unit: str | None,
-        magnitude: float,
-        whole: Statistics,
-        parts: Sequence[Statistics],
-        floor: Array | None,
-        where: str,
-    ) -> SubsetsOfSensor:
-        """Fit all samples and each subset, separately for each channel.
+    @cached_property
+    def fit(self) -> SensorFit:
+        """All samples, separately for each channel.
 
         Raises:
-            RigError: samples that do not determine the fit.
+            RigError: they do not determine the fit.
         """
-        fit = fit_sensor(whole, magnitude, method="separate", noise=floor, name=f"{where}: {name}")
-        fits = _fit(parts, fit.parameters, fit.noise, "separate")
-        return cls(name, unit, field_unit, magnitude, where, whole, parts, floor, fit, fits)
+        return self._whole_fit("separate", self.floor)
+
+    @cached_property
+    def fits(self) -> ManyFits:
+        """Each subset, likewise; errors as of ``fit``."""
+        return _fit(self.parts, self.fit.parameters, self.fit.noise, "separate")
+
+    def _whole_fit(self, method: Method, noise: Array | None) -> SensorFit:
+        return fit_sensor(self.whole, self.magnitude, method=method, noise=noise, name=f"{self.where}: {self.name}")
 
     def parameters(self, method: Method) -> tuple[list[SubsetParameter], Array]:
         """The parameters of a method, and the subsets' estimates of them (p, subsets)."""
+        whole, fits = self.fit.parameters, self.fits
         noise = self.floor if self.floor is not None else self.fit.rms
-        if method == "separate":
-            whole, fits = self.fit.parameters, self.fits
-        else:
-            place = f"{self.where}: {self.name}"
-            whole = fit_sensor(self.whole, self.magnitude, noise=noise, name=place).parameters
+        if method != "separate":
+            whole = self._whole_fit(method, noise).parameters
             fits = _fit(self.parts, whole, noise, method)
         gram = self.whole.gram / len(self.parts)
         reported = report(whole, Information.of(gram, whole, noise, method).covariance, method)
         values = _values(reported, fits)
-        low, high = _spread_interval(len(self.parts) - 1)
+        low, high = spread_interval(len(self.parts) - 1)
         found = []
         for row, name in enumerate(reported.names):
             std = float(values[row].std(ddof=1))
@@ -125,7 +117,7 @@ class SubsetsOfSensor:
 
     def channels(self, levels: Array) -> list[SubsetChannel]:
         """The fit error of each channel, divided into noise and the rest by ``levels`` (3,) of ``noise_like``."""
-        low, high = _spread_interval(self._freedom)
+        low, high = spread_interval(self._freedom)
         found = []
         for k, channel in enumerate(CHANNELS_OF[self.name]):
             error, level = float(self.fit.rms[k]), float(levels[k])
@@ -218,9 +210,3 @@ def _scaled(covariance: Array, scale: Array) -> Array:
     """The covariance of separate fits (18, 18) with each channel's noise times ``scale`` (3,)."""
     factor = np.repeat(scale, 6)
     return covariance * factor[:, None] * factor
-
-
-def _spread_interval(freedom: int) -> tuple[float, float]:
-    """What a standard deviation of so many degrees of freedom is to be multiplied with, for the interval's ends."""
-    tail = 0.5 * (1.0 - LEVEL)
-    return float(np.sqrt(freedom / chi2.isf(tail, freedom))), float(np.sqrt(freedom / chi2.isf(1.0 - tail, freedom)))

@@ -19,6 +19,7 @@ from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.arrays import Array
 from rig.errors import RigError
+from rig.progress import unheard
 from rig.recording import Recording, RecordingScan
 from rig.threads import one_blas_thread
 from scenarios.studies.subset_results import (
@@ -42,7 +43,7 @@ def study(
     noise: Callable[[str, str], Array | None] = lambda sensor, unit: None,
     noise_source: FloorSource = "residuals",
     arm: Arm | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], None] = unheard,
 ) -> SubsetStudy:
     """Fit every k-th sample, k times over.
 
@@ -79,15 +80,15 @@ def study(
             unit = summed.units[sensor]
             floor = noise(sensor, unit)
             known = known or floor is not None
-            one = SubsetsOfSensor.of(
+            one = SubsetsOfSensor(
                 sensor,
                 unit,
                 summed.metadata.stated_field_unit(sensor),
                 summed.metadata.magnitude(sensor),
+                summed.where,
                 summed.statistics.select(columns),
                 [part.select(columns) for part in parts],
                 floor,
-                summed.where,
             )
             listed, values = one.parameters(method)
             parameters += listed
@@ -109,7 +110,7 @@ def study(
 
 
 def _interleaved(
-    source: Recording | RecordingScan, subsets: int, arm: Arm | None, progress: Callable[[int], None] | None
+    source: Recording | RecordingScan, subsets: int, arm: Arm | None, progress: Callable[[int], None]
 ) -> tuple[Summed, list[Statistics]]:
     """One pass: the statistics of all samples, and of every k-th."""
     batches: Iterable[Recording] = (source,) if isinstance(source, Recording) else source
@@ -127,8 +128,7 @@ def _interleaved(
             before = parts[number]
             parts[number] = summed.statistics if before is None else before + summed.statistics
         row += len(batch)
-        if progress is not None:
-            progress(len(batch))
+        progress(len(batch))
     there = [part for part in parts if part is not None]
     if found is None or len(there) < subsets:
         raise _too_few(source.name, row, subsets)

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.stats import binom, chi2, norm, t
 
 from estimators.known_angle.model import Method
-from scenarios.studies.error_summary import LEVEL, SMALL_BOUND, Cell, Rate, Summary
+from scenarios.studies.error_summary import SMALL_BOUND, Cell, Rate, Summary
+from scenarios.studies.intervals import LEVEL
 
 #: A bias beyond so many standard errors is given a reason.
 BIAS_SIGMAS: Final = 3.5

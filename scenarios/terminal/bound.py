@@ -7,7 +7,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType, group
 from rich.table import Table
 from rich.text import Text
 
@@ -29,15 +29,15 @@ _SAME: Final = 1.0
 _PAIRS: Final = 12
 
 
-def bound_report(bound: ScenarioBound) -> Group:
+@group()
+def bound_report(bound: ScenarioBound) -> Iterable[RenderableType]:
     """What each sensor's parameters will be uncertain by, what stays open and why, and what the minutes pay."""
-    parts: list[RenderableType] = []
     for name, sensor in bound.sensors.items():
-        parts += [*_sensor(name, sensor), Text(""), _minutes(sensor.growth, bound.time_s / 60.0), Text("")]
-    parts += [Text(f"taken as given: {line}") for line in bound.given]
+        yield from (*_sensor(name, sensor), Text(""), _minutes(sensor.growth, bound.time_s / 60.0), Text(""))
+    for line in bound.given:
+        yield Text(f"taken as given: {line}")
     if bound.left_out:
-        parts.append(Text(f"left out of the bound: {', '.join(bound.left_out)}", style="yellow"))
-    return Group(*parts)
+        yield Text(f"left out of the bound: {', '.join(bound.left_out)}", style="yellow")
 
 
 def _sensor(name: str, bound: SensorBound) -> Iterable[RenderableType]:
@@ -61,20 +61,20 @@ def _sensor(name: str, bound: SensorBound) -> Iterable[RenderableType]:
 def _axes(found: KnownAnglePrediction, field_unit: str) -> Table:
     rows = dict(zip(found.names, zip(found.values, found.std, strict=True), strict=True))
     columns = (f"S [{per_field('V', field_unit)}]", "δ [V]", "β [deg]", "γ [deg]", "axis, RMS angle [deg]")
-    result = table("axis", *columns, numbers=columns)
-    for k in (1, 2, 3):
-        cells = [
-            plus_minus(*rows[stem.format(k)]) for stem in ("sensitivity{}", "offset{}", "beta{}_deg", "gamma{}_deg")
-        ]
-        result.add_row(str(k), *cells, _number(found.axis_std_deg[k - 1]))
-    return result
+    stems = ("sensitivity{}", "offset{}", "beta{}_deg", "gamma{}_deg")
+    cells = (
+        (str(k), *(plus_minus(*rows[stem.format(k)]) for stem in stems), _number(found.axis_std_deg[k - 1]))
+        for k in (1, 2, 3)
+    )
+    return table("axis", *columns, numbers=columns, rows=cells)
 
 
 def _gain(found: Prediction, field_unit: str) -> Table:
-    result = table("parameter", "value", "unit", numbers=("value",))
-    for name, value, std in zip(found.names, found.values, found.std, strict=True):
-        result.add_row(name, plus_minus(value, std), "V" if name.startswith("offset") else per_field("V", field_unit))
-    return result
+    rows = (
+        (name, plus_minus(value, std), "V" if name.startswith("offset") else per_field("V", field_unit))
+        for name, value, std in zip(found.names, found.values, found.std, strict=True)
+    )
+    return table("parameter", "value", "unit", numbers=("value",), rows=rows)
 
 
 def _lines(found: KnownAnglePrediction) -> Iterable[str]:
@@ -97,20 +97,16 @@ def _minutes(grown: Growth | FreeGrowth, minutes: Array) -> Table:
         series = [100.0 * grown.gain, 1e3 * grown.offset]
     columns = ["after [min]", *columns, "learned [%]"]
     series.append(100.0 * np.cumsum(grown.share)[:, None])
-    result = table(*columns, numbers=columns)
     shown = [int(np.argmin(np.abs(minutes - wanted))) for wanted in _SHOWN if wanted < minutes[-1]]
-    for row in sorted({*shown, len(minutes) - 1}):
-        result.add_row(f"{minutes[row]:.3g}", *(_number(float(values[row].max())) for values in series))
-    return result
+    rows = (
+        (f"{minutes[row]:.3g}", *(_number(float(values[row].max())) for values in series))
+        for row in sorted({*shown, len(minutes) - 1})
+    )
+    return table(*columns, numbers=columns, rows=rows)
 
 
 def _number(value: float) -> str:
     return f"{value:.3g}" if np.isfinite(value) else "–"
-
-
-def isolability_report(found: EffectsBound) -> Group:
-    """Effects that are seen, by classes that cannot be told apart, and what changes if every joint moves."""
-    return Group(*_parts(found))
 
 
 def classes(found: Isolability) -> list[list[int]]:
@@ -126,24 +122,28 @@ def classes(found: Isolability) -> list[list[int]]:
     return groups
 
 
-def _parts(found: EffectsBound) -> Iterable[RenderableType]:
+@group()
+def isolability_report(found: EffectsBound) -> Iterable[RenderableType]:
+    """Effects that are seen, by classes that cannot be told apart, and what changes if every joint moves."""
     here = found.here
     called = partial(names, own=found.names)
     groups = classes(here)
     yield Text(f"Of {len(here.effects)} effects of typical size {here.visible.sum()} are seen ({SEEN:g} σ or more)\n")
-    rows = table("effect", "seen [σ]", "best explained by", "left [σ]", numbers=("seen [σ]", "left [σ]"))
-    for group in groups:
-        others = np.where(here.visible, here.apart[group[0]], np.inf)
-        others[group] = np.inf
+    rows: list[tuple[str | Text, ...]] = []
+    for alike in groups:
+        others = np.where(here.visible, here.apart[alike[0]], np.inf)
+        others[alike] = np.inf
         nearest = int(np.argmin(others))
         told = bool(np.isfinite(others[nearest]))
-        rows.add_row(
-            called([here.effects[place] for place in group]),
-            f"{here.seen[group[0]]:.3g}",
-            called([here.effects[nearest]]) if told else "–",
-            Text(f"{others[nearest]:.3g}", style="" if others[nearest] >= SEEN else "yellow") if told else "–",
+        rows.append(
+            (
+                called([here.effects[place] for place in alike]),
+                f"{here.seen[alike[0]]:.3g}",
+                called([here.effects[nearest]]) if told else "–",
+                Text(f"{others[nearest]:.3g}", style="" if others[nearest] >= SEEN else "yellow") if told else "–",
+            )
         )
-    yield rows
+    yield table("effect", "seen [σ]", "best explained by", "left [σ]", numbers=("seen [σ]", "left [σ]"), rows=rows)
     hidden = [key for key, visible in zip(here.effects, here.visible, strict=True) if not visible]
     yield Text(f"\nEffects in one line cannot be told apart. Not seen: {called(hidden) or 'none'}.")
     for name, why in here.left_out.items():

@@ -32,7 +32,7 @@ def calibration_report(calibration: Calibration) -> Group:
         own = calibration.sensors.get(ACCELEROMETER)
         return Group(*parts, *_alignment(alignment, "a - g" if own is not None and own.reads == "a-g" else "g - a"))
     if searched := calibration.extra.get("fminunc"):
-        return Group(*parts, *_searched(searched))
+        return Group(*parts, _searched(searched))
     return Group(*parts[:-1])
 
 
@@ -40,21 +40,20 @@ def _recordings(told: Iterable[Mapping[str, Any]], unit: str) -> Table:
     """What each of several recordings adds, and whether it agrees with the others."""
     shown = shown_unit(unit)
     columns = ("samples", f"noise [{shown.name}]", "share of what is told [%]", "agrees, p")
-    result = table("recording", *columns, numbers=columns)
+    rows = []
     for each in told:
         noise = ", ".join(f"{shown.factor * value:.4g}" for value in each["noise"])
         agreement = each["agreement"]
         p = f"{agreement['p_value']:.2g}" if agreement["degrees_of_freedom"] else "no other tells"
-        result.add_row(each["recording"], f"{each['samples']:,}", noise, f"{100.0 * each['share']:.1f}", p)
-    return result
+        rows.append((each["recording"], f"{each['samples']:,}", noise, f"{100.0 * each['share']:.1f}", p))
+    return table("recording", *columns, numbers=columns, rows=rows)
 
 
-def _searched(ends: Mapping[str, Any]) -> Iterable[RenderableType]:
+def _searched(ends: Mapping[str, Any]) -> Table:
     """Where the search of Renk et al. ended, beside the calibration."""
     columns = ("iterations", "evaluations", "sum of squares / calibration's", "farthest parameter", "off by [σ]")
-    result = table("as Renk et al. (quasi-Newton)", *columns, numbers=[columns[0], columns[1], columns[2], columns[4]])
-    for sensor, end in ends.items():
-        result.add_row(
+    rows = [
+        (
             sensor,
             f"{end['iterations']:,}",
             f"{end['evaluations']:,}",
@@ -62,7 +61,9 @@ def _searched(ends: Mapping[str, Any]) -> Iterable[RenderableType]:
             symbol(end["parameter"]),
             f"{end['sigmas']:.2g}",
         )
-    yield result
+        for sensor, end in ends.items()
+    ]
+    return table("as Renk et al. (quasi-Newton)", *columns, numbers=(*columns[:3], columns[4]), rows=rows)
 
 
 def _sensor(name: str, sensor: SensorCalibration) -> Iterable[RenderableType]:
@@ -90,10 +91,8 @@ def _axes(sensor: SensorCalibration) -> Table:
     """One row an axis."""
     stems = ("sensitivity{}", "offset{}", "beta{}_deg", "gamma{}_deg")
     columns = [f"{symbol(stem.format(''))} [{sensor.unit_of(stem.format(1))}]" for stem in stems]
-    result = table("axis", *columns, numbers=columns)
-    for axis in (1, 2, 3):
-        result.add_row(str(axis), *(_tight(sensor, stem.format(axis)) for stem in stems))
-    return result
+    rows = [(str(axis), *(_tight(sensor, stem.format(axis)) for stem in stems)) for axis in (1, 2, 3)]
+    return table("axis", *columns, numbers=columns, rows=rows)
 
 
 def _tight(sensor: SensorCalibration, parameter: str) -> str:
@@ -104,11 +103,11 @@ def _matrix(sensor: SensorCalibration) -> Table:
     """One row an axis, and what to multiply with, of a calibration that does not know the attitude."""
     units = [sensor.unit_of(name) for name in ("sensitivity1", "offset1")]
     columns = [f"S [{units[0]}]", f"δ [{units[1]}]", "field = matrix (V - δ)", " ", "  "]
-    result = table("axis", *columns, numbers=columns)
+    rows = []
     for axis, row in enumerate(sensor.matrix, 1):
         own = (_tight(sensor, f"sensitivity{axis}"), _tight(sensor, f"offset{axis}"))
-        result.add_row(str(axis), *own, *(f"{value:.6g}" for value in row))
-    return result
+        rows.append((str(axis), *own, *(f"{value:.6g}" for value in row)))
+    return table("axis", *columns, numbers=columns, rows=rows)
 
 
 def _alignment(found: Mapping[str, Any], reads: str) -> Iterable[Text]:

@@ -10,7 +10,6 @@ from rich.table import Table
 from rich.text import Text
 
 from estimators.calibration import Calibration
-from estimators.noise.spectrum import Whiteness
 from estimators.noise.study import NoiseStudy
 from estimators.p_words import p_words
 from rig.channels import CHANNELS_OF
@@ -43,7 +42,7 @@ def _amounts(study: NoiseStudy) -> Table:
     floor = study.floor
     poses = [f"pose {number}" for number in range(1, len(floor.pose_samples) + 1)]
     columns = [*poses, "RMS", "dynamic range [dB]", "bits"]
-    result = table("channel", "unit", *columns, numbers=columns)
+    rows = []
     for i, name in enumerate(floor.channels):
         shown = shown_unit(floor.units[i])
         own = [f"{shown.factor * value:.4g}" for value in floor.pose_rms[:, i]]
@@ -55,8 +54,8 @@ def _amounts(study: NoiseStudy) -> Table:
                 (floor.bits[i], floor.bits_std[i]),
             )
         ]
-        result.add_row(name, shown.name, *own, rms, *dynamic)
-    return result
+        rows.append((name, shown.name, *own, rms, *dynamic))
+    return table("channel", "unit", *columns, numbers=columns, rows=rows)
 
 
 def _kinds(study: NoiseStudy) -> Table:
@@ -69,20 +68,17 @@ def _kinds(study: NoiseStudy) -> Table:
         f"Q quantisation [{shown.name} s]",
         f"R ramp [{shown.name}/s]",
     )
-    result = table("channel", *columns, "white?", "AR", numbers=columns)
+    rows = []
     for name, noise in study.channels.items():
         cells = []
         for term_name in ("white", "bias_instability", "random_walk", "quantisation", "ramp"):
             term = noise.terms[term_name]
             seen = plus_minus(shown.factor * term.value, shown.factor * term.std)
             cells.append(seen if term.seen else f"< {shown.factor * term.upper:.2g}")
-        order = noise.autoregression.order
-        result.add_row(name, *cells, _white(noise.whiteness), str(order))
-    return result
-
-
-def _white(test: Whiteness) -> str:
-    return f"{'yes' if test.p_value > _WHITE else 'no'}, {p_words(test.p_value)}"
+        p_value = noise.whiteness.p_value
+        white = f"{'yes' if p_value > _WHITE else 'no'}, {p_words(p_value)}"
+        rows.append((name, *cells, white, str(noise.autoregression.order)))
+    return table("channel", *columns, "white?", "AR", numbers=columns, rows=rows)
 
 
 def _remarks(study: NoiseStudy) -> Iterable[str]:
@@ -108,7 +104,7 @@ def _remarks(study: NoiseStudy) -> Iterable[str]:
 
 def _fields(study: NoiseStudy, calibration: Calibration) -> Table:
     """White noise in field units: an accelerometer's is its velocity random walk."""
-    result = table("channel", "N / S", "unit", numbers=("N / S",))
+    rows = []
     for sensor, names in CHANNELS_OF.items():
         if sensor not in calibration.sensors or not calibration[sensor].axes:
             continue
@@ -117,5 +113,5 @@ def _fields(study: NoiseStudy, calibration: Calibration) -> Table:
         for name, sensitivity in zip(names, calibration[sensor].sensitivity, strict=True):
             if name in study.channels and study.channels[name].unit == calibration[sensor].unit:
                 term = study.channels[name].terms["white"]
-                result.add_row(name, plus_minus(term.value / sensitivity, term.std / sensitivity), unit)
-    return result
+                rows.append((name, plus_minus(term.value / sensitivity, term.std / sensitivity), unit))
+    return table("channel", "N / S", "unit", numbers=("N / S",), rows=rows)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from rich.console import Group, RenderableType
+from rich.console import Group, RenderableType, group
 from rich.padding import Padding
 from rich.text import Text
 
@@ -15,17 +15,19 @@ from rig.number_text import with_std
 from scenarios.parameter_names import shown_name
 from scenarios.shown_units import shown_unit
 from scenarios.studies.error_summary import Cell, Summary
-from scenarios.studies.subset_results import LEVEL, FieldAgreement, SubsetChannel, SubsetStudy
+from scenarios.studies.intervals import LEVEL
+from scenarios.studies.subset_results import FieldAgreement, SubsetChannel, SubsetStudy
 from scenarios.studies.verdict import verdicts
 from scenarios.terminal.tables import table
 
 _SHOWN_COUNTS: Final = 3
 
 
-def consistency_report(summary: Summary, parameters: Sequence[str]) -> RenderableType:
+@group()
+def consistency_report(summary: Summary, parameters: Sequence[str]) -> Iterable[RenderableType]:
     """Bias, RMSE and coverage of some parameters at some sample counts, then the verdicts."""
     columns = ("fit", "noise", "order", "parameter", "samples", "bias/s.e.", "bound", "RMSE/bound", "coverage")
-    rows = table(*columns, numbers=columns[4:])
+    rows = []
     shown = summary.some_counts(_SHOWN_COUNTS)
     sensors = list(dict.fromkeys(cell.sensor for cell in summary.cells))
     # The table of the study's folder has the others.
@@ -36,20 +38,12 @@ def consistency_report(summary: Summary, parameters: Sequence[str]) -> Renderabl
             continue
         fit = cell.method if len(sensors) == 1 else f"{cell.sensor}, {cell.method}"
         numbers = (f"{cell.count:,}", f"{cell.bias / cell.bias_std:+.1f}", f"{cell.bound:.3g}", _ratio(cell))
-        texts = (
-            fit,
-            f"×{cell.noise_factor:g}",
-            cell.order,
-            shown_name(cell.parameter),
-            *numbers,
-            _coverage(cell),
-        )
-        rows.add_row(*map(Text, texts))
-    parts: list[RenderableType] = [rows]
+        which = (fit, f"×{cell.noise_factor:g}", cell.order, shown_name(cell.parameter))
+        rows.append((*which, *numbers, f"{cell.coverage:.1%}" if cell.small else f"({cell.coverage:.1%})"))
+    yield table(*columns, numbers=columns[4:], rows=rows)
     for verdict in verdicts(summary):
-        parts.append(Text(f"\n{verdict.title}", style="bold"))
-        parts += [Padding(Text(sentence), (0, 0, 0, 2)) for sentence in verdict.sentences]
-    return Group(*parts)
+        yield Text(f"\n{verdict.title}", style="bold")
+        yield from (Padding(Text(sentence), (0, 0, 0, 2)) for sentence in verdict.sentences)
 
 
 def _ratio(cell: Cell) -> str:
@@ -58,14 +52,10 @@ def _ratio(cell: Cell) -> str:
     return f"{cell.ratio:.3f} ({cell.ratio_low:.3f}-{cell.ratio_high:.3f})"
 
 
-def _coverage(cell: Cell) -> str:
-    return f"{cell.coverage:.1%}" if cell.small else f"({cell.coverage:.1%})"
-
-
 def subsets_report(study: SubsetStudy) -> RenderableType:
     """Every parameter beside the bound, the fit errors taken apart, and whether the separate fits agree."""
     columns = ("sensor", "parameter", "unit", "all samples", "mean", "std", "bound", "std/bound")
-    rows = table(*columns, numbers=columns[3:])
+    rows = []
     for row in study.parameters:
         mean, std = with_std(row.mean, row.std)
         whole = with_std(row.whole, row.std)[0]
@@ -73,11 +63,8 @@ def subsets_report(study: SubsetStudy) -> RenderableType:
         ratio = f"{row.ratio:.2f} ({row.ratio_low:.2f}-{row.ratio_high:.2f})" if told else "cannot be told"
         bound = with_std(row.bound, row.std)[0] if told else "–"
         name = shown_name(row.parameter)
-        rows.add_row(*map(Text, (row.sensor, name, row.unit, whole, mean, std, bound, ratio)))
+        rows.append((row.sensor, name, row.unit, whole, mean, std, bound, ratio))
     headings = ("channel", "fit error", "noise floor", "noise-like", "systematic", "noise-like share")
-    channels = table(*headings, numbers=headings[1:])
-    for channel in study.channels:
-        channels.add_row(*map(Text, _channel(channel)))
     source = {"locked recording": "of the locked arm", "given": "as given", "residuals": "from the residuals"}
     title = (
         f"{study.recording}: {study.samples:,} samples in {study.subsets} interleaved subsets, {study.method} fits,"
@@ -87,10 +74,10 @@ def subsets_report(study: SubsetStudy) -> RenderableType:
     why = [f"  {row.sensor} {shown_name(row.parameter)}: {row.why}" for row in untold]
     return Group(
         Text(title),
-        rows,
+        table(*columns, numbers=columns[3:], rows=rows),
         *map(Text, why),
         Text(f"\nThe separate fits' error, taken apart by the subsets' scatter ({LEVEL:.0%} intervals)\n"),
-        channels,
+        table(*headings, numbers=headings[1:], rows=map(_channel, study.channels)),
         Text(""),
         *(Text(_agreement(agreement, study.subsets)) for agreement in study.agreements),
     )

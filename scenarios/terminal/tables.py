@@ -7,7 +7,7 @@ import inspect
 import os
 import sys
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from rich import box
@@ -55,19 +55,16 @@ def show(*items: RenderableType) -> None:
         console.print(item)
 
 
-def table(*columns: str, numbers: Iterable[str] = ()) -> Table:
-    """An empty table; columns named in ``numbers`` are aligned to the right. On a narrow terminal its cells wrap."""
+def table(*columns: str, numbers: Iterable[str] = (), rows: Iterable[Iterable[str | Text]] = ()) -> Table:
+    """A table of ``rows``, cell by cell as they stand, nothing in them taken for markup.
+
+    Columns named in ``numbers`` are aligned to the right. On a narrow terminal its cells wrap.
+    """
     result = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
     for column in columns:
         result.add_column(Text(column), justify="right" if column in numbers else "left", overflow="fold")
-    return result
-
-
-def scenarios_table(titles: Mapping[str, str]) -> Table:
-    """Names and one-line titles."""
-    result = table("scenario", "what it is")
-    for name, title in titles.items():
-        result.add_row(Text(name), Text(title))
+    for row in rows:
+        result.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     return result
 
 
@@ -86,32 +83,31 @@ def effect_record(effect: type[Effect]) -> dict[str, Any]:
 
 def effects_table(effects: Iterable[type[Effect]]) -> Table:
     """All effects: kind, places, parameters with typical size and unit, and what each is."""
-    result = table("effect", "kind", "places", "parameters, typically", "what it is")
+    rows = []
     for effect in effects:
         parameters = [
             f"{item.name}{f' ({item.size})' if item.size > 1 else ''} {item.typical:g} {_unit(item.unit)}".rstrip()
             for item in effect.parameters()
         ]
         words = _description(effect).split("\n\n")[0].replace("\n", " ")
-        cells = (effect.name, effect.kind.value, shortened(effect.places), "\n".join(parameters), words)
-        result.add_row(*map(Text, cells))
-    return result
+        rows.append((effect.name, effect.kind.value, shortened(effect.places), "\n".join(parameters), words))
+    return table("effect", "kind", "places", "parameters, typically", "what it is", rows=rows)
 
 
 def effect_description(effect: type[Effect]) -> Group:
     """One effect in full, and how a scenario adds it."""
     columns = ("numbers", "typical", "lowest", "highest")
-    parameters = table("parameter", "unit", *columns, numbers=columns)
-    for item in effect.parameters():
-        row = (item.name, item.unit, str(item.size), f"{item.typical:g}", f"{item.lower:g}", f"{item.upper:g}")
-        parameters.add_row(*map(Text, row))
+    rows = [
+        (item.name, item.unit, str(item.size), f"{item.typical:g}", f"{item.lower:g}", f"{item.upper:g}")
+        for item in effect.parameters()
+    ]
     choices = "".join(f"{name}: one of {', '.join(names)}\n" for name, names in effect.choices().items())
     lines = toml_table(f"[effects.{effect.name}]", example(effect)).splitlines()
     where = f"acts on {effect.stage.name.lower()} at {', '.join(effect.places)}; changes {_CHANGES[effect.kind.value]}"
     return Group(
         Text(effect.name, style="bold"),
         Text(f"{where}\n\n{_description(effect)}\n"),
-        parameters,
+        table("parameter", "unit", *columns, numbers=columns, rows=rows),
         Text(f"\n{choices}In a scenario:\n"),
         Text("\n".join(f"    {line}" for line in lines)),
     )

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from scenarios.view.diagnosed import write_diagnosis_view
 from scenarios.view.viewer import open_view, serve_view
-from scenarios.view.write import Detail, write_view
+from scenarios.view.write import write_view
 
-__all__ = ["Detail", "open_view", "serve_view", "write_diagnosis_view", "write_view"]
+__all__ = ["open_view", "serve_view", "write_diagnosis_view", "write_view"]

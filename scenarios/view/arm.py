@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree
@@ -12,11 +11,12 @@ import rerun as rr
 
 from rig.arm import Arm
 from rig.arm.urdf_file import drawable_urdf
-from rig.arrays import Array
+from rig.arrays import Array, Rows
 from rig.errors import RigError, one_line
 from rig.files import scratch_folder
+from rig.recording import Recording
 from scenarios.colours import GREY, rgb
-from scenarios.view.geoms import Shapes
+from scenarios.view.geoms import Shapes, painted
 from scenarios.view.stream import at
 
 ARM: Final = "arm"
@@ -28,13 +28,8 @@ BASE: Final = "base"
 _STICK_RADIUS_M = 0.012
 
 
-#: The colour of a shape, by its name in a URDF: a component of another archetype is an error in the viewer.
-_PAINTED: Final[dict[str, Callable[[tuple[int, int, int]], rr.AsComponents]]] = {
-    "box": lambda colour: rr.Boxes3D.from_fields(colors=[colour]),
-    "cylinder": lambda colour: rr.Cylinders3D.from_fields(colors=[colour]),
-    "sphere": lambda colour: rr.Ellipsoids3D.from_fields(colors=[colour]),
-    "mesh": lambda colour: rr.Asset3D.from_fields(albedo_factor=[*colour, 255]),
-}
+#: What the viewer draws a shape as, by its name in a URDF.
+_ARCHETYPES: Final = {"box": rr.Boxes3D, "cylinder": rr.Cylinders3D, "sphere": rr.Ellipsoids3D, "mesh": rr.Asset3D}
 
 
 class ArmView:
@@ -98,7 +93,7 @@ class ArmView:
             return
         link = self._joints[self._arm.joint_names[number]].child_link
         for path, shape in zip(self._tree.get_visual_geometry_paths(link), self._shapes.get(link, ()), strict=False):
-            self._stream.log(path, _PAINTED[shape](colour), static=True)
+            self._stream.log(path, painted(_ARCHETYPES[shape], colour), static=True)
 
     def _move_sticks(self, t: Array, q: Array) -> None:
         """A line from the base through the origins of the links to the sensor."""
@@ -108,22 +103,17 @@ class ArmView:
         self._stream.send_columns(ARM, indexes=at(t), columns=rr.LineStrips3D.columns(strips=strips))
 
 
-def log_arm(stream: rr.RecordingStream, arm: Arm, t: Array, q: Array) -> str:
-    """The arm moving through m samples.
-
-    Args:
-        t: (m,) [s].
-        q: (m, N) [rad].
-
-    Returns:
-        The name of the base frame.
+def log_arm(stream: rr.RecordingStream, recording: Recording, arm: Arm | None, rows: Rows) -> ArmView | None:
+    """The arm moving through some samples of a recording; None without joint angles, or without their arm.
 
     Raises:
         RigError: as of ``ArmView``.
     """
+    if arm is None or recording.q is None:
+        return None
     shown = ArmView(stream, arm)
-    shown.move(t, q)
-    return shown.base
+    shown.move(recording.t[rows], recording.q[rows])
+    return shown
 
 
 def _shapes(urdf: bytes) -> dict[str, list[str]]:

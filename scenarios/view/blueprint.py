@@ -38,7 +38,7 @@ class Contents:
         base: the base frame's name, where there is a pose.
         arm: whether the arm is shown.
         reach: (m, 3) [m] points that the view of the arm must hold, base frame.
-        start_s, end_s: of the recording.
+        span: begin and end of the recording [s].
     """
 
     units: Mapping[str, str]
@@ -46,8 +46,7 @@ class Contents:
     base: str | None
     arm: bool
     reach: Array
-    start_s: float
-    end_s: float
+    span: tuple[float, float]
 
 
 def blueprint(contents: Contents) -> rrb.Blueprint:
@@ -55,10 +54,10 @@ def blueprint(contents: Contents) -> rrb.Blueprint:
     columns = [_sensor_column(sensor, contents) for sensor in contents.units]
     root: rrb.Container = rrb.Horizontal(contents=columns)
     if contents.base is not None:
-        root = rrb.Horizontal(
-            contents=[_sweep_view(contents.base, contents.arm, contents.reach), root], column_shares=[4, 5]
-        )
-    return layout(root, played(contents.start_s, contents.end_s))
+        title = f"The sweep of the {'arm' if contents.arm else 'sensor'}, blue first, yellow last"
+        sweep = spatial_view(title, [f"/{ARM}/**", f"/{SWEEP}/**"], contents.base, contents.reach)
+        root = rrb.Horizontal(contents=[sweep, root], column_shares=[4, 5])
+    return layout(root, played(*contents.span))
 
 
 def layout(root: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
@@ -85,21 +84,17 @@ def played(start_s: float, end_s: float) -> rrb.TimePanel:
 
 def _sensor_column(sensor: str, contents: Contents) -> rrb.Container:
     title = f"{sensor.capitalize()} [{contents.units[sensor]}]"
-    views: list[rrb.View] = [_series(f"{READINGS}/{sensor}", title, contents, legend=True)]
+    views: list[rrb.View] = [series_view(f"{READINGS}/{sensor}", title, *contents.span, legend=True)]
     shares = [3.2]
     overlay = contents.overlays.get(sensor)
     if overlay is not None:
         for name, sigma in zip(overlay.names, overlay.sigma, strict=True):
             title = f"Residual of {name} [{overlay.unit}], ±3σ = ±{3.0 * sigma:.3g} {overlay.unit}"
-            views.append(_series(f"{RESIDUALS}/{sensor}/{name}", title, contents, legend=False))
+            views.append(series_view(f"{RESIDUALS}/{sensor}/{name}", title, *contents.span, legend=False))
             shares.append(2.0)
     views.append(_spheres(sensor, overlay))
     shares.append(3.8)
     return rrb.Vertical(contents=views, row_shares=shares)
-
-
-def _series(origin: str, title: str, contents: Contents, legend: bool) -> rrb.TimeSeriesView:
-    return series_view(origin, title, contents.start_s, contents.end_s, legend)
 
 
 def series_view(origin: str, title: str, start_s: float, end_s: float, legend: bool) -> rrb.TimeSeriesView:
@@ -115,29 +110,19 @@ def series_view(origin: str, title: str, start_s: float, end_s: float, legend: b
     )
 
 
+def sphere_view(sensor: str, name: str, eye: tuple[float, float, float]) -> rrb.Spatial3DView:
+    """A sensor's spheres of directions, seen from a place (3,)."""
+    controls = rrb.EyeControls3D(position=eye, look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0))
+    return rrb.Spatial3DView(origin=f"{SPHERES}/{sensor}", name=name, eye_controls=controls, line_grid=False)
+
+
 def _spheres(sensor: str, overlay: Overlay | None) -> rrb.Spatial3DView:
+    name = f"Readings of the {sensor}, blue first, yellow last"
+    if overlay is not None:
+        name = f"{overlay.field_name.capitalize()} in frame 6 by residual, blue −3σ, orange +3σ"
     width = 1 if overlay is None else len(overlay.names)
     distance = 1.9 + 0.75 * width
-    return rrb.Spatial3DView(
-        origin=f"{SPHERES}/{sensor}",
-        name=_sphere_title(sensor, overlay),
-        eye_controls=rrb.EyeControls3D(
-            position=(0.0, -distance, 0.4 * distance), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
-        ),
-        line_grid=False,
-    )
-
-
-def _sphere_title(sensor: str, overlay: Overlay | None) -> str:
-    if overlay is None:
-        return f"Readings of the {sensor}, blue first, yellow last"
-    field = overlay.field_name.capitalize()
-    return f"{field} in frame 6 by residual, blue −3σ, orange +3σ"
-
-
-def _sweep_view(base: str, arm: bool, reach: Array) -> rrb.Spatial3DView:
-    title = f"The sweep of the {'arm' if arm else 'sensor'}, blue first, yellow last"
-    return spatial_view(title, [f"/{ARM}/**", f"/{SWEEP}/**"], base, reach)
+    return sphere_view(sensor, name, (0.0, -distance, 0.4 * distance))
 
 
 def spatial_view(title: str, contents: list[str], base: str, reach: Array) -> rrb.Spatial3DView:

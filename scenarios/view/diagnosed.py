@@ -15,13 +15,13 @@ from rig.arrays import Array, Rows
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.errors import RigError
 from scenarios.colours import AXES_ON_DARK, SKY_BLUE, VERMILLION, rgb
-from scenarios.decimation import evenly
+from scenarios.decimation import evenly, gone_by, means_of_blocks
 from scenarios.gap_report.gap_residuals import GapResiduals, mean_effects
 from scenarios.gap_report.own_names import in_own_names
 from scenarios.gap_report.words import cause_words
 from scenarios.sensor_motion import SensorMotion, arm_of, motion
 from scenarios.shown_units import shown_units
-from scenarios.view.arm import ARM, BASE, ArmView
+from scenarios.view.arm import ARM, BASE, log_arm
 from scenarios.view.blueprint import layout, played, series_view, spatial_view
 from scenarios.view.fault import FAULT, log_fault
 from scenarios.view.series import log_line
@@ -80,14 +80,10 @@ def _log_arm(
     recording, arm = residuals.recording, residuals.data.base.arm
     t = recording.t[sweep.rows]
     q = None if recording.q is None or arm is None else recording.q[sweep.rows]
-    base, shown = BASE, None
-    if arm is not None and q is not None:
-        shown = ArmView(stream, arm)
-        shown.move(t, q)
-        base = shown.base
-    share = (t - t[0]) / max(float(t[-1] - t[0]), 1e-9)
-    log_sweep(stream, base, sweep, share, 2)
-    reach = np.vstack([sweep.tip, sweep.root, *([np.zeros(3)] if q is not None else [])])
+    shown = log_arm(stream, recording, arm, sweep.rows)
+    base = BASE if shown is None else shown.base
+    log_sweep(stream, base, sweep, gone_by(recording.t, sweep.rows), 2)
+    reach = sweep.reach(shown is not None)
     size = float(np.ptp(reach, axis=0).max())
     log_sensor(stream, base, t, sweep, np.eye(3), (), 0.12 * size)
     held = [reach]
@@ -102,6 +98,7 @@ def _vectors(residuals: GapResiduals) -> _Vectors:
     recording, pipeline = residuals.recording, residuals.calibrated
     after = residuals.before if residuals.after is None else residuals.after
     blocks = np.array_split(np.arange(len(recording)), min(_MEANS, len(recording)))
+    middle = np.array([block[len(block) // 2] for block in blocks])
     found = []
     for sensor, model in pipeline.sensors.items():
         columns = COLUMNS_OF[sensor]
@@ -110,11 +107,10 @@ def _vectors(residuals: GapResiduals) -> _Vectors:
         means = []
         for left in (residuals.before, after):
             in_base = np.einsum("nij,nj->ni", turned, left[:, columns] @ inverse.T)
-            means.append(np.stack([in_base[block].mean(axis=0) for block in blocks]))
+            means.append(means_of_blocks(in_base, _MEANS))
         floor = np.sqrt(np.mean([residuals.floor[column].variance for column in range(6)[columns]]))
         size = float(np.sqrt(np.mean((means[0] / np.linalg.norm(inverse, 2) / floor) ** 2)))
         unit = "m/s²" if sensor == ACCELEROMETER else recording.metadata.magnetic_field_unit or "of the field"
-        middle = np.array([block[len(block) // 2] for block in blocks])
         found.append((size, _Vectors(sensor, unit, middle, *means)))
     return max(found, key=lambda each: each[0])[1]
 
@@ -143,8 +139,7 @@ def _log_series(stream: rr.RecordingStream, residuals: GapResiduals) -> None:
     """What the causes change in each channel, and block means of the residuals before and after."""
     recording = residuals.recording
     change = residuals.data.change(mean_effects(residuals.causes))
-    blocks = np.array_split(np.arange(len(recording)), min(_MEANS, len(recording)))
-    middle = np.array([recording.t[block].mean() for block in blocks])
+    middle = means_of_blocks(recording.t, _MEANS)
     shown = shown_units(recording.units)
     for sensor in recording.sensors:
         for number, channel in enumerate(CHANNELS_OF[sensor]):
@@ -155,7 +150,7 @@ def _log_series(stream: rr.RecordingStream, residuals: GapResiduals) -> None:
             log_line(stream, path, recording.t, own_change, title, AXES_ON_DARK[number], _SAMPLES)
             for name, left, paint in ((BEFORE, residuals.before, VERMILLION), (AFTER, residuals.after, SKY_BLUE)):
                 if left is not None:
-                    means = own.factor * np.array([left[block, column].mean() for block in blocks])
+                    means = own.factor * means_of_blocks(left[:, column], _MEANS)
                     log_line(stream, f"{LEFT}/{channel}/{name}", middle, means, name, paint, _SAMPLES)
 
 

@@ -23,7 +23,14 @@ _UNSTATED: Final = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
 _KINDS: Final = mujoco.mjtGeom
 _MESHES: Final = (_KINDS.mjGEOM_MESH, _KINDS.mjGEOM_SDF)
 _ROUND: Final = (_KINDS.mjGEOM_SPHERE, _KINDS.mjGEOM_ELLIPSOID)
-_DRAWN: Final = (*_MESHES, *_ROUND, _KINDS.mjGEOM_CAPSULE, _KINDS.mjGEOM_CYLINDER, _KINDS.mjGEOM_BOX)
+#: What is drawn, and as what.
+_ARCHETYPES: Final[dict[mujoco.mjtGeom, Any]] = {
+    _KINDS.mjGEOM_BOX: rr.Boxes3D,
+    _KINDS.mjGEOM_CAPSULE: rr.Capsules3D,
+    _KINDS.mjGEOM_CYLINDER: rr.Cylinders3D,
+    **dict.fromkeys(_ROUND, rr.Ellipsoids3D),
+    **dict.fromkeys(_MESHES, rr.Mesh3D),
+}
 
 
 @dataclass(frozen=True)
@@ -57,7 +64,7 @@ def shapes_of(arm: Arm) -> list[Shape]:
     found: dict[int, list[Shape]] = {}
     for geom in range(model.ngeom):
         kind = _KINDS(model.geom_type[geom])
-        if model.geom_group[geom] >= _HIDDEN or kind not in _DRAWN or _rgba(model, geom)[3] == 0.0:
+        if model.geom_group[geom] >= _HIDDEN or kind not in _ARCHETYPES or _rgba(model, geom)[3] == 0.0:
             continue
         body = int(model.geom_bodyid[geom])
         carrier = _carrier(model, body, moved)
@@ -144,7 +151,7 @@ class Shapes:
         for shape in self.drawn:
             if shape.member == wanted:
                 kind = _KINDS(self._arm.model.geom_type[shape.geom])
-                self._stream.log(self._entity(shape), _painted(kind, colour), static=True)
+                self._stream.log(self._entity(shape), painted(_ARCHETYPES[kind], colour), static=True)
 
     def _frame(self, member: int) -> str:
         return f"link of {self._names[member]}"
@@ -198,17 +205,9 @@ def _mesh(model: mujoco.MjModel, shape: Shape, colour: NDArray[np.uint8]) -> rr.
     )
 
 
-_ARCHETYPES: Final[dict[mujoco.mjtGeom, Any]] = {
-    _KINDS.mjGEOM_BOX: rr.Boxes3D,
-    _KINDS.mjGEOM_CAPSULE: rr.Capsules3D,
-    _KINDS.mjGEOM_CYLINDER: rr.Cylinders3D,
-    **dict.fromkeys(_ROUND, rr.Ellipsoids3D),
-}
-
-
-def _painted(kind: mujoco.mjtGeom, colour: Colour) -> rr.AsComponents:
-    """A shape's other colour; a component of another archetype is an error in the viewer."""
-    if kind in _MESHES:
-        return rr.Mesh3D.from_fields(albedo_factor=[*colour, 255])
-    painted: rr.AsComponents = _ARCHETYPES[kind].from_fields(colors=[colour])
-    return painted
+def painted(archetype: Any, colour: Colour) -> rr.AsComponents:
+    """Another colour for what is drawn as an archetype; a component of another one is an error in the viewer."""
+    whole = archetype in (rr.Mesh3D, rr.Asset3D)
+    fields = {"albedo_factor": [*colour, 255]} if whole else {"colors": [colour]}
+    found: rr.AsComponents = archetype.from_fields(**fields)
+    return found

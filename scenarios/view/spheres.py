@@ -39,7 +39,9 @@ def log_spheres(stream: rr.RecordingStream, t: Array, overlay: Overlay, rows: Ro
         offset = SPACING * (number - 0.5 * (len(overlay.names) - 1))
         stream.log(path, rr.Transform3D(translation=(offset, 0.0, 0.0)), static=True)
         colour = rgb(AXES_ON_DARK[number])
-        _log_globe(stream, path, name, colour)
+        stream.log(f"{path}/globe", globe(), static=True)
+        label = rr.Points3D([(0.0, 0.0, -1.45)], radii=0.0, colors=[colour], labels=[name], show_labels=True)
+        stream.log(f"{path}/name", label, static=True)
         colours = signed(overlay.residuals[rows, number] / overlay.sigma[number], 3.0)
         _log_points(stream, path, t[rows], directions, colours)
         if len(overlay.names) == 3:
@@ -62,12 +64,6 @@ def log_cloud(stream: rr.RecordingStream, t: Array, sensor: str, readings: Array
 def globe() -> rr.Ellipsoids3D:
     """What the directions lie on."""
     return rr.Ellipsoids3D(radii=[_GLOBE_RADIUS], colors=[_GLOBE], fill_mode=rr.components.FillMode.Solid)
-
-
-def _log_globe(stream: rr.RecordingStream, path: str, name: str, colour: tuple[int, int, int]) -> None:
-    stream.log(f"{path}/globe", globe(), static=True)
-    label = rr.Points3D([(0.0, 0.0, -1.45)], radii=0.0, colors=[colour], labels=[name], show_labels=True)
-    stream.log(f"{path}/name", label, static=True)
 
 
 def _log_points(stream: rr.RecordingStream, path: str, t: Array, points: Array, colours: NDArray[np.uint8]) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimators.p_words import p_words
 from rig.arrays import Array
 from rig.files import in_utf8
-from scenarios.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION, rgb
+from scenarios.colours import BLUE, GREY, ORANGE, ORDERS, rgb
 from scenarios.parameter_names import shown_name
 from scenarios.studies.error_summary import RATES, Cell, Summary, first_draw
 from scenarios.studies.store import SUMMARY, TABLE, StudyFolder
@@ -34,7 +34,6 @@ _EXPLAINED: Final = (
     " (thin), ±1.96 bounds (grey). RMSE (thick) with its 95 % interval (thin), where the bound is small. Orange: the"
     " first n samples; blue: every k-th; green: random."
 )
-_ORDER_COLOURS: Final = {"first": VERMILLION, "every-kth": BLUE, "random": GREEN}
 
 
 def write_study_view(path: Path, target: str | os.PathLike[str]) -> None:
@@ -66,20 +65,12 @@ def _consistency(stream: rr.RecordingStream, folder: StudyFolder) -> rrb.Bluepri
         place = f"{first.sensor}/{first.method}/{level}/{first.parameter}"
         n = np.array([cell.count for cell in cells])
         bound = np.array([cell.bound for cell in cells])
-        colour = _ORDER_COLOURS[first.order]
+        order, colour = first.order, ORDERS[first.order]
         bias = np.array([cell.bias for cell in cells]) / bound
-        _line(stream, f"{place}/errors/{first.order}/mean", n, bias, f"mean, {first.order}", colour, 2.0)
+        _line(stream, f"{place}/errors/{order}/mean", n, bias, f"mean, {order}", colour, 2.0)
         one = first_draw(errors, cells)
         if one is not None:
-            _line(
-                stream,
-                f"{place}/errors/{first.order}/one_draw",
-                n,
-                one / bound,
-                f"one draw, {first.order}",
-                colour,
-                1.0,
-            )
+            _line(stream, f"{place}/errors/{order}/one_draw", n, one / bound, f"one draw, {order}", colour, 1.0)
         if place not in places:
             places[place] = f"{first.method} ×{first.noise_factor:g}, {_short(first.parameter)}"
             for sign, name in ((1.96, "upper"), (-1.96, "lower")):
@@ -89,15 +80,7 @@ def _consistency(stream: rr.RecordingStream, folder: StudyFolder) -> rrb.Bluepri
             ratio = np.array([[cell.ratio_low, cell.ratio, cell.ratio_high] for cell in small]).T
             counts = np.array([cell.count for cell in small])
             for values, name, width in zip(ratio, ("low", "RMSE", "high"), (0.7, 2.0, 0.7), strict=True):
-                _line(
-                    stream,
-                    f"{place}/ratio/{first.order}/{name}",
-                    counts,
-                    values,
-                    f"{name}, {first.order}",
-                    colour,
-                    width,
-                )
+                _line(stream, f"{place}/ratio/{order}/{name}", counts, values, f"{name}, {order}", colour, width)
     shown = [place for place in places if place.rpartition("/")[2] in _SHOWN] or list(places)[:4]
     views: list[rrb.View] = []
     for place in shown:

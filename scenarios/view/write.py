@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,11 +11,10 @@ import rerun as rr
 
 from estimators.calibration import Calibration
 from rig.arm import Arm
-from rig.arrays import Array, Rows
+from rig.arrays import Array
 from rig.channels import CHANNELS_OF
-from rig.errors import RigError
 from rig.recording import Recording
-from scenarios.decimation import evenly
+from scenarios.decimation import evenly, gone_by
 from scenarios.overlay import Overlay, overlays
 from scenarios.sensor_motion import SensorMotion, arm_of, motion
 from scenarios.view.arm import BASE, log_arm
@@ -26,30 +24,11 @@ from scenarios.view.spheres import log_cloud, log_spheres
 from scenarios.view.stream import written_stream
 from scenarios.view.sweep import log_fields, log_sensor, log_sweep
 
-
-@dataclass(frozen=True)
-class Detail:
-    """How much of a long recording is shown; nothing is left out of a short one.
-
-    Attributes:
-        frames: poses of the arm and of the sensor, evenly spread from the first sample to the last.
-        bristles: of these, how many are drawn as bristles.
-        points: directions on a sphere, evenly spread.
-        samples: of each series; a longer one is drawn by the lowest and highest sample of equal intervals.
-    """
-
-    frames: int = 4000
-    bristles: int = 640
-    points: int = 2500
-    samples: int = 8000
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value < 2:
-                raise RigError(f"detail.{name}: found {value}, expected 2 or more")
-
-
-FULL_DETAIL: Final = Detail()
+#: So much of a long recording is shown, spread evenly from the first sample to the last: poses of the arm and of the
+#: sensor, of these as bristles, directions on a sphere.
+FRAMES, BRISTLES, POINTS = 4000, 640, 2500
+#: Samples of each series; a longer one is drawn by the lowest and highest sample of equal intervals.
+SAMPLES: Final = 8000
 
 
 def write_view(
@@ -57,7 +36,6 @@ def write_view(
     calibration: Calibration | None,
     path: str | os.PathLike[str],
     arm: Arm | None = None,
-    detail: Detail = FULL_DETAIL,
 ) -> None:
     """Write an .rrd file, whole or not at all: the arm in its sweep, readings, residuals and spheres of directions.
 
@@ -66,7 +44,6 @@ def write_view(
         calibration: of its sensors; None: readings only, as points in space besides.
         path: the file; ``.rrd`` is what the viewer opens.
         arm: for the joint angles; None: the A465 where the metadata name it, else the sensor alone.
-        detail: how much of a long recording is shown.
 
     Raises:
         RigError: the file cannot be written, the arm does not fit the recording or its URDF cannot be read, the
@@ -74,10 +51,10 @@ def write_view(
     """
     arm = arm or arm_of(recording)
     laid = overlays(recording, calibration, arm)
-    sweep = motion(recording, arm, evenly(len(recording), detail.frames))
+    sweep = motion(recording, arm, evenly(len(recording), FRAMES))
     with written_stream(path) as stream:
         stream.send_recording_name(recording.name)
-        stream.send_blueprint(blueprint(_log(stream, recording, laid, arm, sweep, detail)))
+        stream.send_blueprint(blueprint(_log(stream, recording, laid, arm, sweep)))
 
 
 def _log(
@@ -86,21 +63,19 @@ def _log(
     laid: Mapping[str, Overlay],
     arm: Arm | None,
     sweep: SensorMotion | None,
-    detail: Detail,
 ) -> Contents:
-    base, reach, shown = None, np.zeros((1, 3)), arm is not None and recording.q is not None
+    base, reach, shown = None, np.zeros((1, 3)), None
     if sweep is not None:
-        base = BASE
-        if arm is not None and recording.q is not None:
-            base = log_arm(stream, arm, recording.t[sweep.rows], recording.q[sweep.rows])
-        reach = _log_sweep(stream, base, recording, laid, sweep, detail, shown)
-    points = evenly(len(recording), detail.points)
-    share = _share(recording.t, points)
+        shown = log_arm(stream, recording, arm, sweep.rows)
+        base = BASE if shown is None else shown.base
+        reach = _log_sweep(stream, base, recording, laid, sweep, shown is not None)
+    points = evenly(len(recording), POINTS)
+    share = gone_by(recording.t, points)
     for sensor in recording.sensors:
         readings, unit = recording.readings(sensor), recording.unit(sensor)
-        log_readings(stream, sensor, recording.t, readings, unit, detail.samples)
+        log_readings(stream, sensor, recording.t, readings, unit, SAMPLES)
         if sensor in laid:
-            log_residuals(stream, recording.t, laid[sensor], detail.samples)
+            log_residuals(stream, recording.t, laid[sensor], SAMPLES)
             log_spheres(stream, recording.t, laid[sensor], points)
         else:
             log_cloud(stream, recording.t, sensor, readings, points, share)
@@ -108,10 +83,9 @@ def _log(
         units=recording.units,
         overlays=laid,
         base=base,
-        arm=shown,
+        arm=shown is not None,
         reach=reach,
-        start_s=float(recording.t[0]),
-        end_s=float(recording.t[-1]),
+        span=(float(recording.t[0]), float(recording.t[-1])),
     )
 
 
@@ -121,12 +95,11 @@ def _log_sweep(
     recording: Recording,
     laid: Mapping[str, Overlay],
     sweep: SensorMotion,
-    detail: Detail,
     from_origin: bool,
 ) -> Array:
     """Bristles, path, sensor and fields; returns points (m, 3) [m] that the view must hold."""
-    log_sweep(stream, base, sweep, _share(recording.t, sweep.rows), detail.bristles)
-    reach = np.vstack([sweep.tip, sweep.root, *([np.zeros(3)] if from_origin else [])])
+    log_sweep(stream, base, sweep, gone_by(recording.t, sweep.rows), BRISTLES)
+    reach = sweep.reach(from_origin)
     low, high = reach.min(axis=0), reach.max(axis=0)
     size = float((high - low).max())
     calibrated = next(iter(laid.values()), None)
@@ -141,7 +114,3 @@ def _log_sweep(
     start = np.array([*(low + high)[:2] / 2.0, high[2] + 1.3 * length]) - 0.5 * (len(fields) - 1) * beside
     log_fields(stream, base, fields, start, beside, length)
     return np.vstack([reach, start])
-
-
-def _share(t: Array, rows: Rows) -> Array:
-    return np.asarray(t[rows] - t[0]) / max(float(t[-1] - t[0]), np.finfo(float).tiny)

@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.errors import RigError
 from rig.files import atomic_path, file_hash, made_folder, write_text
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.threads import one_blas_thread
 from scenarios.loader import load
 from scenarios.workers import Workers
@@ -57,7 +57,7 @@ class Order:
         return plans(self.cases, np.random.default_rng([self.seed, 0]), self.mechanics)
 
 
-def make_set(order: Order, workers: Workers | None = None, progress: Progress | None = None) -> int:
+def make_set(order: Order, workers: Workers | None = None, progress: Progress = unheard) -> int:
     """Make all cases and seal them.
 
     Returns:
@@ -76,8 +76,7 @@ def make_set(order: Order, workers: Workers | None = None, progress: Progress | 
     with made_folder(folder, linked=False), made_folder(sealed / CHANGES, linked=False):
         for number, entry in (workers or Workers(0)).completed(_make_one, order, range(count)):
             entries[number] = entry
-            if progress is not None:
-                progress(len(entries) / count)
+            progress(len(entries) / count)
     open_half = [entries[number][0] for number in range(count)]
     sealed_half = {entries[number][0]["name"]: entries[number][1] for number in range(count)}
     settings = {key: value for key, value in vars(order).items() if key not in ("folder", "sealed")}

@@ -17,7 +17,7 @@ from scipy.stats import chi2, ncx2
 
 from rig.effects import Effect
 from rig.errors import RigError
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.threads import one_blas_thread
 from scenarios.loader import load
 from scenarios.workers import Workers
@@ -106,7 +106,7 @@ def crossing(strengths: Sequence[float], rates: Sequence[float]) -> float:
     return float(grid[np.argmax(likelihood)])
 
 
-def power(study: PowerStudy, workers: Workers | None = None, progress: Progress | None = None) -> Power:
+def power(study: PowerStudy, workers: Workers | None = None, progress: Progress = unheard) -> Power:
     """Simulate and diagnose ``draws`` recordings at every strength.
 
     Raises:
@@ -116,8 +116,7 @@ def power(study: PowerStudy, workers: Workers | None = None, progress: Progress 
     hits = np.zeros(len(study.strengths))
     for done, (number, hit) in enumerate((workers or Workers(0)).completed(_trial, study, range(count)), start=1):
         hits[number // study.draws] += hit
-        if progress is not None:
-            progress(done / count)
+        progress(done / count)
     setting, effect = _drawn(study, study.strengths[0], 0)
     rank = _rank(effect, setting)
     ideal = tuple(ideal_power(strength, rank, study.false_alarm) for strength in study.strengths)

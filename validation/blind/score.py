@@ -19,7 +19,7 @@ from rig.arm import Arm
 from rig.channels import CHANNELS
 from rig.errors import RigError
 from rig.files import child, file_hash, write_text
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.recording import read_recording
 from rig.threads import one_blas_thread
 from scenarios.studies.table_files import fitting_together
@@ -65,7 +65,7 @@ class CaseScore:
 
 
 def score_set(
-    folder: Path, sealed: Path, workers: Workers, progress: Progress | None = None, withheld: bool = True
+    folder: Path, sealed: Path, workers: Workers, progress: Progress = unheard, withheld: bool = True
 ) -> list[CaseScore]:
     """Open the seal and judge all answers; those that are missing for the withheld pass and the baselines are made.
 
@@ -81,14 +81,13 @@ def score_set(
         Answers(folder / ANSWERS).read(case["name"])
     with fitting_together(sealed / TRUTH):
         truths = {name: Truth.from_json(each) for name, each in read_truth(sealed, cases).items()}
-    report = progress or (lambda share: None)
     half = 0.5 if withheld else 0.0
     if withheld:
         asked = [(case, (withheld_effect(truths[case["name"]]),)) for case in cases]
         asked = [(case, left_out) for case, left_out in asked if left_out[0]]
-        solve_cases(folder, sealed / WITHHELD_FOLDER, asked, workers, lambda share: report(half * share))
+        solve_cases(folder, sealed / WITHHELD_FOLDER, asked, workers, lambda share: progress(half * share))
     simple = [case for case in cases if truths[case["name"]].laboratory == "sweep"]
-    _run_baselines(folder, sealed, simple, workers, lambda share: report(half + (1.0 - half) * share))
+    _run_baselines(folder, sealed, simple, workers, lambda share: progress(half + (1.0 - half) * share))
     scores = []
     for case in cases:
         with fitting_together(Answers(folder / ANSWERS).path(case["name"])):

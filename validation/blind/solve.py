@@ -13,7 +13,7 @@ from typing import Final
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.files import write_text
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.threads import one_blas_thread
 from scenarios.workers import Workers
 from validation.blind.answers import Answers
@@ -39,7 +39,7 @@ class Task:
     cases: tuple[tuple[dict[str, str], tuple[str, ...]], ...]
 
 
-def solve_set(folder: Path, workers: Workers, progress: Progress | None = None) -> int:
+def solve_set(folder: Path, workers: Workers, progress: Progress = unheard) -> int:
     """Diagnose every recording of a set into ``answers`` beside them; those there as they were written are kept.
 
     A case that is refused, or at which the diagnosis fails, is recorded with the reason, and the others go on.
@@ -59,7 +59,7 @@ def solve_cases(
     output: Path,
     cases: Iterable[tuple[dict[str, str], tuple[str, ...]]],
     workers: Workers,
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> int:
     """Diagnose some recordings of a set with effects left out; as ``solve_set``."""
     answers = Answers(output)
@@ -72,8 +72,7 @@ def solve_cases(
     task = Task(str(folder), str(output), tuple(asked[name] for name in left))
     for done, (number, _) in enumerate(workers.completed(_solve_one, task, range(len(left))), start=1):
         answers.note(left[number])
-        if progress is not None:
-            progress(done / len(left))
+        progress(done / len(left))
     return len(left)
 
 

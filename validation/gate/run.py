@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from estimators.gap.diagnose import diagnose, examined
 from estimators.gap.report.fitted_rig import FittedRig, known_to
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.threads import one_blas_thread
 from scenarios.gap_report.words import cause_title
 from scenarios.workers import Workers
@@ -90,7 +90,7 @@ def trial(settings: Settings, number: int) -> pa.Table:
 
 
 def make_gate(
-    folder: Path, settings: Settings, workers: Workers, progress: Progress | None = None
+    folder: Path, settings: Settings, workers: Workers, progress: Progress = unheard
 ) -> tuple[Path, tuple[Row, ...]]:
     """Write gate.md and the table behind it; an ended study goes on. The page and all rows.
 

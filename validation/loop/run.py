@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from rig.files import child, made_folder, write_text
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from scenarios.studies.store import StudyFolder
 from scenarios.studies.table_files import fitting_together, rows_of
 from scenarios.workers import Workers
@@ -29,7 +29,7 @@ class Loop:
     files: tuple[Path, ...]
 
 
-def make_loop(folder: Path, settings: Settings, workers: Workers, progress: Progress | None = None) -> Loop:
+def make_loop(folder: Path, settings: Settings, workers: Workers, progress: Progress = unheard) -> Loop:
     """Write loop.md, its picture and the table of all steps; an ended study goes on.
 
     Raises:

@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from estimators.gap.choices import and_words
 from rig.effects import Effect
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from rig.recording import Recording
 from rig.threads import one_blas_thread
 from scenarios.workers import Workers
@@ -77,7 +77,7 @@ def trial(settings: Settings, number: int) -> pa.Table:
 
 
 def make_numbers(
-    folder: Path, settings: Settings, workers: Workers, progress: Progress | None = None
+    folder: Path, settings: Settings, workers: Workers, progress: Progress = unheard
 ) -> tuple[Path, tuple[Row, ...]]:
     """Write numbers.md and the table behind it; an ended study goes on. The page and all rows.
 

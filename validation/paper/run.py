@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from rig.channels import ACCELEROMETER
 from rig.files import child, made_folder, write_text
-from rig.progress import Progress
+from rig.progress import Progress, unheard
 from scenarios.loader import load
 from scenarios.studies.consistency import run, trial
 from scenarios.studies.error_summary import RATES, Summary
@@ -58,7 +58,7 @@ def make_paper(
     folder: Path,
     chosen: Settings | None = None,
     workers: Workers | None = None,
-    progress: Progress | None = None,
+    progress: Progress = unheard,
 ) -> Paper:
     """Write paper.md, its pictures, its data, and the results of its consistency study.
 
@@ -86,7 +86,7 @@ def make_paper(
     return Paper(comparison, summary, tuple(files))
 
 
-def _studied(path: Path, wanted: Settings, workers: Workers | None, progress: Progress | None) -> StudyFolder:
+def _studied(path: Path, wanted: Settings, workers: Workers | None, progress: Progress) -> StudyFolder:
     """The consistency study, made where its results are not there."""
     there = is_study(path) and StudyFolder.read(path).holds(SUMMARY, RATES, BLOCKS)
     study = StudyFolder.begin(path, "consistency", wanted, any_version=there)
