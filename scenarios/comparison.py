@@ -145,8 +145,9 @@ def apart(rows: Sequence[Compared], *calibrations: Calibration) -> dict[str, Apa
         sigma = np.array([row.sigma for row in own], dtype=float)
         total = np.zeros((len(own), len(own)))
         for each in calibrations:
-            index = [each[sensor].parameters.index(name) for name in names]
-            total += each[sensor].covariance[np.ix_(index, index)] / sigma[:, None] / sigma
+            one = turned(each[sensor]) if _opposed(calibrations[0][sensor], each[sensor]) else each[sensor]
+            index = [one.parameters.index(name) for name in names]
+            total += one.covariance[np.ix_(index, index)] / sigma[:, None] / sigma
         errors = np.array([row.error_sigmas for row in own], dtype=float)
         square = float(errors @ np.linalg.pinv(total, hermitian=True) @ errors)
         found[sensor] = Apart(square, len(own), float(chdtrc(len(own), square)) if own else 1.0)

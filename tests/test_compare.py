@@ -17,6 +17,7 @@ from scipy.special import chdtri
 import estimators
 import scenarios
 from estimators import calibrate, noise_floor
+from estimators.calibration.turned import turned
 from rig.effects import EFFECTS, make_effect
 from rig.errors import RigError
 from rig.number_text import with_std
@@ -43,6 +44,15 @@ def test_two_calibrations_of_one_rig_differ_as_their_covariances_say() -> None:
     # floors of 1,400 samples each; false failures once in 10,000
     wide = (1.0 + 3.0 / np.sqrt(2.0 * 1400.0)) ** 2
     assert chdtri(freedom, 1.0 - 5e-5) / wide < total < wide * chdtri(freedom, 5e-5)
+
+
+def test_how_far_apart_two_calibrations_are_does_not_depend_on_the_side_of_one() -> None:
+    """Elevations change their signs together with what they are correlated with; to rounding of the inverse."""
+    pair = [calibrate(run, noise=noise_floor(locked)) for run, locked in (recorded(seed=0), recorded(seed=1))]
+    other = replace(pair[1], sensors={name: turned(own) for name, own in pair[1].sensors.items()})
+    same = apart(compare_two(*pair), *pair)
+    for sensor, found in apart(compare_two(pair[0], other), pair[0], other).items():
+        assert found.chi_square == pytest.approx(same[sensor].chi_square, rel=1e-6)
 
 
 def test_the_other_side_of_the_ambiguity_is_the_same_calibration() -> None:
