@@ -29,6 +29,7 @@ from estimators.gap.evidence.states import (
     unnamed,
     unseen_floor,
 )
+from estimators.gap.evidence.varying_noise import varying
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
@@ -98,7 +99,7 @@ class Noises:
         lefts = left_of(data, Explained(data.absorbed, linear.left))
         states = named(lefts, self.without, given[0])
         if not given[0].name:
-            states += self._unnamed(given[0], lefts)
+            states += [*varying(states, given[0], lefts), *self._unnamed(given[0], lefts)]
         return self._promised(given, each, data, linear, states)
 
     def _with_more(self, given: Given, each: Explanation, promises: Sequence[Promise]) -> list[Promise]:

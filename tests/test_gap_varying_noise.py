@@ -1,0 +1,76 @@
+"""Noise whose size follows something, and noise that only looks as if it remembered: neither has a name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from diagnosed_recordings import scenario as small
+from whitened_examples import data  # noqa: F401
+
+import estimators
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.named_noise import named
+from estimators.gap.evidence.states import NoiseState, left_of
+from estimators.gap.evidence.varying_noise import varying
+from estimators.gap.hypotheses.score import Explained
+from rig.effects import EFFECTS, make_effect
+from rig.effects._numerics import gauss_markov
+
+#: Noise, but for what all channels share.
+NAMES = ("noise_excess", "noise_coloured", "bias_random_walk")
+
+
+def residual(data: WhitenedData, seed: int, sizes: np.ndarray) -> np.ndarray:
+    """White noise of all channels, and of the accelerometer some that remembers two readings, of sizes (n, 3)."""
+    rng = np.random.default_rng(seed)
+    white = rng.standard_normal((6, data.count))
+    own = gauss_markov(data.t, 2.0 * data.interval_s, rng.standard_normal((data.count, 3)))
+    white[:3] += (2.0 * own * sizes).T
+    return white.ravel()
+
+
+def states(data: WhitenedData, left: np.ndarray) -> tuple[list[NoiseState], list[NoiseState]]:
+    lefts = left_of(data, Explained(data.absorbed, left))
+    own = named(lefts, [name for name in EFFECTS if name not in NAMES], NoiseState())
+    return own, varying(own, NoiseState(), lefts)
+
+
+def test_noise_that_grows_with_the_field_is_told_in_that_form(data: WhitenedData) -> None:
+    """Of twice the floor on average: dozens of nats on 4,992 readings."""
+    field = np.abs(data.base.inputs[:, :3])
+    for seed in range(3):
+        own, (found,) = states(data, residual(data, seed, field / np.sqrt(np.mean(field**2, axis=0))))
+        best = max(own, key=lambda each: each.fitted[-1].gain)
+        assert best.labels == ("noise_coloured@accelerometer",)
+        assert found.other
+        assert not found.fitted
+        further = found.steps[len(best.steps) :]
+        assert [step.column for step in further] == [0, 1, 2]
+        for step in further:
+            root = 1.0 / step.factor
+            assert np.mean(root**2) == pytest.approx(1.0, rel=0.01)  # but for readings that are left out
+            assert np.corrcoef(root, field[:, step.column])[0, 1] > 0.9
+
+
+def test_noise_of_one_size_is_in_no_other_form(data: WhitenedData) -> None:
+    """Five courses at five ratios, of which the likeliest is to gain log(5 * 5 * number of effects / .015) nats, eight
+    and more: 20 draws, once in a hundred runs at most."""
+    for seed in range(20):
+        assert not states(data, residual(data, seed, np.ones((data.count, 3))))[1]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_white_noise_of_three_axes_is_no_noise_that_remembers(seed: int) -> None:
+    """Twice the floor on every axis: a correlation time far below the interval between readings had that name, as one
+    name for three channels costs less than three."""
+    excess = [
+        make_effect("noise_excess", {"where": f"accel{axis}", "extra_sigma": 0.03 * (1.0 + 0.2 * axis)})
+        for axis in (1, 2, 3)
+    ]
+    without: Sequence[str] = [name for name in EFFECTS if name not in NAMES]
+    run = small().with_effects(excess).simulate(seed)
+    found = estimators.diagnose(run, small().simulate_locked(seed), without=without)
+    assert not [cause for cause in found.causes if cause.effect == "noise_coloured" and cause.probability > 0.5]
+    assert found.verdict != "no-gap"
