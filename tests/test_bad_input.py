@@ -374,7 +374,7 @@ def test_a_disk_that_is_full_is_no_bug(bench: Bench, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(Recording, "write", full)
     line = bench.refused("sweep", "small.toml", "-o", "out.parquet")
-    assert line == "rig: out.parquet: No space left on device"
+    assert line == "rig: out.parquet: cannot be written: No space left on device after 0 bytes; nothing was changed"
 
 
 def test_of_two_files_neither_is_written_if_one_fails(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
