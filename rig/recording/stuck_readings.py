@@ -1,4 +1,4 @@
-"""Readings that stay what they were: a sensor, or the line to it, that is stuck."""
+"""Values that stay what they were: a sensor, an encoder, or the line to it, that is stuck."""
 
 from __future__ import annotations
 
@@ -6,30 +6,90 @@ from typing import Final
 
 import numpy as np
 
-from rig.arrays import Array
+from rig.arrays import Array, Rows
 from rig.recording.samples import Recording
 
 #: Equal readings of all three axes in a row, more than which noise, at rest or not, does not make.
 _REPEATS: Final = 10
+#: The chance that noise makes as many equal readings of one axis in a row; a repeat is never taken to be rarer than
+#: that; and the share of all that may be such before they are the converter's, or each is written several times.
+_CHANCE, _RAREST, _EVERY = 1e-4, 1e-2, 0.5
+#: Repeats more often than so are of a converter so coarse that they depend on where on its step a reading lies.
+_COARSE: Final = 0.2
+#: Rows for which a joint that moves stands still, and how many of its ordinary steps it makes up for then, at least.
+_STOPPED: Final = 5
 
 
 def stuck_words(run: Recording) -> list[str]:
-    """What seems stuck, a line each: channels that never change, else many equal readings of a sensor in a row."""
+    """What seems stuck, a line each: channels that never change or repeat single readings, many equal readings of a
+    sensor in a row, joints that stand still and make up for it with a jump."""
     found = []
     for sensor in run.sensors:
         values = run.readings(sensor)
         still = np.flatnonzero(values.std(axis=0) == 0.0)
         found += [f"{sensor}: channel {channel + 1} never changes" for channel in still]
-        row, count = _longest_repeat(values)
-        if count > _REPEATS and not len(still):
-            found.append(f"{sensor}: {count} readings in a row are the same, from row {row} on (first row 0): stuck?")
+        starts, counts = _equal(values)
+        longest = int(np.argmax(counts))
+        if counts[longest] > _REPEATS and not len(still):
+            row = starts[longest]
+            found.append(
+                f"{sensor}: {counts[longest]} readings in a row are the same, from row {row} on (first row 0): stuck?"
+            )
+        elif not len(still):
+            found += [f"{sensor}: {words}" for k in range(3) if (words := _repeating(values[:, k], f"channel {k + 1}"))]
+    if run.q is not None:
+        found += [words for joint in range(run.q.shape[1]) if (words := _stopping(run.q, joint))]
     return found
 
 
-def _longest_repeat(values: Array) -> tuple[int, int]:
-    """Where the longest run of equal rows of (n, 3) begins, and how many they are."""
-    changes = np.flatnonzero((np.diff(values, axis=0) != 0.0).any(axis=1)) + 1
-    starts = np.concatenate([[0], changes])
-    counts = np.diff(np.concatenate([starts, [len(values)]]))
-    longest = int(np.argmax(counts))
-    return int(starts[longest]), int(counts[longest])
+def _equal(values: Array) -> tuple[Rows, Rows]:
+    """Where runs of equal rows of (n,) or (n, k) begin, and how many each has."""
+    changed = np.diff(values.reshape(len(values), -1), axis=0).any(axis=1)
+    starts = np.concatenate([[0], np.flatnonzero(changed) + 1])
+    return starts, np.diff(np.concatenate([starts, [len(values)]]))
+
+
+def _repeating(values: Array, name: str) -> str:
+    """Of one channel (n,): whether it repeats readings more often in a row than noise makes it.
+
+    A converter's readings are as often the same twice as they are one step up, or one step down.
+    """
+    starts, counts = _equal(values)
+    steps = np.abs(np.diff(values))
+    if not steps.any():
+        return ""
+    # at most twice as often, where a slow signal lies well for it
+    repeat = float(np.mean((steps > 0.0) & (steps < 1.5 * steps[steps > 0.0].min())))
+    if repeat > _COARSE or np.mean(steps == 0.0) > _EVERY:
+        return ""
+    needed = 1.0 + np.log(_CHANCE / len(values)) / np.log(np.clip(repeat, _RAREST, 0.99))
+    at_an_end = (values == values.min()) | (values == values.max())  # clipped
+    held = (counts > needed) & ~at_an_end[starts]
+    if not held.any():
+        return ""
+    share = float(counts[held].sum()) / len(values)
+    return (
+        f"{name} repeats a reading {counts[held].min()} times and more in a row, in {100.0 * share:.2g} % of the rows,"
+        f" first from row {starts[held][0]} on (first row 0): stuck now and then?"
+    )
+
+
+def _stopping(q: Array, joint: int) -> str:
+    """Of one joint of (n, N): whether it stands still while others move, and then is where it would have been."""
+    starts, counts = _equal(q[:, joint])
+    steps = np.abs(np.diff(q[:, joint]))
+    if not steps.any():
+        return ""
+    ordinary = float(np.median(steps[steps > 0.0]))
+    others = np.any(np.diff(np.delete(q, joint, axis=1), axis=0) != 0.0, axis=1).astype(bool)
+    for start, count in zip(starts[counts >= _STOPPED], counts[counts >= _STOPPED], strict=True):
+        last = start + count - 1  # the row before the jump
+        if start == 0 or last >= len(steps) or not np.all(others[start:last]):
+            continue
+        jump = float(steps[last])
+        if jump > max(0.5 * count, float(_STOPPED)) * ordinary and steps[start - 1] > 0.2 * ordinary:
+            return (
+                f"joint{joint + 1} stands still for {count} rows, from row {start} on (first row 0), and then jumps by"
+                f" {jump:.3g} rad: a log that is stuck now and then?"
+            )
+    return ""

@@ -1,0 +1,66 @@
+"""Values that stay what they were: told of channels and joints that are stuck, and of no others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import scenarios
+from rig.effects import make_effect
+from rig.recording import Recording
+from rig.recording.stuck_readings import stuck_words
+
+
+@pytest.fixture(scope="module")
+def run() -> Recording:
+    return scenarios.load("ann-arbor").simulate(seed=0)
+
+
+def held(values: np.ndarray, first: int, count: int) -> np.ndarray:
+    values = values.copy()
+    values[first : first + count] = values[first]
+    return values
+
+
+def test_sound_recordings_are_not_called_stuck(run: Recording) -> None:
+    """As they come from the converter, coarse or fine, thinned, of every built-in scenario; and one whose channel is at
+    its limit, which is told as clipped."""
+    assert not stuck_words(run)
+    coarse = make_effect("adc_quantisation", {"where": "acquisition", "lsb_V": 0.05})
+    limited = make_effect("saturation", {"where": "accel1", "level": 2.6})
+    for effect in (coarse, limited):
+        assert not stuck_words(scenarios.load("ann-arbor").with_effects([effect]).simulate(seed=1))
+    for name in scenarios.names():
+        assert not stuck_words(scenarios.load(name).with_acquisition(decimation=10).simulate(seed=2)), name
+
+
+def test_a_channel_that_repeats_readings_is_told_with_its_row(run: Recording) -> None:
+    assert run.accelerometer is not None
+    readings = run.accelerometer.copy()
+    for first in (300, 2000, 5000):
+        readings[:, 1] = held(readings[:, 1], first, 12)
+    (words,) = stuck_words(replace(run, accelerometer=readings))
+    assert words.startswith("accelerometer: channel 2 repeats a reading ")
+    assert "first from row 300 on (first row 0): stuck now and then?" in words
+
+
+def test_a_log_that_holds_a_joint_and_catches_up_is_told(run: Recording) -> None:
+    assert run.q is not None
+    moving = int(np.argmax(np.abs(np.diff(run.q, axis=0)).sum(axis=0)))
+    q = run.q.copy()
+    q[:, moving] = held(q[:, moving], 1000, 48)
+    (words,) = stuck_words(replace(run, q=q))
+    assert words.startswith(
+        f"joint{moving + 1} stands still for 48 rows, from row 1000 on (first row 0), and then jumps"
+    )
+
+
+def test_a_joint_that_rests_and_goes_on_is_not_stuck(run: Recording) -> None:
+    assert run.q is not None
+    moving = int(np.argmax(np.abs(np.diff(run.q, axis=0)).sum(axis=0)))
+    q = run.q.copy()
+    q[1000:, moving] = run.q[952:-48, moving]
+    q[952:1000, moving] = q[952, moving]
+    assert not stuck_words(replace(run, q=q))
