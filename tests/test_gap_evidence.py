@@ -344,3 +344,15 @@ def test_how_fast_the_tool_turns_holds_what_any_lever_feels(arm: Arm) -> None:
     columns = np.column_stack([np.ones(whole.count), course.values])[2:-2]
     left = moved - columns @ np.linalg.lstsq(columns, moved, rcond=None)[0]
     assert np.linalg.norm(left) < 0.01 * np.linalg.norm(moved - moved.mean(axis=0))
+
+
+def test_what_a_joint_that_changes_its_speed_shakes_goes_with_the_square_of_that(data: WhitenedData) -> None:
+    """Of a joint at a steady speed nothing does."""
+    name = "the square of joint6's speed"
+    assert name not in {each.name for each, _ in courses(data)}
+    velocity = data.base.joint_velocity.copy()
+    velocity[:, 5] *= 1.0 + 0.8 * np.sin(0.1 * data.base.t)
+    changing = replace(data, base=replace(data.base, velocity=velocity))
+    (course,) = [each for each, _ in courses(changing) if each.name == name]
+    assert course.values.shape == (data.count, 1)
+    np.testing.assert_allclose(course.values[:, 0] / course.values[0, 0], (velocity[:, 5] / velocity[0, 5]) ** 2)

@@ -73,6 +73,8 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
             if np.std(speed) > 0.1 * np.sqrt(np.mean(speed**2)):  # a steady one is nothing to follow
                 moved = [_of_size_one(each) for each in (speed, _slope(data, speed))]
                 yield Course(f"speed and acceleration of joint{joint + 1}", np.column_stack(moved), np.ones(2)), posed
+                square = _of_size_one(speed**2)[:, None]  # what shakes, or pulls outwards
+                yield Course(f"the square of joint{joint + 1}'s speed", square, np.ones(1)), posed
     elements = base.R_base_tool.reshape(-1, 9)
     both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
     yield Course("orientation, to first order", elements, np.ones(9)), posed

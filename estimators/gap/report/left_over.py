@@ -23,6 +23,8 @@ from rig.channels import CHANNELS
 
 #: What may be left is told of where it is so likely.
 _TOLD: Final = 0.1
+#: So many things beside the first are described, the largest.
+_BESIDE: Final = 3
 
 #: Source, course and squares.
 _Left = tuple[str, str, float]
@@ -95,7 +97,10 @@ def _errors(posterior: Posterior, leading: Hypothesis) -> tuple[list[_Left], lis
         less = left_beside(less, before, posterior.discrepancies)
         before = further[0]
         beside += _described([before], less.left)
-    return _described(told, linear.left), sorted(beside, key=lambda one: -one[-1])[:3]
+    errors = _described(told, linear.left)
+    named = {(source, course) for source, course, _ in errors}
+    more = {one[:2]: one for one in sorted(beside, key=lambda one: one[-1]) if one[:2] not in named}
+    return errors, sorted(more.values(), key=lambda one: -one[-1])[:_BESIDE]
 
 
 def _described(every: Sequence[Weighed], residual: Array) -> list[_Left]:
