@@ -15,6 +15,7 @@ from estimators.gap.hypotheses.prior import FURTHER
 from estimators.gap.report.closed_shares import of_causes
 from estimators.gap.report.reach import gains, log_prior_of_image
 from estimators.gap.search.beam import Search
+from estimators.gap.search.further_unknowns import first_as
 from estimators.gap.search.posterior import Posterior, explain
 from estimators.gap.search.weighing import FAR
 from rig.effects import EFFECTS, make_effect
@@ -150,3 +151,16 @@ def test_the_floor_is_learned_anew_beside_an_unknown_that_hides_it() -> None:
         likely = [one for one in found.hypotheses if one.log_mass > found.leading.log_mass - FAR]
         assert {one.terms[0].term.course for one in likely if one.terms} == {"orientation"}
         assert any(one.state.steps for one in likely if one.terms)
+
+
+def test_with_one_thing_alone_a_hypothesis_is_no_likelier_than_with_any(posterior: Posterior) -> None:
+    """What the others are worth is not counted where these come after it."""
+    rest = next(each for each in posterior.hypotheses if len(each.terms) > 1 and not each.further)
+    gains = [each.log_mass for each in rest.terms]
+    for number, term in enumerate(rest.terms[:3]):
+        alone = first_as(rest, replace(rest, terms=(term,)))
+        assert alone.terms == (rest.terms[number],) or alone.terms[0].term.course == term.term.course
+        assert alone.log_mass == pytest.approx(rest.log_mass - np.logaddexp.reduce(gains) + alone.terms[0].log_mass)
+        assert alone.log_mass < rest.log_mass
+    elsewhere = replace(rest.terms[0], term=replace(rest.terms[0].term, source="elsewhere"))
+    assert first_as(rest, replace(rest, terms=(elsewhere,))) is rest

@@ -14,7 +14,7 @@ from estimators.gap.data.projection import project
 from estimators.gap.data.stack import only_in
 from estimators.gap.data.steps import Step
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Discrepancies, weighed, weighed_terms
+from estimators.gap.evidence.discrepancy import Discrepancies, left_beside, weighed, weighed_terms
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.jumps import best, roughly
 from estimators.gap.evidence.laplace import Linear
@@ -356,3 +356,24 @@ def test_what_a_joint_that_changes_its_speed_shakes_goes_with_the_square_of_that
     (course,) = [each for each, _ in courses(changing) if each.name == name]
     assert course.values.shape == (data.count, 1)
     np.testing.assert_allclose(course.values[:, 0] / course.values[0, 0], (velocity[:, 5] / velocity[0, 5]) ** 2)
+
+
+def test_what_a_term_took_beside_an_effect_it_does_not_take_again(
+    data: WhitenedData, discrepancies: Discrepancies
+) -> None:
+    """An effect that could do nearly the same: of the two fitted at once nothing is left for the term, where what it
+    takes by itself left most of that."""
+    own = [each for each in discrepancies.terms if each.source == "the magnetic field"]
+    term = next(each for each in own if each.course == "time")
+    rng = np.random.default_rng(3)
+    made = project(data.absorbed, term.made(rng.standard_normal((len(term.values), 1)))[:, 0])
+    other = project(data.absorbed, rng.standard_normal(data.size))
+    tangent = (made / np.linalg.norm(made) + 0.5 * other / np.linalg.norm(other))[:, None]
+    left = project(data.absorbed, 60.0 * made / np.linalg.norm(made) + rng.standard_normal(data.size))
+    left -= tangent[:, 0] * float(tangent[:, 0] @ left) / float(tangent[:, 0] @ tangent[:, 0])
+    one = np.ones(1)
+    linear = Linear(left, tangent, np.zeros(1), one > 0, one, np.zeros(1, dtype=np.intp))
+    (first,) = weighed_terms(linear, [term])
+    assert first.log_mass > 100.0
+    again = weighed_terms(left_beside(linear, first, discrepancies), [term])
+    assert all(each.log_mass < 0.0 for each in again)

@@ -210,7 +210,17 @@ def left_beside(linear: Linear, first: Weighed, discrepancies: Discrepancies) ->
     Args:
         first: the discrepancy's term, as it was weighed beside the set.
     """
-    made = first.term.of_every_sample(linear.left, int(np.argmax(first.gains)))
+    term = first.term
+    along = term.along(side_by_side(linear.left, linear.tangent))
+    # of both at once: what an effect could do as well is not taken for little, time after time
+    information = linear.gram + np.diag(linear.precision(linear.averaged[1]))
+    fitted = np.linalg.solve(information, linear.tangent.T @ linear.left)
+    weight = 1.0 / (1.0 / float(term.variances[int(np.argmax(first.gains))]) + term.values)
+    shared = along[:, 1:]
+    alone = weight * (along[:, 0] - shared @ fitted)
+    core = information - (shared * weight[:, None]).T @ shared
+    sizes = alone + weight * (shared @ np.linalg.solve(core, shared.T @ alone))
+    made = term.every_sample(term.made(sizes[:, None]))[:, 0]
     return replace(linear, left=linear.left - project(discrepancies.means.fine.absorbed, made))
 
 

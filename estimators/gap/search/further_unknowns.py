@@ -40,7 +40,10 @@ def weigh_further(work: Weighing) -> None:
         leading = _likeliest(work)[0]
         discrepancies = _discrepancies(work, leading)
         for rest in _rests(work, leading, discrepancies):
-            work.enter(_with_further(work, _first_as(rest, leading), discrepancies, leading.further))
+            ways = [_with_further(work, rest, discrepancies)]
+            if leading.further:  # or what was found beside what leads, in that order
+                ways.append(_with_further(work, first_as(rest, leading), discrepancies, leading.further))
+            work.enter(max(ways, key=lambda one: one.log_mass))
         if _likeliest(work)[0] is leading:
             return
 
@@ -79,11 +82,14 @@ def _rests(work: Weighing, leading: Hypothesis, discrepancies: Discrepancies) ->
         yield from (one for one in entered if one.state.labels == labels)
 
 
-def _first_as(rest: Hypothesis, leading: Hypothesis) -> Hypothesis:
-    """With the first thing that another hypothesis has, where it is one of its own, in front."""
+def first_as(rest: Hypothesis, leading: Hypothesis) -> Hypothesis:
+    """With the first thing that another hypothesis has, where it is one of its own, alone."""
     first = leading.terms[0].term
-    same = {id(one): (one.term.source, one.term.course) == (first.source, first.course) for one in rest.terms}
-    return replace(rest, terms=tuple(sorted(rest.terms, key=lambda one: not same[id(one)])))
+    own = [one for one in rest.terms if (one.term.source, one.term.course) == (first.source, first.course)][:1]
+    if not own:
+        return rest
+    every, taken = (total([one.log_mass for one in terms]) for terms in (rest.terms, own))
+    return replace(rest, terms=tuple(own), log_mass=rest.log_mass - every + taken)
 
 
 def _with_further(
