@@ -114,7 +114,9 @@ def _with_further(
             break
         every.append(tuple(terms[:KEPT]))
         log_mass += gained
-        if gained < 0.0:
+        # those that are looked for gain less one after another
+        hopeless = log_mass + (_MOST - len(every)) * gained < work.best - FAR
+        if gained < 0.0 or (hopeless and len(every) >= len(before)):
             break
         less = left_beside(less, terms[0], discrepancies)
     return replace(found, log_mass=log_mass, further=tuple(every))
