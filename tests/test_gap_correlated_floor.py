@@ -58,6 +58,16 @@ def test_noise_of_each_channel_by_itself_is_shared_by_none() -> None:
         assert np.array_equal(correlations(readings, np.zeros(1000, dtype=int)), np.eye(6))
 
 
+def test_two_channels_that_are_the_same_at_rest_can_be_told_apart_in_the_sweep() -> None:
+    """As of a column that was written twice: to one part in as many readings."""
+    rng = np.random.default_rng(4)
+    readings = rng.standard_normal((1500, 6))
+    readings[:, 2] = readings[:, 1]
+    found = correlations(readings, np.zeros(1500, dtype=int))
+    assert found[1, 2] == pytest.approx(1.0 - 1.5 / 1499.0, rel=1e-9)
+    assert np.linalg.eigvalsh(found)[0] > 0.5 / 1500.0
+
+
 def test_whitened_readings_share_nothing(data: WhitenedData) -> None:
     """1,664 noises of six channels that share a reference: 15 correlations to .025 each, four and a half of that."""
     noise = np.random.default_rng(3).multivariate_normal(np.zeros(6), CORRELATION, len(data.base))

@@ -37,8 +37,9 @@ def correlations(readings: Array, labels: Rows) -> Array:
     there, steps = there[np.ptp(steps, axis=0) > 0.0], steps[:, np.ptp(steps, axis=0) > 0.0]
     if len(there) < 2:
         return found
-    own = np.corrcoef(ndtri(rankdata(steps, axis=0) / (len(steps) + 1.0)), rowvar=False)
     independent = _INDEPENDENT * len(steps)
+    own = np.corrcoef(ndtri(rankdata(steps, axis=0) / (len(steps) + 1.0)), rowvar=False)
+    own += (np.eye(len(own)) - own) / independent  # channels that are the same here need not be so elsewhere
     gained = -0.5 * independent * float(np.linalg.slogdet(own)[1])
     if gained > 0.25 * len(there) * (len(there) - 1) * np.log(independent):
         found[np.ix_(there, there)] = own
