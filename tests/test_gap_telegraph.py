@@ -12,6 +12,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence import telegraph
 from estimators.gap.evidence.discrepancy import Discrepancies, weighed
 from estimators.gap.evidence.telegraph import slow_power, two_levels
+from estimators.gap.floor.two_levels import forward, smoothed
 from rig.arrays import Array
 from rig.effects._numerics import gauss_markov
 
@@ -31,10 +32,12 @@ def test_the_likelihood_of_two_levels_is_that_of_all_paths() -> None:
         level = levels[list(path)]
         weight *= float(np.exp(moments @ level - 0.5 * told @ level**2))
         total, upper = total + weight, upper + weight * np.array(path)
-    one = (np.array([apart]), np.array([share]), np.array([rate]))
-    gains, filtered = telegraph.forward(moments, told, *one)
-    assert np.isclose(gains[0], np.log(total), rtol=1e-12)
-    np.testing.assert_allclose(telegraph.smoothed(filtered[:, 0], share, rate), upper / total, rtol=1e-10)
+    one = (np.array([share]), np.array([rate]))
+    odds = levels[1] * moments - 0.5 * levels[1] ** 2 * told - (levels[0] * moments - 0.5 * levels[0] ** 2 * told)
+    gains, filtered = forward(odds[:, None], *one)
+    at_lower = float(levels[0] * moments.sum() - 0.5 * levels[0] ** 2 * told.sum())
+    assert np.isclose(gains[0] + at_lower, np.log(total), rtol=1e-12)
+    np.testing.assert_allclose(smoothed(filtered[:, 0], share, rate), upper / total, rtol=1e-10)
 
 
 def switching(rng: np.random.Generator, count: int, times: int) -> Array:

@@ -14,13 +14,15 @@ from estimators.gap.data.whitened import WhitenedData, known
 from estimators.gap.floor.at_rest import sound
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
+from estimators.gap.floor.resonant import resonant
 from estimators.gap.floor.rounded import COARSE, rounded_floor
 from estimators.gap.floor.shared import correlations
+from estimators.gap.floor.unsteady import Unsteady, unsteadiness
 from estimators.goodness.residuals import residuals_of
 from estimators.known_angle.from_recording import arm_of
 from estimators.noise import held_poses
 from rig.arm import Arm
-from rig.arrays import Array
+from rig.arrays import Array, Rows
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect
 from rig.effects.converter import lattice_step
@@ -55,7 +57,9 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     numbers = [label for label in np.unique(labels) if label >= 0]
     if not numbers:
         raise _never_at_rest(locked)
-    channels, tails, coarse, known = {}, {}, {}, {}
+    channels, tails, coarse, known, still = {}, {}, {}, {}, {}
+    thinned, held_still = readings[::stride], labels[::stride]
+    unsteady = _unsteady(thinned, held_still, stride / locked.rate_Hz)
     for column in np.flatnonzero(np.isfinite(readings[0])):
         segments = [readings[labels == label, column] for label in numbers]
         step = lattice_step(readings[:, column])
@@ -64,8 +68,13 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
             coarse[int(column)] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
             continue
         segments, known[int(column)] = sound(readings[:, column], labels, step)
-        segments, *tails[int(column)] = _relieved(segments)
+        less, *tails[int(column)] = _relieved(segments)
+        if column in unsteady and unsteady[int(column)].normal:
+            tails[int(column)][1] = 0.0
+        else:
+            segments = less
         phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
+        still[int(column)] = segments
         channels[int(column)] = held(phases, stride / locked.rate_Hz)
     if not all(channel.segments for channel in channels.values()):
         raise _never_at_rest(locked)
@@ -74,17 +83,27 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         raise RigError(f"{locked.origin or locked.name}: {silent[0]} is constant, expected its noise at rest")
     boards = [sensor for column in channels for sensor, own in COLUMNS_OF.items() if column in range(6)[own]]
     fitted = coarse | {
-        column: _of_sweep(noise.shortened(known[column]), *tails[column])
+        column: _of_sweep(
+            resonant(still[column], locked.rate_Hz, interval_s, noise).shortened(known[column]), *tails[column]
+        )
         for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
     }
-    shared = correlations(readings[::stride], labels[::stride])
+    shared = correlations(thinned, held_still)
     return tuple(
         replace(
             fitted.get(column, ChannelNoise(np.nan)),
+            unsteady=unsteady.get(column) if column in channels else None,
             shared=() if np.array_equal(row, unit) else tuple(row.tolist()),
         )
         for column, (row, unit) in enumerate(zip(shared, np.eye(len(shared)), strict=True))
     )
+
+
+def _unsteady(readings: Array, labels: Rows, interval_s: float) -> dict[int, Unsteady]:
+    """Of each channel whose level changes at rest."""
+    boards = [range(6)[where] for where in COLUMNS_OF.values() if np.isfinite(readings[0, where]).all()]
+    found = unsteadiness(readings, labels, interval_s, boards)
+    return {column: unsteady for unsteady in found for column in unsteady.columns}
 
 
 def _never_at_rest(locked: Recording) -> RigError:
@@ -105,10 +124,10 @@ def _relieved(segments: list[Array]) -> tuple[list[Array], float, float]:
 
 def _of_sweep(noise: ChannelNoise, degrees: float, lost: float) -> ChannelNoise:
     """The floor of long-tailed noise as the sweep's readings have it, drawn in beside their neighbours."""
-    if np.isinf(degrees):
-        return noise
+    if lost == 0.0:
+        return replace(noise, degrees=degrees)
     grown = variance_beside_neighbours(degrees)
-    return replace(noise, white=noise.white * grown, degrees=degrees, tails=lost - (grown - 1.0) * noise.white)
+    return replace(noise.scaled(grown), degrees=degrees, tails=lost - (grown - 1.0) * noise.white)
 
 
 def all_readings(recording: Recording) -> Array:

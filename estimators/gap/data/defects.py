@@ -153,10 +153,9 @@ def relieved(data: WhitenedData) -> WhitenedData:
     readings = data.readings.copy()
     white = readings_of(data, np.zeros(len(CHANNELS))).white
     for column in data.columns:
-        known = data.floor[column].degrees
-        if known is None or np.isfinite(known):
+        if data.floor[column].relieved:
             local = beside_neighbours(white[:, column])
-            less = drawn_in(local, *tails_of(local, known)) - local
+            less = drawn_in(local, *tails_of(local, data.floor[column].degrees)) - local
             readings[:, column] += less * data.whiteners[column].sigma * (data.weights[:, column] > 0.0)
     return replace(data, readings=readings)
 

@@ -26,12 +26,14 @@ class Step:
         factor: (count,) of each whitened reading, or of each coefficient of their cosine transform (DCT-II).
         in_time: which of the two.
         part: the number of the recording, of several, whose readings it is of.
+        of_floor: whether the floor's own size changes so: it is one after that.
     """
 
     column: int
     factor: Array
     in_time: bool
     part: int = 0
+    of_floor: bool = False
 
     def shortened(self, count: int) -> Step:
         """For means over neighbouring samples: the step's lowest frequencies, or the mean of its factors."""

@@ -1,8 +1,8 @@
 """An error source that switches between two levels, again and again, at instants that single readings do not tell: a
 loose contact, a range that switches, burst noise.
 
-Random telegraph noise is a hidden Markov chain of two states (Rabiner, Proceedings of the IEEE 77, 1989): its evidence
-is averaged over all instants. By its spectrum alone it is coloured noise of short memory; only two levels tell.
+The evidence of random telegraph noise is averaged over all instants. By its spectrum alone it is coloured noise of
+short memory; only two levels tell.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing_extensions import override
 
 from estimators.gap.evidence.fitted_courses import FittedCourses
 from estimators.gap.evidence.terms import Term, terms_along
+from estimators.gap.floor.two_levels import forward, smoothed
 from estimators.gap.hypotheses.courses import Course
 from estimators.gap.hypotheses.sources import Source
 from rig.arrays import Array
@@ -34,8 +35,6 @@ _SHARES: Final = (0.25, 0.5, 0.75)
 _APART: Final = (0.6, 0.75, 0.9, 1.05, 1.2, 1.4)
 #: Switches at least, where the catalogue has single steps: fewer are such ones, each a cause of its own.
 _FEWEST, _STEPS = 2, 4
-#: Log odds of two readings beyond which they are certain.
-_CERTAIN: Final = 500.0
 
 NAME: Final = "time, between two levels"
 
@@ -115,46 +114,11 @@ def two_levels(moments: Array, informations: Array, excess: float) -> tuple[floa
         each.ravel() for each in np.meshgrid(np.sqrt(excess) * np.array(_APART), _SHARES, rates, indexing="ij")
     )
     apart = apart / np.sqrt(share * (1.0 - share))
-    gains, filtered = forward(moments, informations, apart, share, rate)
+    upper, lower = apart * (1.0 - share), -apart * share
+    odds = np.outer(moments, apart) - 0.5 * np.outer(informations, upper**2 - lower**2)
+    gains, filtered = forward(odds, share, rate)
+    gains += lower * moments.sum() - 0.5 * lower**2 * informations.sum()
     best = int(np.argmax(gains))
     alike = gains.reshape(len(_APART), -1)[best * len(_APART) // len(gains)]  # of the same distance
     evidence = float(np.logaddexp.reduce(alike)) - log(len(alike))
     return evidence, smoothed(filtered[:, best], float(share[best]), float(rate[best]))
-
-
-def forward(moments: Array, informations: Array, apart: Array, share: Array, rate: Array) -> tuple[Array, Array]:
-    """Log likelihoods (k,) against no levels, and (n, k) the probability of the upper one given all samples so far.
-
-    Args:
-        apart: (k,) of the levels, the mean of which is zero. share: (k,) of the time at the upper one.
-        rate: (k,) switches a sample.
-    """
-    upper, lower = apart * (1.0 - share), -apart * share
-    leaves, comes = 2.0 * rate * (1.0 - share), 2.0 * rate * share
-    odds = np.clip(np.outer(moments, apart) - 0.5 * np.outer(informations, upper**2 - lower**2), -_CERTAIN, _CERTAIN)
-    odds = np.exp(odds)
-    stays = 1.0 - leaves - comes
-    found, filtered = np.empty_like(odds), share
-    summed = np.empty_like(odds)
-    for index, ratio in enumerate(odds):
-        likely = filtered * ratio
-        total = likely + 1.0 - filtered
-        summed[index] = total
-        found[index] = likely / total
-        filtered = comes + stays * found[index]
-    gains = np.log(summed).sum(axis=0) + lower * moments.sum() - 0.5 * lower**2 * informations.sum()
-    return gains, found
-
-
-def smoothed(filtered: Array, share: float, rate: float) -> Array:
-    """(n,) the probability of the upper level given all samples, from that given those so far (n,)."""
-    leaves, comes = 2.0 * rate * (1.0 - share), 2.0 * rate * share
-    ahead = comes + (1.0 - leaves - comes) * filtered
-    found = np.empty_like(filtered)
-    found[-1] = filtered[-1]
-    for index in range(len(found) - 2, -1, -1):
-        own, later = filtered[index], found[index + 1]
-        stayed = later * (1.0 - leaves) / max(ahead[index], 1e-300)
-        went = (1.0 - later) * leaves / max(1.0 - ahead[index], 1e-300)
-        found[index] = own * (stayed + went)
-    return found

@@ -14,9 +14,10 @@ from functools import cached_property, lru_cache, reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular, toeplitz
+from scipy.linalg import cholesky, solve_toeplitz, solve_triangular, toeplitz
 from scipy.signal import lfilter
 
+from estimators.gap.floor.unsteady import Unsteady
 from rig.arrays import Array
 from rig.effects.tails import level_spread
 
@@ -26,6 +27,8 @@ _FORGOTTEN = 0.01
 _TOLD = 1e-6
 #: What is left of a part from mean to mean below which its second neighbours may be this much alike.
 _DECAYED = 1e-5
+#: Samples from which an autoregression predicts the next one, at most.
+_PREDICTED = 40
 #: So many samples at most are predicted exactly.
 _LONGEST = 512
 
@@ -45,6 +48,9 @@ class ChannelNoise:
         degrees: of Student's distribution where single readings have long tails, infinite where they are normal; None
             where no recording at rest tells.
         tails: variance of the tails that readings are relieved of, beyond the rest of it [V^2].
+        unsteady: how its level changes in time; None where it is steady.
+        lags: autocovariance [V^2] of noise whose spectrum does not fall, of none to ever more intervals; empty where it
+            does. white: then all of it. every_s: such an interval [s].
         shared: correlation with the noise of each channel, as far as neighbouring readings show; empty where none is.
     """
 
@@ -57,7 +63,15 @@ class ChannelNoise:
     spare: bool = False
     degrees: float | None = np.inf
     tails: float = 0.0
+    unsteady: Unsteady | None = None
+    lags: tuple[float, ...] = ()
+    every_s: float = 0.0
     shared: tuple[float, ...] = ()
+
+    @property
+    def relieved(self) -> bool:
+        """Whether readings are relieved of its long tails: those of louder times go with these."""
+        return (self.degrees is None or np.isfinite(self.degrees)) and not (self.unsteady and self.unsteady.normal)
 
     @property
     def coloured(self) -> float:
@@ -77,9 +91,11 @@ class ChannelNoise:
         return min(float(self.samples), self.duration_s / interval_s) if self.parts else float(self.samples)
 
     def told(self, judged: int) -> float:
-        """What a sample tells of the level, as a share of what one of normal noise does: long tails tell less, where
-        the floor is learned and in so many readings that are judged by it."""
+        """What a sample tells of the level, as a share of what one of steady normal noise does: long tails tell less,
+        and a level that changes, where the floor is learned and in so many readings that are judged by it."""
         spread = 1.0 if self.degrees is None else level_spread(self.degrees)
+        if self.unsteady is not None:
+            spread += 0.5 * self.samples * self.unsteady.unsure**2
         return 1.0 / (spread + (spread - 1.0) * self.samples / max(judged, 1))
 
     def shortened(self, share: float) -> ChannelNoise:
@@ -94,8 +110,11 @@ class ChannelNoise:
         return self.white + self.folded + self.coloured
 
     def autocovariance(self, lag_s: Array) -> Array:
-        """[V^2] at lags [s]."""
+        """[V^2] at lags [s]; of noise whose spectrum does not fall at intervals of its own."""
         lag = np.abs(np.asarray(lag_s, dtype=float))
+        if self.lags:
+            known = np.append(self.lags, 0.0)
+            return np.asarray(known[np.minimum(np.rint(lag / self.every_s).astype(int), len(self.lags))])
         coloured = sum((size * np.exp(-lag / tau_s) for size, tau_s in self.parts), start=np.zeros_like(lag))
         return np.asarray(coloured + np.where(lag == 0.0, self.white + self.folded, 0.0))
 
@@ -105,6 +124,8 @@ class ChannelNoise:
         Means of an exponentially correlated process keep its correlation from block to block; what their variance has
         beyond that of such a process, or lacks, looks white.
         """
+        if self.lags:
+            return self._of_means(block)
         folded, parts = self.folded / block, []
         for size, tau_s in self.parts:
             decay = float(np.exp(-interval_s / tau_s))
@@ -117,6 +138,19 @@ class ChannelNoise:
             folded += own - parts[-1][0]
         return replace(self, white=self.white / block, folded=folded, parts=tuple(parts))
 
+    def _of_means(self, block: int) -> ChannelNoise:
+        """The same, of noise whose spectrum does not fall."""
+        apart = np.arange(1 - block, block)
+        each = (block - np.abs(apart)) / block**2
+        known = np.array(self.lags)
+        first = block * np.arange((len(known) - block) // block + 1)
+        lags = np.array([float(each @ known[np.abs(start + apart)]) for start in first if start + block <= len(known)])
+        return replace(self, white=float(lags[0]), lags=tuple(lags.tolist()), every_s=block * self.every_s)
+
+    def scaled(self, factor: float) -> ChannelNoise:
+        """With so many times the variance of the white part."""
+        return replace(self, white=factor * self.white, lags=tuple(factor * lag for lag in self.lags))
+
     def whitener(self, interval_s: float) -> Whitener:
         """The filter that turns this noise, sampled every ``interval_s`` [s], into white noise of variance one."""
         return _whitener(self, interval_s)
@@ -126,6 +160,8 @@ class ChannelNoise:
 def _whitener(noise: ChannelNoise, interval_s: float) -> Whitener:
     """The autoregressive polynomial is the product of the parts' own; the moving average is the spectral factor of what
     is left, the one with its roots outside the unit circle (Box and Jenkins 1976, section A4.1)."""
+    if noise.lags:
+        return _autoregressive(noise, interval_s)
     decays = [float(np.exp(-interval_s / tau_s)) for _, tau_s in noise.parts]
     factors = [np.array([-decay, 1.0 + decay**2, -decay]) for decay in decays]  # (1 - d z)(1 - d / z)
     left = (noise.white + noise.folded) * _product(factors)
@@ -139,6 +175,15 @@ def _whitener(noise: ChannelNoise, interval_s: float) -> Whitener:
     ar = np.real(_expanded(decays))
     at_zero = left.sum() / ma.sum() ** 2  # both sides at z = 1
     return Whitener(tuple(map(float, ar)), tuple(map(float, ma)), float(np.sqrt(at_zero)), noise, interval_s)
+
+
+def _autoregressive(noise: ChannelNoise, interval_s: float) -> Whitener:
+    """What samples before a one tell of it (Yule and Walker's equations)."""
+    known = np.array(noise.lags)
+    order = min(len(known) - 1, _PREDICTED)
+    before = solve_toeplitz(known[:order], known[1 : order + 1]) if order else np.empty(0)
+    sigma = float(np.sqrt(known[0] - before @ known[1 : order + 1]))
+    return Whitener((1.0, *map(float, -before)), (1.0,), sigma, noise, interval_s)
 
 
 def _product(polynomials: list[Array]) -> Array:

@@ -254,10 +254,13 @@ def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: boo
     more = going_on(data.floor, column, float(data.t[-1] - data.t[0])) if slower else ()
     if more:
         noise, learned = (replace(each, parts=(*each.seen, *more), spare=False) for each in (noise, learned))
-    response = whitened_response(data, column, frequency)
-    floor = parts(noise, np.bincount(group, frequency) / many, data.interval_s)
+    share = _named([step for step in data.steps if not step.of_floor], data, column, len(frequency))
+    response = data.whiteners[column].response(frequency) * share
     middle = np.bincount(group, response) / many
-    named = np.maximum(1.0 - np.bincount(group, _named(data, column, len(frequency))) / many, 0.0)
+    floor = parts(noise, np.bincount(group, frequency) / many, data.interval_s)
+    if noise.lags:  # what whitens it makes it white
+        floor = replace(floor, white=np.bincount(group, share) / many / middle)
+    named = np.maximum(1.0 - np.bincount(group, share) / many, 0.0)
     whitened = floor.times(middle, named)
     squares: Array = np.asarray(np.bincount(group, power), dtype=float)
     told = learned.told(data.count * data.samples)
@@ -267,14 +270,14 @@ def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: boo
 def whitened_response(data: WhitenedData, column: int, frequency: Array) -> Array:
     """What the whitening does to a spectrum at the frequencies of the cosine transform [cycles a sample]."""
     response = data.whiteners[column].response(frequency)
-    return np.asarray(response * _named(data, column, len(frequency)))
+    return np.asarray(response * _named(data.steps, data, column, len(frequency)))
 
 
-def _named(data: WhitenedData, column: int, count: int) -> Array:
+def _named(steps: Sequence[Step], data: WhitenedData, column: int, count: int) -> Array:
     """(count,) the share of the whitened spectrum that noise which is known already leaves to the floor."""
     alive = data.weights[:, column] > 0
     share = np.full(count, np.mean(data.weights[alive, column] ** 2) if alive.any() else 1.0)
-    for step in data.steps:
+    for step in steps:
         if step.column == column:
             share = share * (np.mean(step.factor**2) if step.in_time else step.factor[-count:] ** 2)
     return share

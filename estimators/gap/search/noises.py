@@ -29,6 +29,7 @@ from estimators.gap.evidence.states import (
     unnamed,
     unseen_floor,
 )
+from estimators.gap.evidence.unsteady_floor import unsteady_floor
 from estimators.gap.evidence.varying_noise import varying
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.scan import Scanner
@@ -245,6 +246,7 @@ class Noises:
     def _floors(self, lefts: Sequence[Left]) -> list[NoiseState]:
         """The floor moved, and one that goes on below what the poses at rest show."""
         floors = [moved_floor(lefts, self.at_rest, slower) for slower in (False, True)]
+        floors.append(unsteady_floor(lefts))
         return [floor for floor in floors if floor is not None]
 
     def _nameless(self, lefts: Sequence[Left]) -> list[NoiseState]:

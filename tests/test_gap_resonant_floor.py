@@ -1,0 +1,102 @@
+"""Noise at rest whose spectrum does not fall: told there, whitened, and no cause in the sweep."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import estimators
+import scenarios
+from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.floor.colour import fit_floor, held
+from estimators.gap.floor.resonant import resonant
+from rig.arrays import Array
+from rig.maneuver import LockedPoses
+from rig.recording import Recording
+
+POSES, HELD, DT = 7, 200, 0.25
+#: An autoregression with a resonance at .14 cycles a sample; and what neighbours are unlike in.
+KINDS = {"resonance": [1.0, -1.1, 0.85], "blue": [1.0, 0.5]}
+
+
+def at_rest(noise: Array) -> list[Array]:
+    return list(np.split(noise, POSES))
+
+
+def learned(noise: Array, interval_s: float = DT, rate_Hz: float = 1.0 / DT) -> ChannelNoise:
+    """As ``learn_floor`` does for a channel."""
+    (known,) = fit_floor([held(at_rest(noise), 1.0 / rate_Hz)])
+    return resonant(at_rest(noise), rate_Hz, interval_s, known)
+
+
+@pytest.mark.parametrize("kind", ["white", "long tails", "falling", "1/f"])
+def test_noise_whose_spectrum_falls_is_as_it_was(kind: str) -> None:
+    """The criterion asks for 1.5 log 1400 + 3 = 13.9 in log likelihood of the first coefficient, which white noise gives
+    once in 10 million draws; of a shape that is fitted twice, and of tails, one in 100: three of 60 once in 50 runs of
+    that."""
+    rng, told = np.random.default_rng(0), 0
+    for _ in range(60):
+        noise = rng.standard_t(4.0, POSES * HELD) if kind == "long tails" else rng.standard_normal(POSES * HELD)
+        if kind == "falling":
+            noise = noise + lfilter([1.0], [1.0, -0.9], rng.standard_normal(POSES * HELD))
+        if kind == "1/f":
+            turns = np.fft.rfft(rng.standard_normal(POSES * HELD))
+            noise = noise + 2.0 * np.fft.irfft(turns / np.sqrt(np.maximum(np.arange(len(turns)), 1.0) / len(turns)))
+        told += bool(learned(noise).lags)
+    assert told < 3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("block", [1, 3])
+def test_noise_of_another_spectrum_is_whitened_by_what_rest_tells(kind: str, block: int) -> None:
+    """Of 30,000 samples: variance one to 1400 samples' 4 % and autocorrelations of nothing, four deviations wide; also
+    of means over blocks."""
+    rng = np.random.default_rng(1)
+    found = learned(lfilter([1.0], KINDS[kind], rng.standard_normal(POSES * HELD)))
+    assert found.lags
+    sweep = lfilter([1.0], KINDS[kind], rng.standard_normal(30000 * block)).reshape(-1, block).mean(axis=1)
+    white = found.averaged(block, DT).whitener(DT * block)(sweep)
+    assert np.mean(white**2) == pytest.approx(1.0, abs=0.16)
+    for lag in range(1, 12):
+        assert abs(np.mean(white[lag:] * white[:-lag])) < 4.0 * np.sqrt(1.0 / 1400.0 + 1.0 / 30000.0)
+
+
+def test_what_was_sampled_less_often_or_at_odd_times_does_not_tell() -> None:
+    noise = lfilter([1.0], KINDS["resonance"], np.random.default_rng(2).standard_normal(POSES * HELD))
+    assert learned(noise, interval_s=DT).lags
+    assert not learned(noise, interval_s=0.4 * DT).lags
+    assert not learned(noise, interval_s=1.4 * DT).lags
+
+
+def test_a_resonance_at_rest_is_told_at_the_rate_of_the_sweep() -> None:
+    """Ten times as many readings at rest: of those as far apart as the sweep's, to four deviations of their 1400."""
+    every = np.repeat(lfilter([1.0], KINDS["resonance"], np.random.default_rng(4).standard_normal(POSES * HELD)), 10)
+    found = resonant(at_rest(every), 10.0 / DT, DT, ChannelNoise(float(np.var(every)), samples=1400, duration_s=350.0))
+    assert found.lags[1] / found.lags[0] == pytest.approx(1.1 / 1.85, abs=0.1)
+
+
+def ringing(run: Recording, seed: int) -> Recording:
+    """The readings with noise that rings at .14 cycles a reading, six times as large as their own."""
+    noise = lfilter([1.0], KINDS["resonance"], np.random.default_rng(seed).standard_normal((len(run), 6)), axis=0)
+    assert run.accelerometer is not None
+    assert run.magnetometer is not None
+    return replace(
+        run, accelerometer=run.accelerometer + 0.05 * noise[:, :3], magnetometer=run.magnetometer + 0.05 * noise[:, 3:]
+    )
+
+
+def test_noise_that_rings_at_rest_and_in_the_sweep_is_no_cause() -> None:
+    """It was a hum or something without a name, with more than .99 in seven of seven."""
+    scenario, still = (scenarios.load("ann-arbor").with_acquisition(decimation=each) for each in (100, 1))
+    quiet = []
+    for seed in range(3):
+        run = scenario.simulate(seed)
+        rate_Hz = 1.0 / float(np.median(np.diff(run.t)))
+        rest = still.rig.simulate(LockedPoses(hold_s=300.0 / rate_Hz, rate_Hz=rate_Hz), np.random.default_rng(seed))
+        found = estimators.diagnose(ringing(run, 10 + seed), ringing(rest, 20 + seed))
+        assert not [cause for cause in found.causes if cause.probability > 0.95]
+        quiet.append(found.posterior["nothing"])
+    assert np.mean(quiet) > 0.5

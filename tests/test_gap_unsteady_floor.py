@@ -1,0 +1,130 @@
+"""Noise that is louder at some times than at others, at rest already: told there, and no cause in the sweep."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from whitened_examples import data  # noqa: F401
+
+import estimators
+import scenarios
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.states import left_of
+from estimators.gap.evidence.unsteady_floor import UNSTEADY, unsteady_floor
+from estimators.gap.floor.unsteady import TwoLevels, Unsteady, unsteadiness
+from estimators.gap.hypotheses.score import Explained
+from rig.maneuver import LockedPoses
+from rig.recording import Recording
+
+BOARDS = (range(3), range(3, 6))
+POSES = np.repeat(np.arange(7), 200)
+
+
+def loudness(count: int, seed: int, period: int) -> np.ndarray:
+    """(n,) a factor that swells and fades, its mean square one."""
+    phase = 2.0 * np.pi * np.random.default_rng(seed).random()
+    swelling = 1.0 + 0.6 * np.sin(2.0 * np.pi * np.arange(count) / period + phase)
+    return np.asarray(swelling / np.sqrt(np.mean(swelling**2)))
+
+
+def bursts(count: int, seed: int) -> np.ndarray:
+    """(n,) a factor that is three for a tenth of the time, some twenty readings each; its mean square one."""
+    rng = np.random.default_rng(seed)
+    loud = np.convolve(rng.random(count) < 0.005, np.ones(20))[:count] > 0.0
+    factor = np.where(loud, 3.0, 1.0)
+    return np.asarray(factor / np.sqrt(np.mean(factor**2)))
+
+
+@pytest.mark.parametrize("kind", ["normal", "long tails", "coloured", "resonant", "shared"])
+def test_steady_noise_is_not_called_unsteady(kind: str) -> None:
+    """Of any distribution and colour. A gain beyond log n is of a likelihood ratio beyond 2 log 1300 = 14.3, of some
+    ten shapes and of ten groupings: less than one in 100 draws; four in 60 come once in 2,000 runs of that."""
+    rng, told = np.random.default_rng(0), 0
+    for _ in range(60):
+        noise = rng.standard_t(4.0, (len(POSES), 6)) if kind == "long tails" else rng.standard_normal((len(POSES), 6))
+        if kind == "coloured":
+            noise = lfilter([1.0], [1.0, -0.9], noise, axis=0)
+        if kind == "resonant":
+            noise = lfilter([1.0], [1.0, -1.6, 0.9], noise, axis=0)
+        if kind == "shared":
+            noise = 0.8 * noise + 0.6 * rng.standard_normal((len(POSES), 1))
+        told += bool(unsteadiness(noise, POSES, 0.1, BOARDS))
+    assert told < 4
+
+
+@pytest.mark.parametrize("columns", [(0, 1, 2, 3, 4, 5), (3, 4, 5), (1,)])
+def test_noise_that_swells_is_called_unsteady_where_it_is_and_by_as_much(columns: tuple[int, ...]) -> None:
+    """The logarithm of its variance has a standard deviation of .97, told to a factor of two: by a period or two."""
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal((len(POSES), 6))
+    own = loudness(len(POSES), 3, 300)
+    noise[:, columns] *= own[:, None]
+    (found,) = unsteadiness(noise, POSES, 0.1, BOARDS)
+    assert found.columns == columns
+    assert 0.5 < found.spread / float(np.std(2.0 * np.log(own))) < 2.0
+    assert 1.0 < found.memory_s < 30.0
+
+
+def test_bursts_have_two_levels() -> None:
+    rng = np.random.default_rng(2)
+    factor = bursts(len(POSES), 5)
+    (found,) = unsteadiness(rng.standard_normal((len(POSES), 6)) * factor[:, None], POSES, 0.1, BOARDS)
+    assert found.levels is not None
+    assert 4.0 <= found.levels.ratio <= 16.0
+    assert found.levels.share == pytest.approx(float(np.mean(factor > 1.0)), abs=0.06)
+
+
+@pytest.mark.parametrize("kind", ["swelling", "bursts"])
+def test_the_floor_is_as_loud_as_the_sweep_shows_where_rest_showed_that(data: WhitenedData, kind: str) -> None:
+    """30 readings of each of six channels in a length of the level tell its logarithm to 1 / 9."""
+    rng = np.random.default_rng(2)
+    factor = loudness(data.count, 3, 150) if kind == "swelling" else bursts(data.count, 3)
+    lefts = left_of(data, Explained(data.absorbed, (rng.standard_normal((6, data.count)) * factor).ravel()))
+    assert unsteady_floor(lefts) is None  # rest did not
+    levels = None if kind == "swelling" else TwoLevels(9.0, 0.1, 0.025 / data.interval_s)
+    known = Unsteady(0.9, 30.0 * data.interval_s, 0.2, tuple(range(6)), levels)
+    unsteady = replace(data, floor=tuple(replace(each, unsteady=known) for each in data.floor))
+    found = unsteady_floor(left_of(unsteady, Explained(data.absorbed, lefts[0].explained.residual)))
+    assert found is not None
+    assert (found.name, found.other, found.fitted) == (UNSTEADY, False, ())
+    assert {step.column for step in found.steps} == set(data.columns)
+    for step in found.steps:
+        if step.in_time:
+            assert np.corrcoef(np.log(step.factor), -np.log(factor))[0, 1] > 0.8
+
+
+def test_noise_as_steady_as_its_mean_is_no_unsteady_floor(data: WhitenedData) -> None:
+    """A level that is one everywhere is less likely under one that would have changed."""
+    rng = np.random.default_rng(4)
+    known = Unsteady(0.9, 30.0 * data.interval_s, 0.1, tuple(range(6)), TwoLevels(9.0, 0.1, 0.025 / data.interval_s))
+    unsteady = replace(data, floor=tuple(replace(each, unsteady=known) for each in data.floor))
+    assert unsteady_floor(left_of(unsteady, Explained(data.absorbed, rng.standard_normal(6 * data.count)))) is None
+
+
+def swelling(run: Recording, rest: Recording, seed: int) -> Recording:
+    """The readings with noise six times as large as their own, which swells and fades in forty seconds."""
+    rate_Hz = 1.0 / float(np.median(np.diff(run.t)))
+    noise = np.random.default_rng(seed).standard_normal((len(run), 6))
+    noise *= 6.0 * loudness(len(run), seed, int(40.0 * rate_Hz))[:, None]
+    assert rest.accelerometer is not None
+    assert rest.magnetometer is not None
+    noise *= np.diff(np.hstack([rest.accelerometer, rest.magnetometer]), axis=0).std(axis=0) / np.sqrt(2.0)
+    assert run.accelerometer is not None
+    assert run.magnetometer is not None
+    return replace(run, accelerometer=run.accelerometer + noise[:, :3], magnetometer=run.magnetometer + noise[:, 3:])
+
+
+def test_noise_that_swells_at_rest_and_in_the_sweep_is_no_cause() -> None:
+    """It was something without a name, with more than .999 in each of three."""
+    scenario, still = (scenarios.load("ann-arbor").with_acquisition(decimation=each) for each in (100, 1))
+    quiet = []
+    for seed in range(3):
+        run = scenario.simulate(seed)
+        rest = still.rig.simulate(LockedPoses(hold_s=100.0, rate_Hz=20.0), np.random.default_rng(seed))
+        found = estimators.diagnose(swelling(run, rest, 10 + seed), swelling(rest, rest, 20 + seed))
+        assert not [cause for cause in found.causes if cause.probability > 0.95]
+        quiet.append(found.posterior["nothing"])
+    assert np.mean(quiet) > 0.5
