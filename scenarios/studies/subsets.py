@@ -9,6 +9,8 @@ noise-like part of the fit error from the systematic one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import reduce
+from operator import add
 from typing import Final
 
 import numpy as np
@@ -132,7 +134,7 @@ def _interleaved(
     there = [part for part in parts if part is not None]
     if found is None or len(there) < subsets:
         raise _too_few(source.name, row, subsets)
-    whole = Statistics.merge(there)
+    whole = reduce(add, there)
     return Summed(whole, found.units, source.metadata, found.arm, found.where), there
 
 
