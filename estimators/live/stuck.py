@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from estimators.live.naming import Likeness
-from rig.arrays import Array, Mask
+from rig.arrays import Array
 
 #: A repeat is never taken to be rarer than this, nor a channel for stuck before so many readings.
 _RAREST: Final = 1e-2
@@ -65,7 +65,7 @@ class Stuck:
         probability = np.maximum((self._repeats + 1.0) / (self._seen + 2.0), _RAREST)
         needed = np.maximum(_LEAST, np.log(self._chance) / np.log(np.minimum(probability, 0.999)))
         long = run >= needed
-        ends = ~self._was_long(needed) | any_moved
+        ends = (self._run < needed) | any_moved
         if not long.any():
             self._repeats += same.sum(axis=0)
             self._seen += n
@@ -87,6 +87,3 @@ class Stuck:
         words = f"channel{plural} {names} repeat{'' if plural else 's'} the same reading"
         chance = float((probability[new] ** run[new]).max())
         return Stopped(sure, since, words, chance, (Likeness(name, f"channel{plural} {names}", 0.0, "stuck"),))
-
-    def _was_long(self, needed: Array) -> Mask:
-        return np.asarray(self._run >= needed)
