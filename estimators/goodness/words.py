@@ -15,7 +15,7 @@ from estimators.goodness.cross_terms import CrossTerms
 from estimators.goodness.hold_out import HoldOut
 from estimators.goodness.outliers import Outliers
 from estimators.goodness.own_optimum import Transfer
-from estimators.goodness.raw_readings import Clipped, Repeats, summary_of
+from estimators.goodness.raw_readings import Clipped, Repeats
 from estimators.goodness.whiteness import Whiteness
 from estimators.loud_floor import times_too_loud
 from estimators.p_words import p_words
@@ -111,12 +111,13 @@ def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
         told.append(f"the orientations tell the parameters apart badly (condition {found.condition:.1e})")
     if found.clipped.count:
         names = CHANNELS_OF[found.sensor]
-        ends = {
-            f"{name} at {end:g}": count
+        ends = [
+            f"{name} at {end:g} {count}"
             for side, values in ((found.clipped.low, found.clipped.lowest), (found.clipped.high, found.clipped.highest))
             for name, count, end in zip(names, side, values, strict=True)
-        }
-        told.append(f"readings are clipped ({summary_of(ends)})")
+            if count
+        ]
+        told.append(f"readings are clipped ({', '.join(ends)})")
     if _held(found):
         share, longest, held = found.repeats.share, found.repeats.longest, found.repeats.held
         told.append(

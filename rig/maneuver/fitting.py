@@ -56,7 +56,7 @@ def fitted(maneuver: Fitted, arm: Arm, stated: Collection[str] = ()) -> Fitted:
     if isinstance(maneuver, LockedPoses):
         return replace(maneuver, slides=slides, poses_deg=locked_poses_deg(arm))
     if isinstance(maneuver, StaticPoses):
-        poses = static_poses_deg(arm, maneuver.count, maneuver.seed)
+        poses = _as_shown(arm, _drawn(arm, maneuver.count, np.random.default_rng(maneuver.seed)))
         return replace(maneuver, slides=slides, poses_deg=poses, limits_deg=None)
     return cast(Fitted, torus_sweep(arm, maneuver))
 
@@ -264,11 +264,6 @@ def _drawn(arm: Arm, count: int, rng: np.random.Generator) -> Array:
     pool[:, turns] = np.radians(np.round(np.degrees(pool[:, turns]), 1))
     clear = _axes(arm, pool)[1] > _CLEAR_M
     return np.asarray(np.concatenate([pool[clear], pool[~clear]])[:count])
-
-
-def static_poses_deg(arm: Arm, count: int, seed: int) -> tuple[tuple[float, ...], ...]:
-    """``count`` random poses [deg, m] of all joints within an arm's limits."""
-    return _as_shown(arm, _drawn(arm, count, np.random.default_rng(seed)))
 
 
 def locked_poses_deg(arm: Arm) -> tuple[tuple[float, ...], ...]:

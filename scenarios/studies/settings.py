@@ -103,7 +103,12 @@ class Settings:
         Raises:
             RigError: as of ``Settings``, the scenario does not suit, or more samples than it has.
         """
-        _check_scenario(scenario)
+        for effect in scenario.rig.effects:
+            if effect.kind is not Kind.MEAN:
+                raise RigError(
+                    f"scenario {scenario.name}: effect {effect.name} changes the {effect.kind.value}, expected white"
+                    " noise and effects that change the mean: a consistency study draws no samples"
+                )
         text = scenario.to_toml()
         samples = len(_expected(text, scenario.name).rotations)
         if isinstance(counts, int):
@@ -199,12 +204,3 @@ def increments(settings: Settings, order: Order, block: int) -> dict[str, Increm
         sensor: Increments.of(poses.rotations, readings, rows, settings.counts)
         for sensor, readings in poses.readings.items()
     }
-
-
-def _check_scenario(scenario: Scenario) -> None:
-    for effect in scenario.rig.effects:
-        if effect.kind is not Kind.MEAN:
-            raise RigError(
-                f"scenario {scenario.name}: effect {effect.name} changes the {effect.kind.value}, expected white noise"
-                " and effects that change the mean: a consistency study draws no samples"
-            )
