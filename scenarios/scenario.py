@@ -20,8 +20,8 @@ from rig.maneuver.fitting import fitted, unlimited
 from rig.progress import Progress
 from rig.recording import Recording
 from rig.sensor import TriaxialSensor
-from rig.simulate import Engine, Motion, Rig
-from scenarios.toml_tables import ArmTable, FieldUnit
+from rig.simulate import Rig
+from scenarios.toml_tables import ArmTable, FieldUnit, RunTable
 from scenarios.writer import set_fields, toml_document
 
 
@@ -78,39 +78,26 @@ NOMINAL: Final = ("sensitivity", "offset")
 
 
 @dataclass(frozen=True)
-class Scenario:
-    """A rig with the maneuver it makes.
+class Scenario(RunTable):
+    """A rig with the maneuver it makes, and what the top of its file says.
 
     Attributes:
         name: short, as a file's name without suffix.
-        title: one line.
-        description: what is to be seen in it.
-        source: where its numbers come from.
         rig: arm, surroundings, sensors, acquisition, effects.
-        engine, motion: as in ``Rig.simulate``.
         locked: the maneuver of the locked-arm recording that gives the noise floor.
-        seed: where a simulation names none.
         magnetic_field_unit: unit of the environment's magnetic field; None: relative, as in Renk et al.
         datasheets: sensor -> data sheet in models/sensors.
         nominal: sensor -> stated sensitivity [V per m/s^2 or field unit] and offset [V].
-        fitted_to: fingerprints of the recordings that its calibration and effects were fitted to.
         fitted_std: of the rig's first effects, standard deviations of their parameters by name, where fitted.
     """
 
     name: str
     rig: Rig
     maneuver: Maneuver
-    title: str = ""
-    description: str = ""
-    source: str = ""
-    engine: Engine = "kinematic"
-    motion: Motion = "quasi-static"
     locked: LockedPoses = field(default_factory=LockedPoses)
-    seed: int = 0
     magnetic_field_unit: FieldUnit | None = None
     datasheets: Mapping[str, str] = field(default_factory=dict)
     nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    fitted_to: tuple[str, ...] = ()
     fitted_std: tuple[Mapping[str, Value], ...] = ()
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -23,7 +23,7 @@ ARMS: Final = ("a465", "none")
 FieldUnit = Literal["G", "uT", "nT"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunTable:
     """The top of the file: what the scenario is, and how it runs by itself.
 
@@ -182,15 +182,10 @@ class EnvironmentTable:
         """The environment; directions that are not stated are ``Environment``'s own."""
         gravity = _direction("gravity", self.gravity_direction, self.gravity_phi_deg, self.gravity_psi_deg)
         magnetic = _direction("magnetic", self.magnetic_direction, self.magnetic_phi_deg, self.magnetic_psi_deg)
-        return Environment(
-            gravity_m_s2=self.gravity_m_s2,
-            gravity_direction=gravity or Environment.gravity_direction,
-            magnetic_field=self.magnetic_field,
-            magnetic_direction=magnetic or Environment.magnetic_direction,
-            temperature_degC=self.temperature_degC,
-            temperature_rise_degC=self.temperature_rise_degC,
-            temperature_tau_s=self.temperature_tau_s,
-        )
+        stated = {item.name: getattr(self, item.name) for item in fields(Environment)}
+        stated["gravity_direction"] = gravity or Environment.gravity_direction
+        stated["magnetic_direction"] = magnetic or Environment.magnetic_direction
+        return Environment(**stated)
 
 
 def _direction(name: str, vector: Triple | None, phi_deg: float | None, psi_deg: float | None) -> Triple | None:

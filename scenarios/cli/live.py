@@ -352,7 +352,7 @@ def _document(
         "samples": session.samples,
         "seconds": session.seconds,
         "enough": session.enough,
-        "left_out": session.snapshot.left_out,
+        "left_out": session.left_out,
         "calibration": None if calibration is None else cal,
         "refused": None if refused is None else str(refused),
         "sensors": {} if calibration is None else calibration.to_json()["sensors"],
