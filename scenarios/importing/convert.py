@@ -24,7 +24,7 @@ from scenarios.importing.mapping import Conventions, Mapping
 from scenarios.importing.quantities import guess, is_numbered, is_time, kind_of
 from scenarios.importing.text_log import Log, read_text_log
 from scenarios.importing.tracks import LOUD, Track, tracks_of
-from scenarios.importing.unused import lacking_words, unused_columns, unused_words
+from scenarios.importing.unused import unused_columns, unused_words
 
 _OTHER_CLOCK_S: Final = 0.5  # no sensor is later than this: more is another clock
 
@@ -92,9 +92,9 @@ def import_logs(
     wrong = (*loud, *findings, *shown.wrong)
     recording = replace(shown.recording, metadata=replace(shown.recording.metadata, findings=wrong))
     unused = unused_columns(logs, mapping.columns, recording)
-    listed = unused_words(unused, recording)
-    open_questions = (*shown.open, *(listed if lacking_words(recording) else ()))
-    remarks = (*quiet, *shown.said, *(() if lacking_words(recording) else listed))
+    listed, lacking = unused_words(unused, recording)
+    open_questions = (*shown.open, *(listed if lacking else ()))
+    remarks = (*quiet, *shown.said, *(() if lacking else listed))
     return Imported(recording, mapping, remarks, (*wrong, *open_questions), unused)
 
 
