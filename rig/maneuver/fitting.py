@@ -228,11 +228,9 @@ def _ways(arm: Arm, swept: tuple[int, int, int]) -> Array:
 
 def _axes(arm: Arm, q: Array) -> tuple[Array, Array]:
     """The joints' axes (n, N, 3) in the base frame at q (n, N), and how high the lowest link or the tip is (n,) [m]."""
-    members = arm.chain.places
-    axes, height = np.empty((len(q), arm.dof, 3)), np.empty(len(q))
-    for rows, (xaxis, xpos, site) in arm.chain.evaluated(q, "xaxis", "xpos", "site_xpos"):
-        axes[rows] = xaxis.reshape(len(xaxis), -1, 3)[:, members]
-        height[rows] = np.minimum(xpos[:, arm.chain.links[1:], 2].min(axis=1, initial=np.inf), site[:, 0, 2])
+    chain = arm.chain
+    axes, links, site = chain.evaluated(q, xaxis=chain.places, xpos=chain.links[1:], site_xpos=[0])
+    height = np.minimum(links[:, :, 2].min(axis=1, initial=np.inf), site[:, 0, 2])
     return axes / np.linalg.norm(axes, axis=2, keepdims=True), height
 
 
