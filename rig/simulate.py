@@ -14,7 +14,7 @@ from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.effects.base import Effect, Stage, apply_stage
 from rig.engine_dynamic import follow
 from rig.environment import Environment
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.maneuver import Maneuver
 from rig.pipeline import Pipeline
 from rig.pose_nodes import quaternions
@@ -99,10 +99,8 @@ class Rig:
         Raises:
             RigError: unknown engine or motion, a joint beyond its limit, a maneuver that does not suit the rig.
         """
-        if engine not in ENGINES:
-            raise unknown_name("engine", engine, ENGINES)
-        if motion not in MOTIONS:
-            raise unknown_name("motion", motion, MOTIONS)
+        check_name("engine", engine, ENGINES)
+        check_name("motion", motion, MOTIONS)
         signals = self._start(maneuver, engine, motion, progress)
         signals = replace(signals, temperature=self.environment.temperature(signals.t))
         return self.record(signals, rng, maneuver.rate_Hz, name)

@@ -14,7 +14,7 @@ from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER, SENSORS
 from rig.effects import Effect
 from rig.effects.parameters import Value
 from rig.environment import Environment
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
 from rig.maneuver.fitting import fitted, unlimited
 from rig.progress import Progress
@@ -61,8 +61,7 @@ class Truth:
         Raises:
             RigError: the scenario has no such sensor.
         """
-        if sensor not in self.sensors:
-            raise unknown_name("sensor", sensor, self.sensors)
+        check_name("sensor", sensor, self.sensors)
         truth, environment = self.sensors[sensor], self.environment
         towards = environment.gravity_direction if sensor == ACCELEROMETER else environment.magnetic_direction
         turned = towards[2] > 0.0 if field_points == "down" else towards[2] < 0.0

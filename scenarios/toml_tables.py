@@ -14,7 +14,7 @@ from rig.arrays import Array
 from rig.assets import models_root
 from rig.directions import direction_from_angles
 from rig.environment import Environment
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.sensor import TriaxialSensor, Triple
 from rig.simulate import Engine, Motion
 
@@ -69,8 +69,7 @@ class ArmTable:
     def __post_init__(self) -> None:
         if self.file is None and self.tip is not None:
             raise RigError(f"file: is missing, expected the arm's file beside tip = {self.tip!r}")
-        if self.model not in ARMS:
-            raise unknown_name("model", self.model, ARMS)
+        check_name("model", self.model, ARMS)
 
     @classmethod
     def of(cls, arm: Arm | None) -> ArmTable:
@@ -127,8 +126,7 @@ class SensorTable:
             raise RigError(f"nominal_sensitivity: found {self.nominal_sensitivity:g}, expected a positive number")
         if self.datasheet is not None:
             known = sorted(path.stem for path in (models_root() / "sensors").glob("*.toml"))
-            if self.datasheet not in known:
-                raise unknown_name("datasheet", self.datasheet, known)
+            check_name("datasheet", self.datasheet, known)
         if min(self.noise_V) < 0:
             raise RigError(f"noise_V: found {list(self.noise_V)}, expected three numbers, none negative")
         if self.noise is not None and min(self.noise) < 0:

@@ -21,7 +21,7 @@ from estimators.calibration.table import summary
 from rig.arrays import Array
 from rig.channels import MAGNETOMETER, READS, SENSORS
 from rig.documents import parse_json, plain, read_bytes
-from rig.errors import RigError, shown, unknown_name
+from rig.errors import RigError, check_name, shown, unknown_name
 from rig.files import write_text
 from rig.units import FIELD_UNITS, UNITS, parameter_unit
 
@@ -303,8 +303,7 @@ class Calibration:
         Raises:
             RigError: there is none.
         """
-        if sensor not in self.sensors:
-            raise unknown_name("calibrated sensor", sensor, self.sensors)
+        check_name("calibrated sensor", sensor, self.sensors)
         return self.sensors[sensor]
 
     def with_field_unit(self, unit: str | None) -> Self:
