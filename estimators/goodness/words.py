@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.calibration import SensorCalibration
+from estimators.calibration.parts import CONDITION_LIMIT
 from estimators.coverage.seen import Coverage
 from estimators.goodness.by_direction import ByDirection
 from estimators.goodness.cross_terms import CrossTerms
@@ -25,8 +26,6 @@ from rig.documents import plain
 #: A test that a good calibration fails once in ten thousand: with the five that have p-values, and the three readings
 #: tests at 1e-4 or below, a good one is called not good less than once in a thousand times.
 P_VALUE_LIMIT: Final = 1e-4
-#: Beyond this the last digits of the readings decide the answer.
-CONDITION_LIMIT: Final = 1e6
 #: Standard deviations that are too small by less than this are those of a good calibration.
 INFLATION_LIMIT: Final = 1.02
 _EQUAL: Final = 1e-6
