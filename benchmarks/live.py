@@ -142,23 +142,18 @@ def _session(count: int, rate: float, view: bool = False) -> dict[str, float]:
 
 def _delays(lines: int) -> Array:
     """(n,) from the writing of a line to the end of an estimate that holds it, at 100 lines a second [s]."""
-    from rig.recording import Recording
     from rig.stream import Feed
     from rig.stream.sources import PipeSource
-    from scenarios.live.session import Event, Plan, Session, Snapshot
+    from scenarios.live.session import Display, Plan, Session
 
     rng = np.random.default_rng(0)
     reading, writing = os.pipe()
     sent: list[float] = []
     seen: list[float] = []
 
-    class Clocked:
-        def samples(self, batch: Recording) -> None: ...
-        def event(self, event: Event) -> None: ...
-        def close(self) -> None: ...
-
-        def show(self, snapshot: Snapshot) -> None:
-            seen.extend([time.monotonic()] * (snapshot.samples - first - len(seen)))
+    class Clocked(Display):
+        def show(self, session: Session) -> None:
+            seen.extend([time.monotonic()] * (session.samples - first - len(seen)))
 
     def line(number: int) -> bytes:
         u = rng.standard_normal((2, 3))

@@ -9,7 +9,7 @@ import numpy as np
 
 from rig.arrays import Array
 from rig.channels import CHANNELS, COLUMNS_OF, READS, SENSORS, Reads
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.units import UNITS
 
 Pose = Literal["joints", "tool", "none"]
@@ -59,13 +59,10 @@ class Acquisition:
             raise RigError(f"acquisition.bits: found {self.bits}, expected 1 to 32")
         if not self.full_scale_V > 0:
             raise RigError(f"acquisition.full_scale_V: found {self.full_scale_V}, expected a positive voltage")
-        if self.pose not in POSES:
-            raise unknown_name("acquisition.pose", str(self.pose), POSES)
+        check_name("acquisition.pose", self.pose, POSES)
         for sensor, unit in zip(SENSORS, self.units, strict=True):
-            if unit not in UNITS[sensor]:
-                raise unknown_name(f"unit of the {sensor} in acquisition.units", str(unit), UNITS[sensor])
-        if self.accelerometer_reads not in READS:
-            raise unknown_name("acquisition.accelerometer_reads", str(self.accelerometer_reads), READS)
+            check_name(f"unit of the {sensor} in acquisition.units", unit, UNITS[sensor])
+        check_name("acquisition.accelerometer_reads", self.accelerometer_reads, READS)
         if self.decimation < 1:
             raise RigError(f"acquisition.decimation: found {self.decimation}, expected 1 or more")
 

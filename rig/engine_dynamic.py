@@ -7,7 +7,6 @@ what was commanded, and the accelerations are real.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 import mujoco
@@ -29,33 +28,9 @@ _SETTLE_S: Final = 2.0  # run before the start, so that the servos' transients a
 _JUMP_RAD: Final = 0.01  # a command this far from where its velocity leads in one step is no motion
 
 
-@dataclass(frozen=True)
-class Followed:
-    """How the arm followed a maneuver, at the maneuver's n samples.
-
-    Attributes:
-        t: (n,) [s].
-        q: (n, N) [rad] true joint angles, which the encoders read.
-        qd: (n, N) [rad/s] true joint velocities, of the path through ``q``.
-        q_command: (n, N) [rad] where the maneuver wanted the joints.
-        acceleration: (n, 3) [m/s^2] of the sensor on that path, base frame, without gravity.
-    """
-
-    t: Array
-    q: Array
-    qd: Array
-    q_command: Array
-    acceleration: Array
-
-    @property
-    def tracking_error(self) -> Array:
-        """(n, N) [rad], commanded minus true."""
-        return self.q_command - self.q
-
-
 def follow(
     arm: Arm, maneuver: Maneuver, gravity: ArrayLike = (0.0, 0.0, -9.8), progress: Progress | None = None
-) -> Followed:
+) -> JointTrajectory:
     """Let the arm's servos follow a maneuver from its start, where it has settled.
 
     Args:
@@ -63,6 +38,9 @@ def follow(
         maneuver: of joints, without jumps.
         gravity: (3,) [m/s^2], base frame.
         progress: called with the share done, 0 to 1.
+
+    Returns:
+        The way that the arm took, at the maneuver's samples: true angles, which the encoders read.
 
     Raises:
         RigError: the arm has no masses, the maneuver has no joints, jumps or leaves a limit, or the simulation
@@ -73,7 +51,7 @@ def follow(
     substeps = max(1, math.ceil(1.0 / (step_s * maneuver.rate_Hz) - 1e-9))
     simulation = _Simulation(arm, servos, np.asarray(gravity, dtype=float), 1.0 / (maneuver.rate_Hz * substeps))
     times = sample_times(maneuver.duration_s, maneuver.rate_Hz)
-    q, qd, qdd, q_command = (np.empty((len(times), arm.dof)) for _ in range(4))
+    q, qd, qdd = (np.empty((len(times), arm.dof)) for _ in range(3))
     block = max(1, round(_BLOCK_S * maneuver.rate_Hz))
     for start in range(0, len(times), block):
         rows = slice(start, min(start + block, len(times)))
@@ -82,12 +60,11 @@ def follow(
         if start == 0:
             simulation.settle(command)
         path = simulation.run(command)
-        q_command[rows] = command.q[::substeps]
         for samples, values in zip((q, qd, qdd), path, strict=True):
             samples[rows] = values[::substeps]
         if progress is not None:
             progress(rows.stop / len(times))
-    return Followed(times, q, qd, q_command, arm.site_acceleration(q, qd, qdd))
+    return JointTrajectory(times, q, qd, qdd)
 
 
 def _commanded(arm: Arm, maneuver: Maneuver, t: Array) -> JointTrajectory:

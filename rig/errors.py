@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 #: Letters of a message, with what the command line puts before it, at most.
@@ -98,12 +98,18 @@ def unknown_name(what: str, name: str, choices: Iterable[str]) -> RigError:
     """The error for a name that is none of ``choices``."""
     choices = sorted(choices)
     near = nearest(name, choices)
-    listed = shortened(", ".join(map(_name, choices[:_MOST_NAMES])), 140)
+    listed = shortened(", ".join(shortened(choice, _LONGEST_NAME) for choice in choices[:_MOST_NAMES]), 140)
     return RigError(f"unknown {what} {shown(name)}: expected one of {listed}{near}")
 
 
-def _name(text: str) -> str:
-    return shortened(text, _LONGEST_NAME)
+def check_name(what: str, name: Any, choices: Collection[str]) -> None:
+    """Refuse what is none of ``choices``.
+
+    Raises:
+        RigError: as of ``unknown_name``.
+    """
+    if name not in choices:
+        raise unknown_name(what, str(name), choices)
 
 
 def _printable(text: str) -> Iterator[str]:

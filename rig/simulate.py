@@ -14,7 +14,7 @@ from rig.channels import ACCELEROMETER, CHANNELS_OF, COLUMNS_OF, MAGNETOMETER
 from rig.effects.base import Effect, Stage, apply_stage
 from rig.engine_dynamic import follow
 from rig.environment import Environment
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.maneuver import Maneuver
 from rig.pipeline import Pipeline
 from rig.pose_nodes import quaternions
@@ -99,10 +99,8 @@ class Rig:
         Raises:
             RigError: unknown engine or motion, a joint beyond its limit, a maneuver that does not suit the rig.
         """
-        if engine not in ENGINES:
-            raise unknown_name("engine", engine, ENGINES)
-        if motion not in MOTIONS:
-            raise unknown_name("motion", motion, MOTIONS)
+        check_name("engine", engine, ENGINES)
+        check_name("motion", motion, MOTIONS)
         signals = self._start(maneuver, engine, motion, progress)
         signals = replace(signals, temperature=self.environment.temperature(signals.t))
         return self.record(signals, rng, maneuver.rate_Hz, name)
@@ -165,14 +163,7 @@ class Rig:
         if engine == "dynamic":
             if self.arm is None:
                 raise RigError("the dynamic engine needs an arm: found a rig without one")
-            followed = follow(self.arm, maneuver, self.environment.gravity, progress)
-            return Signals(
-                t=followed.t,
-                arm=self.arm,
-                q_encoder=followed.q,
-                velocity=followed.qd,
-                acceleration=followed.acceleration,
-            )
+            return _moved(self.arm, follow(self.arm, maneuver, self.environment.gravity, progress), inertial=True)
         trajectory = maneuver.trajectory()
         if isinstance(trajectory, PoseTrajectory):
             return Signals(
@@ -181,21 +172,15 @@ class Rig:
                 position=trajectory.position,
                 acceleration=trajectory.acceleration if motion == "inertial" else np.zeros(3),
             )
-        return self._joints(trajectory, motion)
-
-    def _joints(self, trajectory: JointTrajectory, motion: Motion) -> Signals:
         if self.arm is None:
             raise RigError("the maneuver moves joints: found a rig without an arm")
         self.arm.check_limits(trajectory.q, "the maneuver")
         if not self.arm.is_a465:  # on the rig's own arm the published maneuver may be played as fast as one likes
             self.arm.check_speeds(trajectory.qd, "the maneuver")
-        acceleration = np.zeros(3)
-        if motion == "inertial":
-            acceleration = self.arm.site_acceleration(trajectory.q, trajectory.qd, trajectory.qdd)
-        return Signals(
-            t=trajectory.t,
-            arm=self.arm,
-            q_encoder=trajectory.q,
-            velocity=trajectory.qd,
-            acceleration=acceleration,
-        )
+        return _moved(self.arm, trajectory, motion == "inertial")
+
+
+def _moved(arm: Arm, path: JointTrajectory, inertial: bool) -> Signals:
+    """The signals of an arm along a path, with the sensor's acceleration or without."""
+    acceleration = arm.site_acceleration(path.q, path.qd, path.qdd) if inertial else np.zeros(3)
+    return Signals(path.t, arm=arm, q_encoder=path.q, velocity=path.qd, acceleration=acceleration)

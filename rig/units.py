@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from rig.channels import ACCELEROMETER, MAGNETOMETER
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 
 #: Standard gravity [m/s^2], exact by the 3rd CGPM (1901): what a datasheet's "g" stands for.
 STANDARD_GRAVITY: Final = 9.80665
@@ -78,8 +78,7 @@ def conversion_factor(unit: str, to: str) -> float:
         RigError: an unknown unit, or units of different quantities (volts become m/s^2 by a calibration only).
     """
     for name in (unit, to):
-        if name not in _BASE:
-            raise unknown_name("unit", name, _BASE)
+        check_name("unit", name, _BASE)
     base, factor = _BASE[unit]
     target_base, target_factor = _BASE[to]
     if base != target_base:

@@ -96,21 +96,15 @@ def isolability_of(scenario: Scenario, only: Sequence[Key] | None = None, progre
     """
     if scenario.rig.arm is None:
         raise RigError(f"scenario {scenario.name}: has no arm, expected joint angles: effects act on joints and links")
-    locked = _locked(scenario)
-
+    trajectory = scenario.maneuver.trajectory()
+    assert not isinstance(trajectory, PoseTrajectory)
+    locked = tuple((1 + np.flatnonzero(np.ptp(trajectory.q, axis=0) <= _STILL_RAD)).tolist())
     half = 0.5 if locked else 1.0
     here = shown_by(scenario, scenario.maneuver, only, progress=lambda done: progress(half * done))
     moving = None
     if locked:
         moving = shown_by(scenario, moving_all(scenario), only, progress=lambda done: progress(half + half * done))
     return EffectsBound(scenario.name, here, moving, locked, scenario.rig.arm.place_names)
-
-
-def _locked(scenario: Scenario) -> tuple[int, ...]:
-    """Numbers of the joints that the maneuver does not move."""
-    trajectory = scenario.maneuver.trajectory()
-    assert not isinstance(trajectory, PoseTrajectory)
-    return tuple((1 + np.flatnonzero(np.ptp(trajectory.q, axis=0) <= _STILL_RAD)).tolist())
 
 
 def moving_all(scenario: Scenario) -> StaticPoses:

@@ -99,17 +99,11 @@ def from_toml(text: str, file: str) -> Scenario:
         effects=effects,
     )
     return Scenario(
+        **vars(run),
         name=in_utf8(Path(file).stem),
         rig=rig,
         maneuver=_maneuver(top.sub("maneuver"), arm),
-        title=run.title,
-        description=run.description,
-        source=run.source,
-        engine=run.engine,
-        motion=run.motion,
         locked=_fitted(LockedPoses, top.sub("locked"), arm),
-        seed=run.seed,
-        fitted_to=run.fitted_to,
         fitted_std=std,
         magnetic_field_unit=unit,
         datasheets={name: sensor.datasheet for name, sensor in sensors.items() if sensor.datasheet},

@@ -14,14 +14,14 @@ from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER, SENSORS
 from rig.effects import Effect
 from rig.effects.parameters import Value
 from rig.environment import Environment
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.maneuver import MANEUVERS, LockedPoses, Maneuver
 from rig.maneuver.fitting import fitted, unlimited
 from rig.progress import Progress
 from rig.recording import Recording
 from rig.sensor import TriaxialSensor
-from rig.simulate import Engine, Motion, Rig
-from scenarios.toml_tables import ArmTable, FieldUnit
+from rig.simulate import Rig
+from scenarios.toml_tables import ArmTable, FieldUnit, RunTable
 from scenarios.writer import set_fields, toml_document
 
 
@@ -61,8 +61,7 @@ class Truth:
         Raises:
             RigError: the scenario has no such sensor.
         """
-        if sensor not in self.sensors:
-            raise unknown_name("sensor", sensor, self.sensors)
+        check_name("sensor", sensor, self.sensors)
         truth, environment = self.sensors[sensor], self.environment
         towards = environment.gravity_direction if sensor == ACCELEROMETER else environment.magnetic_direction
         turned = towards[2] > 0.0 if field_points == "down" else towards[2] < 0.0
@@ -78,39 +77,26 @@ NOMINAL: Final = ("sensitivity", "offset")
 
 
 @dataclass(frozen=True)
-class Scenario:
-    """A rig with the maneuver it makes.
+class Scenario(RunTable):
+    """A rig with the maneuver it makes, and what the top of its file says.
 
     Attributes:
         name: short, as a file's name without suffix.
-        title: one line.
-        description: what is to be seen in it.
-        source: where its numbers come from.
         rig: arm, surroundings, sensors, acquisition, effects.
-        engine, motion: as in ``Rig.simulate``.
         locked: the maneuver of the locked-arm recording that gives the noise floor.
-        seed: where a simulation names none.
         magnetic_field_unit: unit of the environment's magnetic field; None: relative, as in Renk et al.
         datasheets: sensor -> data sheet in models/sensors.
         nominal: sensor -> stated sensitivity [V per m/s^2 or field unit] and offset [V].
-        fitted_to: fingerprints of the recordings that its calibration and effects were fitted to.
         fitted_std: of the rig's first effects, standard deviations of their parameters by name, where fitted.
     """
 
     name: str
     rig: Rig
     maneuver: Maneuver
-    title: str = ""
-    description: str = ""
-    source: str = ""
-    engine: Engine = "kinematic"
-    motion: Motion = "quasi-static"
     locked: LockedPoses = field(default_factory=LockedPoses)
-    seed: int = 0
     magnetic_field_unit: FieldUnit | None = None
     datasheets: Mapping[str, str] = field(default_factory=dict)
     nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    fitted_to: tuple[str, ...] = ()
     fitted_std: tuple[Mapping[str, Value], ...] = ()
 
     @property

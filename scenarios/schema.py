@@ -100,7 +100,8 @@ def build(
                 values[item.name] = converted(table.values[item.name], hints[item.name])
             except TypeError:
                 hint = hints[item.name]
-                raise table.wrong(item.name, described(hint), _choices(hint)) from None
+                choices = typing.get_args(hint) if typing.get_origin(hint) is Literal else ()
+                raise table.wrong(item.name, described(hint), list(map(str, choices))) from None
         elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
             raise table.error(f"{item.name}: is missing, expected {described(hints[item.name])}")
     try:
@@ -145,10 +146,6 @@ def _first(value: Any, hints: Sequence[Any]) -> Any:
         except TypeError:
             continue
     raise TypeError
-
-
-def _choices(hint: Any) -> list[str]:
-    return [str(part) for part in typing.get_args(hint)] if typing.get_origin(hint) is Literal else []
 
 
 def described(hint: Any) -> str:

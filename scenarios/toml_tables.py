@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -14,7 +14,7 @@ from rig.arrays import Array
 from rig.assets import models_root
 from rig.directions import direction_from_angles
 from rig.environment import Environment
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.sensor import TriaxialSensor, Triple
 from rig.simulate import Engine, Motion
 
@@ -23,7 +23,7 @@ ARMS: Final = ("a465", "none")
 FieldUnit = Literal["G", "uT", "nT"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunTable:
     """The top of the file: what the scenario is, and how it runs by itself.
 
@@ -69,8 +69,7 @@ class ArmTable:
     def __post_init__(self) -> None:
         if self.file is None and self.tip is not None:
             raise RigError(f"file: is missing, expected the arm's file beside tip = {self.tip!r}")
-        if self.model not in ARMS:
-            raise unknown_name("model", self.model, ARMS)
+        check_name("model", self.model, ARMS)
 
     @classmethod
     def of(cls, arm: Arm | None) -> ArmTable:
@@ -127,8 +126,7 @@ class SensorTable:
             raise RigError(f"nominal_sensitivity: found {self.nominal_sensitivity:g}, expected a positive number")
         if self.datasheet is not None:
             known = sorted(path.stem for path in (models_root() / "sensors").glob("*.toml"))
-            if self.datasheet not in known:
-                raise unknown_name("datasheet", self.datasheet, known)
+            check_name("datasheet", self.datasheet, known)
         if min(self.noise_V) < 0:
             raise RigError(f"noise_V: found {list(self.noise_V)}, expected three numbers, none negative")
         if self.noise is not None and min(self.noise) < 0:
@@ -182,15 +180,10 @@ class EnvironmentTable:
         """The environment; directions that are not stated are ``Environment``'s own."""
         gravity = _direction("gravity", self.gravity_direction, self.gravity_phi_deg, self.gravity_psi_deg)
         magnetic = _direction("magnetic", self.magnetic_direction, self.magnetic_phi_deg, self.magnetic_psi_deg)
-        return Environment(
-            gravity_m_s2=self.gravity_m_s2,
-            gravity_direction=gravity or Environment.gravity_direction,
-            magnetic_field=self.magnetic_field,
-            magnetic_direction=magnetic or Environment.magnetic_direction,
-            temperature_degC=self.temperature_degC,
-            temperature_rise_degC=self.temperature_rise_degC,
-            temperature_tau_s=self.temperature_tau_s,
-        )
+        stated = {item.name: getattr(self, item.name) for item in fields(Environment)}
+        stated["gravity_direction"] = gravity or Environment.gravity_direction
+        stated["magnetic_direction"] = magnetic or Environment.magnetic_direction
+        return Environment(**stated)
 
 
 def _direction(name: str, vector: Triple | None, phi_deg: float | None, psi_deg: float | None) -> Triple | None:

@@ -19,7 +19,6 @@ from estimators.calibration import Calibration
 from estimators.ellipsoid.calibrate import calibrate_attitude_free
 from estimators.goodness import (
     clipped,
-    efficiency,
     hold_out,
     is_it_good,
     judged,
@@ -225,19 +224,6 @@ def test_whiteness_knows_the_correlation() -> None:
 
 
 # Robust calibration
-
-
-def test_the_efficiency_is_that_of_leaving_out() -> None:
-    """The variance of the mean of what lies within the cut about itself, over that of all; 20,000 means: 1 % each."""
-    assert efficiency(5.0) > 0.9999
-    rng = np.random.default_rng(11)
-    values = rng.normal(size=(20_000, 100))
-    cut = 2.0
-    centre = values.mean(axis=1)
-    for _ in range(20):
-        inside = np.abs(values - centre[:, None]) < cut
-        centre = (values * inside).sum(axis=1) / inside.sum(axis=1)
-    assert 0.01 / centre.var() == pytest.approx(efficiency(cut), rel=0.06)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.2])

@@ -235,7 +235,7 @@ def _arm() -> object:
 def test_a_converters_steps_are_no_stuck_channel() -> None:
     rng = np.random.default_rng(1)
     readings = np.round(0.4 * rng.standard_normal((50_000, 3)))  # 8 of 10 samples repeat themselves
-    stuck = Stuck(1.0 / 86400.0 / 100.0)
+    stuck = Stuck("accelerometer", 1.0 / 86400.0 / 100.0)
     assert all(
         stuck.add(0.01 * np.arange(first, first + 100), readings[first : first + 100]) is None
         for first in range(0, 50_000, 100)
@@ -243,7 +243,7 @@ def test_a_converters_steps_are_no_stuck_channel() -> None:
     held = np.tile(readings[-1], (600, 1))
     found = stuck.add(500.0 + 0.01 * np.arange(600), held)
     assert found is not None
-    assert "repeat" in found.words
+    assert "repeat" in found.test
 
 
 def test_a_calibration_of_something_else_is_refused(sweep: Recording, calibration: Calibration) -> None:

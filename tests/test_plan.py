@@ -64,7 +64,8 @@ def test_recordings_of_it_are_as_certain_as_promised(plan: Plan) -> None:
     assert arm is not None
     followed = follow(arm, plan.maneuver, truth.environment.gravity)
     assert not Clearance.of(arm, margin_m=0.0).touching(followed.q[::10]).any()
-    signals = Signals(followed.t, arm=arm, q_encoder=followed.q, acceleration=followed.acceleration)
+    felt = arm.site_acceleration(followed.q, followed.qd, followed.qdd)
+    signals = Signals(followed.t, arm=arm, q_encoder=followed.q, acceleration=felt)
     volts, acquisition = scenario.rig.pipeline.expected(signals, rng).volts, scenario.rig.acquisition
     still = np.isin(followed.t, at_rest_samples(scenario.rig.record(signals, rng, 100.0)).t)
     assert still.sum() == pytest.approx(plan.found.samples_s * 100.0, abs=30 * plan.to_json()["poses"])

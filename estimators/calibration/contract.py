@@ -21,7 +21,7 @@ from estimators.calibration.table import summary
 from rig.arrays import Array
 from rig.channels import MAGNETOMETER, READS, SENSORS
 from rig.documents import parse_json, plain, read_bytes
-from rig.errors import RigError, shown, unknown_name
+from rig.errors import RigError, check_name, shown, unknown_name
 from rig.files import write_text
 from rig.units import FIELD_UNITS, UNITS, parameter_unit
 
@@ -148,34 +148,23 @@ class SensorCalibration:
 
     def to_json(self) -> dict[str, Any]:
         """The contract's object."""
-        content: dict[str, Any] = {
-            "method": self.method,
-            "unit": self.unit,
-            "reference_magnitude": self.reference_magnitude,
-        }
+
+        def some(*names: str) -> dict[str, Any]:
+            return {name: getattr(self, name) for name in names}
+
+        content = some("method", "unit", "reference_magnitude")
         if self.axes:
-            for name in ("axes", "angles_between_deg", "angles_between_std_deg"):
-                content[name] = getattr(self, name)
+            content |= some("axes", "angles_between_deg", "angles_between_std_deg")
         if self.field_direction is not None:
             content["field"] = self.field_direction
-        content |= {"matrix": self.matrix, "bias": self.bias, "use": "field = matrix @ (reading - bias)"}
-        for name in ("fit_rms", "fit_rms_root_sum_square", "parameters", "values", "covariance", "identifiable"):
-            content[name] = getattr(self, name)
-        content |= {"samples": self.samples, "quality": self.quality}
-        for name in (
-            "noise",
-            "noise_degrees_of_freedom",
-            "noise_source",
-            "weighting",
-            "convention",
-            "reads",
-            "field_unit",
-        ):
-            if (value := getattr(self, name)) is not None:
-                content[name] = value
+        content |= {**some("matrix", "bias"), "use": "field = matrix @ (reading - bias)"}
+        content |= some("fit_rms", "fit_rms_root_sum_square", "parameters", "values", "covariance", "identifiable")
+        content |= some("samples", "quality")
+        stated = some("noise", "noise_degrees_of_freedom", "noise_source", "weighting", "convention")
+        stated |= some("reads", "field_unit")
+        content |= {name: value for name, value in stated.items() if value is not None}
         if self.vector_parameters:
-            for name in ("vector_parameters", "vector_values", "vector_covariance"):
-                content[name] = getattr(self, name)
+            content |= some("vector_parameters", "vector_values", "vector_covariance")
         found: dict[str, Any] = plain(content | dict(self.extra))
         return found
 
@@ -314,8 +303,7 @@ class Calibration:
         Raises:
             RigError: there is none.
         """
-        if sensor not in self.sensors:
-            raise unknown_name("calibrated sensor", sensor, self.sensors)
+        check_name("calibrated sensor", sensor, self.sensors)
         return self.sensors[sensor]
 
     def with_field_unit(self, unit: str | None) -> Self:

@@ -17,7 +17,7 @@ from estimators._json import dump
 from estimators.calibration.contract import Calibration, SensorCalibration
 from estimators.calibration.export_ros import ros_yaml
 from rig.channels import ACCELEROMETER, CHANNELS_OF, MAGNETOMETER
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.number_text import number
 
 #: The format of an export, version included.
@@ -38,8 +38,7 @@ def export(calibration: Calibration, target: str, field_unit: str | None = None)
         RigError: an unknown target, another unit than the calibration says, or a sensor whose axes do not span space,
             which has no matrix.
     """
-    if target not in TARGETS:
-        raise unknown_name("export", target, TARGETS)
+    check_name("export", target, TARGETS)
     if target == "ros":
         return ros_yaml(in_field_unit(calibration, field_unit))
     content = contents(calibration, field_unit)

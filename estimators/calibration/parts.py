@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from estimators._json import AsJson, Reader
 from rig.arrays import Array
 from rig.documents import plain
 from rig.errors import RigError
+
+#: Residuals against the floor less probable than this are a warning.
+P_VALUE_LIMIT: Final = 1e-3
+#: Beyond this condition the last digits of the readings decide the answer.
+CONDITION_LIMIT: Final = 1e6
 
 
 @dataclass(frozen=True, eq=False)

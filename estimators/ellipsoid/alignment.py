@@ -117,7 +117,8 @@ def align(
                 f"alignment: the two fields are within {PARALLEL_LIMIT_DEG:g} deg of parallel, where the angle between"
                 " them tells too little: expected a place away from the magnetic poles, and from iron"
             )
-        variance = max(data.raw_variance(R), np.finfo(float).eps ** 2) * data.count / max(data.count - 4, 1)
+        raw = float(R.ravel() @ data.raw @ R.ravel())  # the variance of a^T R m, noise included
+        variance = max(raw, np.finfo(float).eps ** 2) * data.count / max(data.count - 4, 1)
         scale = np.degrees(np.array([1.0, 1.0, 1.0, -1.0 / sine]))
         covariance = scale[:, None] * data.spread(R, variance) * scale
     worst = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
@@ -192,10 +193,6 @@ class _Products:
     def count(self) -> int:
         """n."""
         return len(self.a)
-
-    def raw_variance(self, R: Array) -> float:
-        """Of a^T R m, noise included."""
-        return float(R.ravel() @ self.raw @ R.ravel())
 
     def minima(self) -> list[tuple[float, Array]]:
         """The local minima of the variance of a^T R m over all rotations, the best first."""

@@ -8,17 +8,13 @@ import numpy as np
 from scipy.special import chdtrc
 
 from estimators.calibration import SensorCalibration
-from estimators.calibration.parts import Quality
+from estimators.calibration.parts import CONDITION_LIMIT, P_VALUE_LIMIT, Quality
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.monomials import PAIRS
 from estimators.p_words import p_words
 from rig.arrays import Array
 
 METHOD: Final = "ellipsoid"
-#: Residuals against the floor less probable than this are a warning.
-P_VALUE_LIMIT: Final = 1e-3
-#: Beyond this the last digits of the readings decide the answer.
-CONDITION_LIMIT: Final = 1e6
 #: More outliers than this share are a warning.
 OUTLIER_LIMIT: Final = 0.01
 #: An angle between two axes that is further from 90 degrees than this is likelier a wrong fit.

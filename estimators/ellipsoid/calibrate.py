@@ -18,7 +18,7 @@ from estimators.stillness import average_poses, find_still
 from estimators.stillness.poses import counts_of
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
-from rig.errors import RefusedFit, RigError, unknown_name
+from rig.errors import RefusedFit, RigError, check_name, unknown_name
 from rig.recording import Recording, RecordingScan
 
 Rest = Literal["auto", "all", "poses"]
@@ -61,8 +61,7 @@ class Options:
     field_points: Literal["down", "up"] | None = None
 
     def __post_init__(self) -> None:
-        if self.rest not in RESTS:
-            raise unknown_name("rest", str(self.rest), RESTS)
+        check_name("rest", self.rest, RESTS)
         if self.field_points not in (None, "down", "up"):
             raise unknown_name("field_points", str(self.field_points), ("down", "up"))
         if self.static_threshold is not None and not 0.0 < self.static_threshold < np.inf:

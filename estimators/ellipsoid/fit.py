@@ -13,7 +13,7 @@ from estimators.ellipsoid.levenberg import Start, levenberg_marquardt
 from estimators.ellipsoid.likelihood import Optimum, parameter_names
 from estimators.ellipsoid.monomials import FREE, packed
 from estimators.ellipsoid.refusal import Spread, problem_of, without_ellipsoid
-from estimators.ellipsoid.used_rows import Dropped, as_readings, check_finite, usable
+from estimators.ellipsoid.used_rows import Dropped, check_finite, usable
 from rig.arrays import Array, Rows
 from rig.errors import RefusedFit, RigError
 from rig.threads import one_blas_thread
@@ -130,7 +130,9 @@ def fit_ellipsoid(
     magnitude = float(reference_magnitude)
     if not 0.0 < magnitude < np.inf:
         raise RigError(f"{name}: reference magnitude: found {magnitude:g}, expected a positive number")
-    values = as_readings(readings, name)
+    values = np.asarray(readings, dtype=float)
+    if values.ndim != 2 or values.shape[1] != 3:
+        raise RigError(f"{name}: found readings of shape {values.shape}, expected (n, 3)")
     weights = None if counts is None else _positive(counts, len(values), f"{name}: counts")
     used, dropped = usable(values) if drop_repeats and weights is None else (None, Dropped())
     if used is not None:
@@ -153,7 +155,25 @@ def fit_ellipsoid(
                 f"{name}: found both start and counts, expected one or the other: the paper knows no weights"
             )
         check_finite(values, name)
-        return _as_in_the_paper(values, start, magnitude, parameters, given, dropped, used, name)
+        with one_blas_thread():
+            searched = levenberg_marquardt(values, start, magnitude, parameters, given, name)
+        return EllipsoidFit(
+            parameters=parameters,
+            gain=searched.gain,
+            offset=searched.offset,
+            reference_magnitude=magnitude,
+            names=parameter_names(parameters),
+            covariance=searched.covariance,
+            noise=np.sqrt(searched.variances),
+            noise_given=given is not None,
+            samples=len(values),
+            degrees_of_freedom=len(values) - parameters,
+            chi_square=searched.chi_square,
+            spread=Spread.of_field((values - searched.offset) @ np.linalg.inv(searched.gain)),
+            dropped=dropped,
+            used=used,
+            estimator="levenberg-marquardt",
+        )
     with one_blas_thread(), np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         found = estimate(Readings(values, weights, given, parameters), robust)
     if found is None:
@@ -189,15 +209,16 @@ def fit_of(
         dropped, used: as of ``EllipsoidFit``.
     """
     optimum, samples = found.optimum, found.moments.rows
-    spread = Spread.of(found.moments)
+    spread = Spread(found.moments.first)
     scale = 1.0 if noise_given else optimum.variance
+    size = np.append(np.full(parameters - 3, 1.0 / magnitude), np.ones(3))
     return EllipsoidFit(
         parameters=parameters,
         gain=optimum.ellipsoid.gain / magnitude,
         offset=optimum.ellipsoid.center,
         reference_magnitude=magnitude,
         names=parameter_names(parameters),
-        covariance=optimum.covariance if magnitude == 1.0 else _scaled(optimum.covariance, magnitude),
+        covariance=size[:, None] * optimum.covariance * size,
         noise=np.sqrt(scale * found.variances),
         noise_given=noise_given,
         samples=samples,
@@ -210,43 +231,6 @@ def fit_of(
         problem=problem_of(optimum, spread, values),
         estimate=found,
     )
-
-
-def _as_in_the_paper(
-    values: Array,
-    start: Start,
-    magnitude: float,
-    parameters: Parameters,
-    noise: Array | None,
-    dropped: Dropped,
-    used: Rows | None,
-    name: str,
-) -> EllipsoidFit:
-    with one_blas_thread():
-        found = levenberg_marquardt(values, start, magnitude, parameters, noise, name)
-    return EllipsoidFit(
-        parameters=parameters,
-        gain=found.gain,
-        offset=found.offset,
-        reference_magnitude=magnitude,
-        names=parameter_names(parameters),
-        covariance=found.covariance,
-        noise=np.sqrt(found.variances),
-        noise_given=noise is not None,
-        samples=len(values),
-        degrees_of_freedom=len(values) - parameters,
-        chi_square=found.chi_square,
-        spread=Spread.of_field((values - found.offset) @ np.linalg.inv(found.gain)),
-        dropped=dropped,
-        used=used,
-        estimator="levenberg-marquardt",
-    )
-
-
-def _scaled(covariance: Array, magnitude: float) -> Array:
-    size = np.ones(len(covariance))
-    size[:-3] = 1.0 / magnitude
-    return size[:, None] * covariance * size
 
 
 def _positive(values: ArrayLike, length: int, what: str) -> Array:

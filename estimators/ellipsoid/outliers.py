@@ -108,12 +108,8 @@ def any_outlying(squares: Array, leverage: Array, variance: float, freedom: int)
     """Whether the worst of readings that were all fitted is an outlier; arguments as of ``outlying``."""
     internal = float((squares / (1.0 - np.minimum(leverage, 0.999))).max()) / variance
     internal = min(internal, freedom * (1.0 - 1e-9))
-    return internal * (freedom - 1.0) / (freedom - internal) > _worst(len(squares), freedom) ** 2
-
-
-@lru_cache(maxsize=16)
-def _worst(count: int, freedom: int) -> float:
-    return float(-stdtrit(freedom - 1.0, 0.5 * FALSE_ALARM / count))
+    critical = float(stdtrit(freedom - 1.0, 0.5 * FALSE_ALARM / len(squares)))
+    return internal * (freedom - 1.0) / (freedom - internal) > critical**2
 
 
 def inliers(

@@ -11,7 +11,6 @@ import numpy as np
 
 from estimators._small import eigh
 from estimators.ellipsoid.likelihood import Optimum
-from estimators.ellipsoid.moments import Moments
 from estimators.ellipsoid.monomials import FREE, symmetric, table
 from estimators.ellipsoid.used_rows import spread_rows
 from rig.arrays import Array
@@ -53,11 +52,6 @@ class Spread:
         directions = field / np.linalg.norm(field, axis=1)[:, None]
         return cls(table(directions, np.eye(3), np.zeros(3)).sum(axis=1))
 
-    @classmethod
-    def of(cls, moments: Moments) -> Self:
-        """Of the readings that were fitted."""
-        return cls(moments.first)
-
     @cached_property
     def mean(self) -> Array:
         """(3,) of the unit vectors."""
@@ -67,19 +61,6 @@ class Spread:
     def covariance(self) -> Array:
         """(3, 3) of the unit vectors."""
         return symmetric(self.sums[4:] / self.sums[0]) - np.outer(self.mean, self.mean)
-
-    def surely_above(self, limit: float) -> bool:
-        """Whether determinant and trace of the covariance, which are cheaper, show already that all ``variances`` are
-        above a limit."""
-        n, x, y, z, *products = self.sums.tolist()
-        if not n > 0.0:
-            return False
-        x, y, z = x / n, y / n, z / n
-        xx, yy, zz, xy, xz, yz = (product / n for product in products)
-        a, b, c, d, e, f = xx - x * x, yy - y * y, zz - z * z, xy - x * y, xz - x * z, yz - y * z
-        determinant = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
-        # the product of the two larger ones is at most the square of half their sum
-        return bool(determinant > limit * (0.5 * (a + b + c)) ** 2)
 
     @cached_property
     def variances(self) -> Array:
@@ -104,10 +85,8 @@ def problem_of(optimum: Optimum, spread: Spread, readings: Array) -> str | None:
     mean_gain = sum(optimum.ellipsoid.gain.diagonal().tolist()) / 3.0
     most = (UNCERTAINTY_LIMIT * mean_gain) ** 2
     certain = all(variance <= most for variance in optimum.covariance.diagonal().tolist())
-    told = _surely_told(optimum) or (
-        optimum.eigenvalues[0] > NULL_EIGENVALUE and optimum.noise_share < NOISE_SHARE_LIMIT
-    )
-    if told and certain and (spread.surely_above(SPREAD_LIMIT) or spread.variances[0] >= SPREAD_LIMIT):
+    told = optimum.eigenvalues[0] > NULL_EIGENVALUE and optimum.noise_share < NOISE_SHARE_LIMIT
+    if told and certain and spread.variances[0] >= SPREAD_LIMIT:
         return None
     if (found := structure(readings, parameters)) is not None:
         return found
@@ -124,12 +103,6 @@ def problem_of(optimum: Optimum, spread: Spread, readings: Array) -> str | None:
         f"these readings and their noise leave a gain or an offset uncertain by {100 * relative:.2g} % of the gain,"
         f" expected {100 * UNCERTAINTY_LIMIT:g} % or less: {wanted}"
     )
-
-
-def _surely_told(optimum: Optimum) -> bool:
-    """Whether the traces, which are cheaper, show already that the weakest direction is told."""
-    inflation = float(optimum.inverse.diagonal() @ optimum.information.diagonal())
-    return inflation < 1.0 / NULL_EIGENVALUE and float(np.vdot(optimum.inverse, optimum.noise)) < NOISE_SHARE_LIMIT
 
 
 def without_ellipsoid(readings: Array, parameters: int) -> str:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rig.arrays import Array, Rows
 from rig.errors import RigError
@@ -30,18 +29,6 @@ class Dropped:
         """In words; empty if none."""
         found = ((self.repeated, "repeated"), (self.zero, "all-zero"), (self.outliers, "outlying"))
         return ", ".join(f"{count} {what}" for count, what in found if count)
-
-
-def as_readings(values: ArrayLike, name: str) -> Array:
-    """(n, 3) numbers.
-
-    Raises:
-        RigError: another shape.
-    """
-    readings = np.asarray(values, dtype=float)
-    if readings.ndim != 2 or readings.shape[1] != 3:
-        raise RigError(f"{name}: found readings of shape {readings.shape}, expected (n, 3)")
-    return readings
 
 
 def check_finite(readings: Array, name: str) -> None:

@@ -3,7 +3,7 @@
 from estimators.goodness.by_direction import ByDirection, by_direction
 from estimators.goodness.hold_out import HoldOut, hold_out
 from estimators.goodness.judgement import is_it_good, judged
-from estimators.goodness.outliers import Outliers, efficiency, outliers
+from estimators.goodness.outliers import Outliers, outliers
 from estimators.goodness.own_optimum import Transfer, at_optimum
 from estimators.goodness.raw_readings import Clipped, Repeats, clipped, repeats
 from estimators.goodness.residuals import Residuals, residuals_of
@@ -27,7 +27,6 @@ __all__ = [
     "at_optimum",
     "by_direction",
     "clipped",
-    "efficiency",
     "hold_out",
     "is_it_good",
     "judged",

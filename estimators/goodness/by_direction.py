@@ -23,7 +23,6 @@ class ByDirection:
     """The mean residual in each cell of the sphere.
 
     Attributes:
-        names: (k,) of the residuals.
         cells: of equal area. counts: (N,) readings in each.
         mean: (N, k) mean residual [of the residuals], and score: (N, k) the same in its standard errors, by the scatter
             within cells; NaN in empty cells.
@@ -32,7 +31,6 @@ class ByDirection:
         p_value: of as much or more. worst_p_value: of the worst cell alone, for as many cells as there are.
     """
 
-    names: tuple[str, ...]
     cells: SphereCells
     counts: Rows
     mean: Array
@@ -109,7 +107,6 @@ def by_direction(residuals: Residuals) -> ByDirection | None:
     mean[filled] = totals[filled] / counts[filled, None]
     score[filled] = sums[filled] / np.sqrt(within * counts[filled, None])
     return ByDirection(
-        residuals.names,
         partition,
         counts,
         mean,

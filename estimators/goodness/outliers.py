@@ -27,7 +27,6 @@ class Outliers:
     Attributes:
         rows: (m,) samples with one, ascending.
         count: readings, of all channels. expected: in Gaussian noise.
-        scale: (k,) the standard deviation they are held against, robust (by the median) [of the residuals].
         largest: the largest residual in these.
         significant: more than chance explains (false alarms: 1e-4).
         pull: how far they move the mean of a channel, in standard errors of it: the largest of the channels.
@@ -37,7 +36,6 @@ class Outliers:
     rows: Rows
     count: int
     expected: float
-    scale: Array
     largest: float
     significant: bool
     pull: float
@@ -76,12 +74,10 @@ def outliers(residuals: Residuals) -> Outliers:
     significant = count > 0 and max(farthest, float(pdtrc(count - 1, expected))) < _SIGNIFICANT
     with np.errstate(invalid="ignore"):
         pull = np.abs(np.where(out, z, 0.0).sum(axis=0)) / (spread * np.sqrt(len(z)))
-    scale = spread * residuals.sigma if residuals.sigma.ndim == 1 else spread * residuals.sigma.mean(axis=0)
     return Outliers(
         rows,
         count,
         expected,
-        np.asarray(scale),
         float(ratio.max()),
         significant,
         float(pull.max()),
@@ -93,13 +89,3 @@ def robust_scale(values: ArrayLike) -> Array:
     """(k,) standard deviation of (n, k) from the median absolute value; half of them may be anything."""
     middle = np.median(np.abs(np.asarray(values, dtype=float)), axis=0)
     return np.asarray(np.maximum(middle / _MAD, np.finfo(float).tiny))
-
-
-def efficiency(cut: float) -> float:
-    """What leaving out residuals beyond ``cut`` costs where none is an outlier: the full fit's variance over its own.
-
-    For Gaussian noise, the asymptotic efficiency of hard rejection (F. Hampel et al., "Robust Statistics", 1986):
-    P(|x| < c) - 2 c phi(c); 99.996 % at five standard deviations, 99.9 % at four, 97 % at three.
-    """
-    density = np.exp(-0.5 * cut * cut) / np.sqrt(2.0 * np.pi)
-    return float(1.0 - 2.0 * ndtr(-cut) - 2.0 * cut * density)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -111,13 +110,14 @@ def clipped(readings: Array, noise: ArrayLike | None = None, limits: tuple[float
     ends: list[list[float]] = [[], []]
     for values, deviation in zip(fresh.T, sigma, strict=True):
         step = step_of(values)
+        stepped = step > 0.0 and float(np.ptp(values)) / step < _MOST_STEPS
         for side, sign in enumerate((-1.0, 1.0)):
             end = float(sign * np.max(sign * values))
             at = sign * (end - values)  # how far inside
             reach = values[at < 4.5 * step]
             inside = np.rint(sign * (end - reach) / step).astype(int) if step > 0.0 else np.zeros(len(reach), dtype=int)
             bins = np.bincount(inside, minlength=4)[:4]
-            expected = _STEEPEST_END * max(int(bins[1:].max()), 0.4) if _has_steps(values, step) else 1e-2
+            expected = _STEEPEST_END * max(int(bins[1:].max()), 0.4) if stepped else 1e-2
             piled = deviation >= _LEAST_NOISE * step and float(pdtrc(int(bins[0]) - 1, expected)) < _SIGNIFICANT
             if limits is not None and bins[0] > 2 and abs(end - limits[side]) <= 1.5 * step:
                 piled = True
@@ -159,10 +159,6 @@ def step_of(values: Array) -> float:
     return float(gaps.min()) if len(gaps) else 0.0
 
 
-def _has_steps(values: Array, step: float) -> bool:
-    return step > 0.0 and float(np.ptp(values)) / step < _MOST_STEPS
-
-
 def _same_as_before(readings: Array) -> Mask:
     same = np.zeros(len(readings), dtype=bool)
     same[1:] = True
@@ -177,8 +173,3 @@ def _noise(readings: Array, same: Mask) -> Array:
     if not len(steps):
         return np.zeros(3)
     return np.asarray(np.median(np.abs(steps), axis=0) / (0.6744897501960817 * np.sqrt(2.0)))
-
-
-def summary_of(counts: Mapping[str, int]) -> str:
-    """``accel1 12, accel3 1``: those that are not zero."""
-    return ", ".join(f"{name} {count}" for name, count in counts.items() if count)

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.dispatch import calibrate
-from estimators.goodness.outliers import CUT, efficiency, robust_scale
+from estimators.goodness.outliers import CUT, robust_scale
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.from_recording import FieldPoints, Noise, arm_or_named, statistics_of
 from estimators.known_angle.model import Method, Weighting
@@ -36,13 +36,9 @@ class Rejection:
 
     Attributes:
         kept: (n,) whether a sample was used.
-        cut: residuals beyond it, in robust standard deviations of any channel, were not.
-        efficiency: of the fit for a channel without outliers, by ``efficiency``.
     """
 
     kept: Mask
-    cut: float
-    efficiency: float
 
     @property
     def rejected(self) -> int:
@@ -131,7 +127,7 @@ def reject_outliers(run: Recording, sensor: str, arm: Arm | None = None, cut: fl
         before, kept = kept, _near(run, readings, fit.parameters.coefficients, arm, cut)
         if (kept == before).all():
             break
-    return Rejection(kept, cut, efficiency(cut))
+    return Rejection(kept)
 
 
 def _least_absolute(run: Recording, sensor: str, arm: Arm | None) -> Array:

@@ -9,13 +9,14 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.calibration import SensorCalibration
+from estimators.calibration.parts import CONDITION_LIMIT
 from estimators.coverage.seen import Coverage
 from estimators.goodness.by_direction import ByDirection
 from estimators.goodness.cross_terms import CrossTerms
 from estimators.goodness.hold_out import HoldOut
 from estimators.goodness.outliers import Outliers
 from estimators.goodness.own_optimum import Transfer
-from estimators.goodness.raw_readings import Clipped, Repeats, summary_of
+from estimators.goodness.raw_readings import Clipped, Repeats
 from estimators.goodness.whiteness import Whiteness
 from estimators.loud_floor import times_too_loud
 from estimators.p_words import p_words
@@ -25,8 +26,6 @@ from rig.documents import plain
 #: A test that a good calibration fails once in ten thousand: with the five that have p-values, and the three readings
 #: tests at 1e-4 or below, a good one is called not good less than once in a thousand times.
 P_VALUE_LIMIT: Final = 1e-4
-#: Beyond this the last digits of the readings decide the answer.
-CONDITION_LIMIT: Final = 1e6
 #: Standard deviations that are too small by less than this are those of a good calibration.
 INFLATION_LIMIT: Final = 1.02
 _EQUAL: Final = 1e-6
@@ -111,12 +110,13 @@ def reasons(found: Goodness, calibration: SensorCalibration) -> list[str]:
         told.append(f"the orientations tell the parameters apart badly (condition {found.condition:.1e})")
     if found.clipped.count:
         names = CHANNELS_OF[found.sensor]
-        ends = {
-            f"{name} at {end:g}": count
+        ends = [
+            f"{name} at {end:g} {count}"
             for side, values in ((found.clipped.low, found.clipped.lowest), (found.clipped.high, found.clipped.highest))
             for name, count, end in zip(names, side, values, strict=True)
-        }
-        told.append(f"readings are clipped ({summary_of(ends)})")
+            if count
+        ]
+        told.append(f"readings are clipped ({', '.join(ends)})")
     if _held(found):
         share, longest, held = found.repeats.share, found.repeats.longest, found.repeats.held
         told.append(

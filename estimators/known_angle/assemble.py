@@ -9,18 +9,13 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
 from estimators.calibration import SensorCalibration
-from estimators.calibration.parts import AxisCalibration, FieldDirection, Quality
+from estimators.calibration.parts import CONDITION_LIMIT, P_VALUE_LIMIT, AxisCalibration, FieldDirection, Quality
 from estimators.known_angle.agreement import angles_between, common_field
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.reported import Reported, report
 from estimators.p_words import p_words
 from rig.arrays import Array
 from rig.directions import angles_from_direction
-
-#: Residuals against the floor less probable than this are a warning.
-P_VALUE_LIMIT = 1e-3
-#: Beyond this the last digits of the readings decide the answer.
-CONDITION_LIMIT = 1e6
 
 
 def assemble(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from estimators.batch.optimum import Centred, parameters_of, separate, simultaneous
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import PARAMETERS_AT_ONCE, Method, SensorParameters, Weighting, check_options
-from estimators.known_angle.refusal import Rival, why_not
+from estimators.known_angle.refusal import why_not
 from estimators.known_angle.statistics import Statistics
 from rig.arrays import Array
 from rig.errors import RefusedFit, RigError
@@ -124,13 +124,8 @@ def fit_sensor(
             residual,
             freedom,
         )
-        rivals = [
-            Rival(each.channel, field, excess)
-            for each in optimum.rivals
-            for field, excess in zip(each.field, each.excess, strict=True)
-        ]
-        spread = data.problems.covariance
-        problem = why_not(parameters, information, covariance, spread, int(data.rank[0]), rivals, sigma, n)
+        spread, rank = data.problems.covariance, int(data.rank[0])
+        problem = why_not(parameters, information, covariance, spread, rank, optimum.rivals, sigma, n)
     if problem is None:
         return fit
     if refuse:

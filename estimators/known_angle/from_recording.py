@@ -17,7 +17,7 @@ from estimators.loud_floor import loud_words
 from estimators.noise import NoiseFloor, given_floor, noise_floor
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, SENSORS
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name, unknown_name
 from rig.recording import Metadata, Recording, RecordingScan, locked_beside, scan_recording
 
 if TYPE_CHECKING:
@@ -118,8 +118,7 @@ def chosen_sensors(recorded: Sequence[str], wanted: Sequence[str] | None) -> tup
     if wanted is None:
         return tuple(recorded)
     for sensor in wanted:
-        if sensor not in recorded:
-            raise unknown_name("recorded sensor", sensor, recorded)
+        check_name("recorded sensor", sensor, recorded)
     return tuple(sensor for sensor in SENSORS if sensor in wanted)
 
 

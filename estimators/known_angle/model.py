@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from rig.arrays import Array
 from rig.directions import angles_from_direction, elevation_azimuth_basis, tangent_basis
-from rig.errors import unknown_name
+from rig.errors import check_name
 from rig.sensor import TriaxialSensor
 
 Method = Literal["simultaneous", "separate"]
@@ -34,10 +34,8 @@ PARAMETERS_AT_ONCE: Final[dict[Method, int]] = {"simultaneous": 14, "separate": 
 
 def check_options(method: str, weighting: str) -> None:
     """Raises: RigError: one of them is unknown."""
-    if method not in METHODS:
-        raise unknown_name("method", method, METHODS)
-    if weighting not in WEIGHTINGS:
-        raise unknown_name("weighting", weighting, WEIGHTINGS)
+    check_name("method", method, METHODS)
+    check_name("weighting", weighting, WEIGHTINGS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -12,6 +11,9 @@ from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import PARAMETERS_AT_ONCE, SensorParameters, columns_of_channels
 from rig.arrays import Array
 from rig.directions import tangent_basis
+
+if TYPE_CHECKING:
+    from estimators.batch.optimum import Rivals
 
 #: A tenth of the quantity itself (of S_k, of S_k |f|, of a radian): beyond it an answer is worth less than a data
 #: sheet. Where the true field is such that the poses tell nothing, an estimate of the field that is off by z of its
@@ -25,27 +27,13 @@ SAME_SIGMAS: Final = 5.0
 _REMEDY: Final = "turn the sensor about at least two axes, through more orientations"
 
 
-@dataclass(frozen=True, eq=False)
-class Rival:
-    """Another local minimum.
-
-    Attributes:
-        channel: whose, in separate fits; None: of all.
-        field: (3,) its field direction. excess: (c,) how much larger its mean square residuals are.
-    """
-
-    channel: int | None
-    field: Array
-    excess: Array
-
-
 def why_not(
     parameters: SensorParameters,
     information: Information,
     covariance: Array,
     spread: Array,
     rank: int,
-    rivals: Sequence[Rival],
+    rivals: Sequence[Rivals],
     noise: Array,
     count: int,
 ) -> str | None:
@@ -81,15 +69,16 @@ def why_not(
     for rival in rivals:
         k = rival.channel or 0
         own_noise = noise if rival.channel is None else noise[k]
-        chi_square = count * float((rival.excess / np.square(own_noise)).sum())
-        if chi_square < AMBIGUOUS_CHI_SQUARE and _apart(
-            parameters.fields[k], rival.field, covariance[columns[k], columns[k]]
-        ):
-            angle = np.degrees(np.arccos(min(1.0, abs(float(parameters.fields[k] @ rival.field)))))
-            return (
-                f"two solutions whose fields lie {angle:.2g} deg apart fit alike (chi-square differs by"
-                f" {chi_square:.1f}, expected {AMBIGUOUS_CHI_SQUARE:g} or more); {_REMEDY}"
-            )
+        for field, excess in zip(rival.field, rival.excess, strict=True):
+            chi_square = count * float((excess / np.square(own_noise)).sum())
+            if chi_square < AMBIGUOUS_CHI_SQUARE and _apart(
+                parameters.fields[k], field, covariance[columns[k], columns[k]]
+            ):
+                angle = np.degrees(np.arccos(min(1.0, abs(float(parameters.fields[k] @ field)))))
+                return (
+                    f"two solutions whose fields lie {angle:.2g} deg apart fit alike (chi-square differs by"
+                    f" {chi_square:.1f}, expected {AMBIGUOUS_CHI_SQUARE:g} or more); {_REMEDY}"
+                )
     return None
 
 

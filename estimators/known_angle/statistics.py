@@ -8,7 +8,7 @@ the data only through n, sum x x^T, sum x V^T and sum V V^T.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -154,20 +154,6 @@ class Statistics:
         return type(self)(
             self.count + other.count, self.gram + other.gram, self.cross + other.cross, self.square + other.square
         )
-
-    @classmethod
-    def merge(cls, parts: Iterable[Statistics]) -> Self:
-        """The statistics of all parts together.
-
-        Raises:
-            RigError: there is no part.
-        """
-        total: Self | None = None
-        for part in parts:
-            total = cls(part.count, part.gram, part.cross, part.square) if total is None else total + part
-        if total is None:
-            raise RigError("statistics: no part to merge, expected one or more")
-        return total
 
     @property
     def channels(self) -> int:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -203,8 +205,9 @@ def fit_together(
 
     def fitted(noise: Array | None) -> SensorFit:
         """Of the weighed sums; the weights are on average one, so that counts stay counts."""
+        sums = [(part.statistics, weight) for part, weight in zip(parts, weights, strict=True)]
         return fit_sensor(
-            Statistics.merge(_weighed(part.statistics, weight) for part, weight in zip(parts, weights, strict=True)),
+            reduce(add, [Statistics(x.count, w * x.gram, w * x.cross, w * x.square) for x, w in sums]),
             magnitude,
             method=method,
             noise=noise,
@@ -298,10 +301,6 @@ def _part(name: str, statistics: Statistics, floors: Floors, sensor: str, units:
     if floor is None:
         return Part(name, scaled, None, np.zeros(3))
     return Part(name, scaled, factor * floor[0], factor * floor[1])
-
-
-def _weighed(statistics: Statistics, weight: float) -> Statistics:
-    return Statistics(statistics.count, weight * statistics.gram, weight * statistics.cross, weight * statistics.square)
 
 
 def _normalised(weights: Array, counts: Array) -> Array:

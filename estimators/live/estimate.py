@@ -41,8 +41,7 @@ class SensorEstimate:
     """What is known of a sensor now.
 
     Attributes:
-        sensor: which one.
-        method: "simultaneous" or "ellipsoid"; poses: how many still poses it comes from, None where from samples.
+        poses: how many still poses it comes from, None where from samples.
         samples: behind it.
         names, values, std: (p,) parameters in the recorded unit and degrees; a NaN cannot be told.
         problem: why the data cannot tell the parameters yet; None where they can.
@@ -54,8 +53,6 @@ class SensorEstimate:
         readings, counts: (m, 3), (m,) where the readings lie, thinned.
     """
 
-    sensor: str
-    method: str
     poses: int | None
     samples: int
     names: tuple[str, ...]
@@ -127,8 +124,6 @@ class AttitudeKnown:
         gain = fit.parameters.gain
         singular = abs(float(np.linalg.det(fit.parameters.axes))) < 1e-9
         return SensorEstimate(
-            self.sensor,
-            fit.method,
             None,
             fit.count,
             found.names,
@@ -231,8 +226,6 @@ class AttitudeFree:
         if problem is None and self.still is not None and poses is None:
             problem = f"stood still in {len(self.still)} poses, expected more than {self._options.parameters}"
         return SensorEstimate(
-            self.sensor,
-            "ellipsoid",
             poses,
             fit.samples if poses is None else int(counts.sum()),
             names,

@@ -15,7 +15,7 @@ import numpy as np
 from estimators.coverage.attitude_free_information import AttitudeFreeInformation, Parameters
 from estimators.coverage.direction_names import direction_name
 from rig.arrays import Array
-from rig.errors import unknown_name
+from rig.errors import check_name
 
 _AXES: Final = np.eye(3)
 #: Directions that a turn is taken as.
@@ -118,8 +118,7 @@ def procedure(name: str) -> Procedure:
     Raises:
         RigError: there is none of this name.
     """
-    if name not in PROCEDURES:
-        raise unknown_name("procedure", name, PROCEDURES)
+    check_name("procedure", name, PROCEDURES)
     return PROCEDURES[name]
 
 

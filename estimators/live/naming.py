@@ -178,8 +178,9 @@ def _templates(
     span: Residuals, at_s: float, sensor: str, reference: Reference, unit: str
 ) -> Iterator[tuple[str, str, list[Array], str]]:
     """Name, place, what each column does to the residuals (n, k), and how to say its size."""
-    signals = _signals(span, sensor)
-    base = signals.volts[:, COLUMNS_OF[sensor]]
+    volts = np.full((len(span), 6), np.nan)
+    volts[:, COLUMNS_OF[sensor]] = span.readings
+    signals, base = Signals(span.t, volts=volts), span.readings
 
     def residual(change: Array) -> Array:
         """Of a change (n, 3) of the readings."""
@@ -221,9 +222,3 @@ def _templates(
         gain = reference.parameters.gain
         fields = [residual(after * (rotation[:, axis, :] @ gain.T)) for axis in range(3)]
         yield "base_dipole", "base", fields, "{}, {}, {} of field"
-
-
-def _signals(span: Residuals, sensor: str) -> Signals:
-    volts = np.full((len(span), 6), np.nan)
-    volts[:, COLUMNS_OF[sensor]] = span.readings
-    return Signals(span.t, volts=volts)

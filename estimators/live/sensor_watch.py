@@ -136,7 +136,7 @@ class SensorWatch:
         self._calm_s = np.nan
         self._watched = _SHORT
         self._named = len(_NAMED_S)
-        self.stuck = Stuck(tests_a_day / _DAY_S / rate_Hz)
+        self.stuck = Stuck(sensor, self._chance / rate_Hz)
 
     def refer(self, reference: Reference) -> None:
         """What readings are held against from now on; not while a change lasts, which it would take up."""
@@ -151,7 +151,7 @@ class SensorWatch:
         readings = batch.readings(self.sensor)
         stopped = self.stuck.add(batch.t, readings)
         if stopped is not None:
-            found += self._raise(stopped.t_s, stopped.since_s, stopped.words, stopped.chance, stopped.names)
+            found += self._raise(stopped)
         if self.reference is None or not np.isfinite(self.reference.matrix).all():
             return found
         residuals = self.reference.residuals(batch, self.sensor, arm)
@@ -207,7 +207,8 @@ class SensorWatch:
         if worst is not None and self.alarmed is None:
             worst = min((test for test in tests if test.first is not None), key=lambda test: test.p, default=worst)
             self._watched = max(WINDOWS[worst.place], _SHORT)
-            return count, self._raise(now, self._since(self._blocks), worst.words, worst.p)
+            change = Alarm("change", now, self._since(self._blocks), self.sensor, worst.words, worst.p)
+            return count, self._raise(change)
         calm = all(test.least > _STILL_THERE for test in tests if WINDOWS[test.place] <= self._watched)
         by_direction = self._directions(taken) if self._fixed else []
         return count, [*by_direction, *self._settle(now, calm)]
@@ -308,18 +309,20 @@ class SensorWatch:
         place = int(np.argmax(weight * np.square(step).sum(axis=1)))
         return float(blocks.t[place]) - self._block_s + 0.5 / self._rate_Hz
 
-    def _raise(self, now: float, since: float, test: str, p: float, names: tuple[Likeness, ...] = ()) -> list[Alarm]:
+    def _raise(self, change: Alarm) -> list[Alarm]:
+        """Of a change while another lasts the name alone is news."""
         if self.alarmed is not None:
-            if not names:
+            if not change.names:
                 return []
-            self.alarmed, self._named = replace(self.alarmed, names=names), len(_NAMED_S)
-            return [replace(self.alarmed, kind="named", t_s=now)]
+            self.alarmed, self._named = replace(self.alarmed, names=change.names), len(_NAMED_S)
+            return [replace(self.alarmed, kind="named", t_s=change.t_s)]
         if self.memory.beyond:
-            test = f"{test}, of noise remembered for longer than it was seen: more alarms than stated may come"
-        self.alarmed = Alarm("change", now, since, self.sensor, test, p, names)
-        self._named = len(_NAMED_S) if names else 0
-        self._calm_s = now
-        return [self.alarmed]
+            doubt = "of noise remembered for longer than it was seen: more alarms than stated may come"
+            change = replace(change, test=f"{change.test}, {doubt}")
+        self.alarmed = change
+        self._named = len(_NAMED_S) if change.names else 0
+        self._calm_s = change.t_s
+        return [change]
 
     def _settle(self, now: float, calm: bool) -> list[Alarm]:
         """Name a change that lasts, and end one that is over."""
@@ -379,5 +382,5 @@ class SensorWatch:
                 self.memory.add(len(WINDOWS), min(square, most) / PARTS, 1.0 / PARTS, degrees)
             if p < self._chance * PART * self._block_s:
                 words = f"the residuals toward {self.by_direction.worst} ({p_words(p)})"
-                found += self._raise(now, now - PART * self._block_s, words, p)
+                found += self._raise(Alarm("change", now, now - PART * self._block_s, self.sensor, words, p))
         return found

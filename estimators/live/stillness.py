@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.stillness.detection import SAME_ANGLE, SAME_POSE, SPEED_LIMIT, TREND_LIMIT
+from estimators.stillness.detection import SAME_POSE, TREND_LIMIT
 from estimators.stillness.threshold import choose_threshold
 from rig.arrays import Array
 
@@ -33,17 +33,13 @@ class _Piece:
     count: int
     sums: Array  # (c,)
     squares: Array  # (c,) about the piece's own mean
-    pose: Array  # (j,) means of the joint angles or quaternion
-    turned: float  # rad/s at most
 
 
 class StillStream:
     """Finds poses in a stream of readings.
 
     Attributes:
-        still: whether the last piece that is decided belongs to a pose.
-        delay_s: from the end of a piece to its decision [s], known after the first one.
-        pieces: decided so far; accepted: of these, those that are still.
+        accepted: pieces that were still so far.
     """
 
     def __init__(self, rate_Hz: float, span_s: float | None = None) -> None:
@@ -52,45 +48,33 @@ class StillStream:
         span_s: poses that ended longer ago are forgotten [s]; None: none.
         """
         self._length = max(_SHORTEST, round(0.5 * _WINDOW_S * rate_Hz))
-        self.delay_s = self._length / rate_Hz
-        self.still = False
-        self.pieces = self.accepted = 0
+        self.accepted = 0
         self._span_s = span_s
-        self._rest: list[tuple[Array, Array, Array | None]] = []
+        self._rest: list[tuple[Array, Array]] = []
         self._waiting = 0
         self._last: list[_Piece] = []
         self._variances: list[Array] = []
         self._stride = self._phase = 0
         self._limit: tuple[Array, float] | None = None
         self._poses: list[list[float]] = []  # time of the end, count, sums (c)
-        self._reference = np.empty(0)
         self._open = False
         self._chosen_at = 0
 
-    def add(self, t: Array, readings: Array, pose: Array | None = None) -> None:
-        """Samples: times (n,) [s], readings (n, c) and joint angles [rad] or unit quaternions (n, j)."""
-        self._rest.append((t, readings, pose))
+    def add(self, t: Array, readings: Array) -> None:
+        """Samples: times (n,) [s] and readings (n, c)."""
+        self._rest.append((t, readings))
         self._waiting += len(t)
         if self._waiting < self._length:
             return
         t, readings = np.concatenate([r[0] for r in self._rest]), np.concatenate([r[1] for r in self._rest])
-        pose = None if pose is None else np.concatenate([r[2] for r in self._rest if r[2] is not None])
         whole = len(t) // self._length * self._length
-        shape = (whole // self._length, self._length)
-        parts = readings[:whole].reshape(*shape, -1)
+        parts = readings[:whole].reshape(whole // self._length, self._length, -1)
         means = parts.mean(axis=1)
         squares = np.square(parts - means[:, None]).sum(axis=1)
-        turned, middles = np.zeros(shape[0]), np.empty((shape[0], 0))
-        if pose is not None:
-            turns = pose[:whole].reshape(*shape, -1)
-            times = t[:whole].reshape(shape)
-            middles = turns.mean(axis=1)
-            turned = np.abs(turns[:, -1] - turns[:, 0]).max(axis=1) / np.maximum(times[:, -1] - times[:, 0], 1e-9)
-        for number in range(shape[0]):
+        for number in range(len(parts)):
             end = float(t[(number + 1) * self._length - 1])
-            sums = means[number] * self._length
-            self._decide(_Piece(end, self._length, sums, squares[number], middles[number], float(turned[number])))
-        self._rest = [(t[whole:], readings[whole:], None if pose is None else pose[whole:])]
+            self._decide(_Piece(end, self._length, means[number] * self._length, squares[number]))
+        self._rest = [(t[whole:], readings[whole:])]
         self._waiting = len(t) - whole
 
     def _decide(self, piece: _Piece) -> None:
@@ -101,9 +85,7 @@ class StillStream:
             return
         before, own, after = self._last
         quiet = self._quiet(before, own) and self._quiet(own, after)
-        self.pieces += 1
         self.accepted += quiet
-        self.still = quiet
         if quiet:
             self._take(own)
         else:
@@ -112,7 +94,7 @@ class StillStream:
             self._poses = [row for row in self._poses if row[0] >= piece.t_s - self._span_s]
 
     def _quiet(self, one: _Piece, other: _Piece) -> bool:
-        if self._limit is None or max(one.turned, other.turned) > SPEED_LIMIT:
+        if self._limit is None:
             return False
         floor, limit = self._limit
         variance = _variance(one, other)
@@ -140,14 +122,12 @@ class StillStream:
         if self._open:
             row = self._poses[-1]
             own = np.array(row[2:]) / row[1]
-            near = float((np.square(mean - own) / np.maximum(self._limit[0], 1e-300)).mean()) < SAME_POSE**2
-            held = not piece.pose.size or float(np.abs(piece.pose - self._reference).max()) < SAME_ANGLE
-            if near and held:
+            if float((np.square(mean - own) / np.maximum(self._limit[0], 1e-300)).mean()) < SAME_POSE**2:
                 row[0], row[1] = piece.t_s, row[1] + piece.count
                 row[2:] = [a + b for a, b in zip(row[2:], piece.sums.tolist(), strict=True)]
                 return
         self._poses.append([piece.t_s, piece.count, *piece.sums.tolist()])
-        self._reference, self._open = piece.pose, True
+        self._open = True
         if len(self._poses) > _MOST_POSES:
             del self._poses[0]
 

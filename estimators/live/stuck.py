@@ -2,33 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from estimators.live.alarm import Alarm
 from estimators.live.naming import Likeness
-from rig.arrays import Array, Mask
+from rig.arrays import Array
 
 #: A repeat is never taken to be rarer than this, nor a channel for stuck before so many readings.
 _RAREST: Final = 1e-2
 _LEAST: Final = 8
-
-
-@dataclass(frozen=True)
-class Stopped:
-    """Channels that do not move any more.
-
-    Attributes:
-        t_s: when that was sure [s]. since_s: since when [s]. words: what. chance: that noise did it.
-        names: of the catalogue.
-    """
-
-    t_s: float
-    since_s: float
-    words: str
-    chance: float
-    names: tuple[Likeness, ...]
 
 
 class Stuck:
@@ -41,17 +25,17 @@ class Stuck:
         stuck: whether a channel is, now.
     """
 
-    def __init__(self, chance: float) -> None:
-        """Args: chance: of a false alarm, per sample."""
-        self._chance = chance
+    def __init__(self, sensor: str, chance: float) -> None:
+        """Args: sensor: whose. chance: of a false alarm, per sample."""
+        self._sensor, self._chance = sensor, chance
         self._run = np.zeros(3)
         self._last: Array | None = None
         self._repeats, self._seen = np.zeros(3), 0.0
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self.stuck = False
 
-    def add(self, t: Array, readings: Array) -> Stopped | None:
-        """Readings (n, 3) at times (n,); says so when a channel has stopped."""
+    def add(self, t: Array, readings: Array) -> Alarm | None:
+        """Readings (n, 3) at times (n,); an alarm when a channel has stopped."""
         before = readings[:1] if self._last is None else self._last[None]
         same = readings == np.concatenate([before, readings[:-1]])
         if self._last is None:
@@ -65,7 +49,7 @@ class Stuck:
         probability = np.maximum((self._repeats + 1.0) / (self._seen + 2.0), _RAREST)
         needed = np.maximum(_LEAST, np.log(self._chance) / np.log(np.minimum(probability, 0.999)))
         long = run >= needed
-        ends = ~self._was_long(needed) | any_moved
+        ends = (self._run < needed) | any_moved
         if not long.any():
             self._repeats += same.sum(axis=0)
             self._seen += n
@@ -86,7 +70,5 @@ class Stuck:
         plural = "s" if int(new.sum()) > 1 else ""
         words = f"channel{plural} {names} repeat{'' if plural else 's'} the same reading"
         chance = float((probability[new] ** run[new]).max())
-        return Stopped(sure, since, words, chance, (Likeness(name, f"channel{plural} {names}", 0.0, "stuck"),))
-
-    def _was_long(self, needed: Array) -> Mask:
-        return np.asarray(self._run >= needed)
+        likeness = Likeness(name, f"channel{plural} {names}", 0.0, "stuck")
+        return Alarm("change", sure, since, self._sensor, words, chance, (likeness,))

@@ -19,7 +19,7 @@ from estimators.stillness.variance import variance_by_half_windows, weighted_var
 from rig.arm.rotation_map import moving_joints
 from rig.arrays import Array, Mask, Rows
 from rig.channels import ACCELEROMETER, CHANNELS_OF
-from rig.errors import RefusedFit, RigError, unknown_name
+from rig.errors import RefusedFit, RigError, check_name
 from rig.pose_nodes import one_sign
 from rig.recording import Recording
 
@@ -179,8 +179,7 @@ def _given(recording: Recording, threshold: float | Mapping[str, float] | None, 
         sensor = ACCELEROMETER if ACCELEROMETER in recording.sensors else recording.sensors[0]
         given = {sensor: float(threshold)}
     for sensor, value in given.items():
-        if sensor not in recording.sensors:
-            raise unknown_name("recorded sensor", sensor, recording.sensors)
+        check_name("recorded sensor", sensor, recording.sensors)
         if not (np.isfinite(value) and value > 0.0):
             raise RigError(f"{where}: threshold of the {sensor}: found {value}, expected a positive variance")
     return given

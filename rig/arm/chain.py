@@ -7,7 +7,7 @@ accelerations are computed on a model that has only the chain. Its gravity is ze
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -70,21 +70,21 @@ class Chain:
     def _spread_rate(self, rate: Array) -> Array:
         return rate if self.coupling is None else rate @ self.coupling.T
 
-    def evaluated(self, q: Array, *fields: str) -> Iterator[tuple[slice, list[Array]]]:
-        """Kinematics at joint values q (n, N) [rad, m], in blocks: the rows, and for them the ``MjData`` fields named.
-
-        The arrays are overwritten by the next block.
-        """
+    def evaluated(self, q: Array, **fields: Sequence[int] | NDArray[np.int64]) -> list[Array]:
+        """Kinematics at joint values q (n, N) [rad, m]: (n, k, ..) of each ``MjData`` field named, of k of its rows."""
         batch = Batch(self.bare, max(1, min(_BLOCK, len(q))), _threads(len(q)))
         qpos = batch.bind("qpos")
-        outputs = [batch.bind(field) for field in fields]
+        outputs = [(batch.bind(field), own) for field, own in fields.items()]
+        found = [np.empty((len(q), len(own), *output.shape[2:])) for output, own in outputs]
         for start in range(0, len(q), _BLOCK):
             rows = slice(start, min(start + _BLOCK, len(q)))
             count = rows.stop - start
             qpos[:count] = self.spread(q[rows])
             some = np.arange(count) if count < batch.nsim else None
             batch.forward(some, stage=mujoco.mjtStage.mjSTAGE_POS.value)
-            yield rows, [output[:count] for output in outputs]
+            for array, (output, own) in zip(found, outputs, strict=True):
+                array[rows] = output[:count, own]
+        return found
 
     def acceleration(self, q: Array, qd: Array, qdd: Array) -> Array:
         """The site's acceleration (n, 3) [m/s^2], base frame, of the motion q, qd, qdd (n, N) [rad, m, s]."""

@@ -28,13 +28,12 @@ def is_urdf(path: Path) -> bool:
     """
     check_ordinary(path, "an arm as URDF, MJCF or a folder with one")
     try:
-        with path.open("rb") as file:
-            found = _ROOT.search(file.read(_BEGINNING))
+        found = _root(path)
     except OSError as error:
         raise RigError(f"{path}: cannot be read: {error.strerror}") from error
     if found is None:
         return path.suffix.casefold() == ".urdf"
-    return found[1] == b"robot"
+    return found == b"robot"
 
 
 def model_file(path: Path) -> Path:
@@ -49,7 +48,7 @@ def model_file(path: Path) -> Path:
         file
         for pattern in ("*.xml", "*.urdf", "urdf/*.urdf", "robots/*.urdf")
         for file in path.glob(pattern)
-        if not file.stem.startswith(("scene", "mjx")) and file.is_file() and _holds_model(file)
+        if not file.stem.startswith(("scene", "mjx")) and file.is_file() and _root(file)
     )
     if not found:
         raise RigError(f"{path}: found no model in this folder, expected an arm as .xml (MJCF) or .urdf")
@@ -63,9 +62,11 @@ def model_file(path: Path) -> Path:
     raise RigError(f"{path}: found {len(found)} models, expected the path of one of {names}")
 
 
-def _holds_model(file: Path) -> bool:
+def _root(file: Path) -> bytes | None:
+    """The root element of an arm's file; None where it is none."""
     with file.open("rb") as opened:
-        return _ROOT.search(opened.read(_BEGINNING)) is not None
+        found = _ROOT.search(opened.read(_BEGINNING))
+    return None if found is None else found[1]
 
 
 def _plain(name: str) -> str:

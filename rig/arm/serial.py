@@ -245,22 +245,13 @@ class Arm:
 
     def poses(self, q: ArrayLike) -> Poses:
         """The sensor's pose at joint values ``q`` (n, N) [rad, m]; no limit is checked."""
-        angles = self._angles(q)
-        rotation, position = np.empty((len(angles), 3, 3)), np.empty((len(angles), 3))
-        for rows, (xmat, xpos) in self.chain.evaluated(angles, "site_xmat", "site_xpos"):
-            rotation[rows] = xmat.reshape(-1, 3, 3)
-            position[rows] = xpos[:, 0]
-        return Poses(rotation, position)
+        rotation, position = self.chain.evaluated(self._angles(q), site_xmat=[0], site_xpos=[0])
+        return Poses(rotation.reshape(-1, 3, 3), position[:, 0])
 
     def link_poses(self, q: ArrayLike) -> LinkPoses:
         """The poses of all links at joint values ``q`` (n, N) [rad, m]; no limit is checked."""
-        angles = self._angles(q)
-        links = self.chain.links
-        rotation, position = np.empty((len(angles), self.dof, 3, 3)), np.empty((len(angles), self.dof, 3))
-        for rows, (xmat, xpos) in self.chain.evaluated(angles, "xmat", "xpos"):
-            rotation[rows] = xmat[:, links].reshape(-1, self.dof, 3, 3)
-            position[rows] = xpos[:, links]
-        return LinkPoses(rotation, position)
+        rotation, position = self.chain.evaluated(self._angles(q), xmat=self.chain.links, xpos=self.chain.links)
+        return LinkPoses(rotation.reshape(-1, self.dof, 3, 3), position)
 
     def mapped_poses(self, q: ArrayLike) -> Poses:
         """As ``poses``, to rounding and many times as fast, by ``rotation_map``; by MuJoCo where a joint slides."""
@@ -277,12 +268,7 @@ class Arm:
 
     def joint_anchors(self, q: ArrayLike) -> Array:
         """(n, N, 3) [m] a point on each joint's axis, base frame, at joint values ``q`` (n, N) [rad, m]."""
-        angles = self._angles(q)
-        own = self.chain.places
-        found = np.empty((len(angles), self.dof, 3))
-        for rows, (anchors,) in self.chain.evaluated(angles, "xanchor"):
-            found[rows] = anchors[:, own]
-        return found
+        return self.chain.evaluated(self._angles(q), xanchor=self.chain.places)[0]
 
     def site_acceleration(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """The sensor's acceleration (n, 3) [m/s^2], base frame, without gravity, by ``mj_inverse``.

@@ -18,7 +18,7 @@ from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects.parameters import Parameter, Value, choices_of, parameters_of
 from rig.effects.readings import Finding, Readings
 from rig.environment import MAGNITUDES
-from rig.errors import RigError, nearest, unknown_name
+from rig.errors import RigError, check_name, nearest, unknown_name
 from rig.signals import Signals
 from rig.units import ELECTRICAL
 
@@ -178,8 +178,7 @@ class Effect(ABC):
         if self.where not in self.places and not self._is_numbered_place():
             raise unknown_name(f"place of effect {self.name}", str(self.where), self.places)
         for name, choices in self.choices().items():
-            if getattr(self, name) not in choices:
-                raise unknown_name(f"{name} of effect {self.name}", str(getattr(self, name)), choices)
+            check_name(f"{name} of effect {self.name}", getattr(self, name), choices)
         for item in self.parameters():
             value = getattr(self, item.name)
             if item.holds(value):
@@ -346,8 +345,7 @@ def make_effect(name: str, values: Mapping[str, Any], arm: Arm | None = None) ->
     Raises:
         RigError: the catalogue has no such effect, or its table is wrong.
     """
-    if name not in EFFECTS:
-        raise unknown_name("effect", name, EFFECTS)
+    check_name("effect", name, EFFECTS)
     if arm is None:
         return EFFECTS[name].from_mapping(values)
     own = {joint: place for place, joint in arm.place_names.items()}
@@ -366,8 +364,7 @@ def without_nulls(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         RigError: the catalogue has no such effect.
     """
-    if name not in EFFECTS:
-        raise unknown_name("effect", name, EFFECTS)
+    check_name("effect", name, EFFECTS)
     defaults = {each.name: each.default for each in dataclasses.fields(EFFECTS[name])}
     found: dict[str, Any] = {}
     for key, value in values.items():

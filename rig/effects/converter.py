@@ -19,7 +19,7 @@ from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.electronic import mid_scale
 from rig.effects.parameters import parameter
 from rig.effects.readings import Finding, Readings
-from rig.effects.tails import as_rare_as, beside_neighbours, limit, log_tail, tails_of
+from rig.effects.tails import beside_neighbours, limit, log_tail, tails_of
 from rig.signals import Signals
 
 #: A level that no reading reaches, whatever its unit.
@@ -178,7 +178,7 @@ class Outliers(Effect):
         for column, local in every.items():
             degrees, scale = tails[column]
             # where there are spikes, in whichever channel, those that stand out less belong to them
-            hit = np.abs(local) > (as_rare_as(_LESS, degrees) * scale if several else least[column])
+            hit = np.abs(local) > (limit(float(ndtr(-_LESS)), degrees) * scale if several else least[column])
             hit &= ~readings.left_out[:, column]
             affected[:, column] = hit
             if hit.any():

@@ -22,19 +22,10 @@ DIPOLE_STEP, DIPOLE_REACH, DIPOLE_CLEARANCE = 0.25, 0.4, 0.1
 _NEAREST = 1e-3  # [m]: a dipole is never nearer
 
 
-def magnetic_reference(signals: Signals) -> float:
-    """The stated magnitude of the magnetic field [field unit], to which fields of effects are relative."""
-    return float(signals.references[COLUMNS_OF[MAGNETOMETER]][0])
-
-
 def with_field(signals: Signals, change: Array) -> Signals:
     """The signals with a field (n, 3), base frame, relative to the stated magnitude, added."""
-    return replace(signals, magnetic=signals.magnetic + magnetic_reference(signals) * change)
-
-
-def motor_link(joint: int) -> int:
-    """The link, counted from 0, that carries the motor of a joint (a column): the one before it, or the first."""
-    return max(joint - 1, 0)
+    stated = float(signals.references[COLUMNS_OF[MAGNETOMETER]][0])
+    return replace(signals, magnetic=signals.magnetic + stated * change)
 
 
 @register
@@ -194,5 +185,6 @@ class MotorCurrentField(Effect):
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         current = signals.currents.get(self.joint + 1)
         drive = smooth_sign(signals.joint_velocity[:, self.joint]) if current is None else current
-        in_base = times(signals.link_rotation(motor_link(self.joint)), self.field)
+        # the motor sits on the link before its joint, or the first
+        in_base = times(signals.link_rotation(max(self.joint - 1, 0)), self.field)
         return with_field(signals, drive[:, None] * in_base)

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.special import gammaln, log_ndtr, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import gammaln, log_ndtr, ndtri, stdtr, stdtrit
 
 from rig.arrays import Array
 
@@ -100,11 +100,6 @@ def log_tail(values: Array, degrees: float) -> Array:
 def limit(chance: float, degrees: float) -> float:
     """The value, in scales, beyond which a reading lies by so small a chance on one side."""
     return float(-ndtri(chance) if np.isinf(degrees) else -stdtrit(degrees, chance))
-
-
-def as_rare_as(deviations: float, degrees: float) -> float:
-    """The value, in scales, that is as rare as so many deviations are for normal noise."""
-    return limit(float(ndtr(-deviations)), degrees)
 
 
 def drawn_in(values: Array, degrees: float, scale: float) -> Array:

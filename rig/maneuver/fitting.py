@@ -56,7 +56,7 @@ def fitted(maneuver: Fitted, arm: Arm, stated: Collection[str] = ()) -> Fitted:
     if isinstance(maneuver, LockedPoses):
         return replace(maneuver, slides=slides, poses_deg=locked_poses_deg(arm))
     if isinstance(maneuver, StaticPoses):
-        poses = static_poses_deg(arm, maneuver.count, maneuver.seed)
+        poses = _as_shown(arm, _drawn(arm, maneuver.count, np.random.default_rng(maneuver.seed)))
         return replace(maneuver, slides=slides, poses_deg=poses, limits_deg=None)
     return cast(Fitted, torus_sweep(arm, maneuver))
 
@@ -228,11 +228,9 @@ def _ways(arm: Arm, swept: tuple[int, int, int]) -> Array:
 
 def _axes(arm: Arm, q: Array) -> tuple[Array, Array]:
     """The joints' axes (n, N, 3) in the base frame at q (n, N), and how high the lowest link or the tip is (n,) [m]."""
-    members = arm.chain.places
-    axes, height = np.empty((len(q), arm.dof, 3)), np.empty(len(q))
-    for rows, (xaxis, xpos, site) in arm.chain.evaluated(q, "xaxis", "xpos", "site_xpos"):
-        axes[rows] = xaxis.reshape(len(xaxis), -1, 3)[:, members]
-        height[rows] = np.minimum(xpos[:, arm.chain.links[1:], 2].min(axis=1, initial=np.inf), site[:, 0, 2])
+    chain = arm.chain
+    axes, links, site = chain.evaluated(q, xaxis=chain.places, xpos=chain.links[1:], site_xpos=[0])
+    height = np.minimum(links[:, :, 2].min(axis=1, initial=np.inf), site[:, 0, 2])
     return axes / np.linalg.norm(axes, axis=2, keepdims=True), height
 
 
@@ -264,11 +262,6 @@ def _drawn(arm: Arm, count: int, rng: np.random.Generator) -> Array:
     pool[:, turns] = np.radians(np.round(np.degrees(pool[:, turns]), 1))
     clear = _axes(arm, pool)[1] > _CLEAR_M
     return np.asarray(np.concatenate([pool[clear], pool[~clear]])[:count])
-
-
-def static_poses_deg(arm: Arm, count: int, seed: int) -> tuple[tuple[float, ...], ...]:
-    """``count`` random poses [deg, m] of all joints within an arm's limits."""
-    return _as_shown(arm, _drawn(arm, count, np.random.default_rng(seed)))
 
 
 def locked_poses_deg(arm: Arm) -> tuple[tuple[float, ...], ...]:

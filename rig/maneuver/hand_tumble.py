@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rig.arrays import Array, Mask
-from rig.errors import unknown_name
+from rig.errors import check_name
 from rig.maneuver._checks import number, whole
 from rig.maneuver.static_poses import stop_and_go
 from rig.trajectory import PoseTrajectory, sample_times
@@ -61,8 +61,7 @@ class HandTumble:
             number(f"maneuver.{name}", getattr(self, name), 0.0, above=True)
         for name in ("sway_m", "sway_Hz", "hold_s"):
             number(f"maneuver.{name}", getattr(self, name), 0.0)
-        if self.coverage not in _COVERAGES:
-            raise unknown_name("maneuver.coverage", str(self.coverage), _COVERAGES)
+        check_name("maneuver.coverage", self.coverage, _COVERAGES)
 
     def trajectory(self, t: Array | None = None) -> PoseTrajectory:
         """The sensor at times ``t`` (n,) [s], by default the maneuver's own samples; exact at any time."""

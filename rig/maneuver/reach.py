@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, Protocol, Self
+from typing import Final, Self
 
 import numpy as np
 
@@ -11,7 +11,10 @@ from rig.arm import Arm
 from rig.arm.clearance import Clearance, finite_limits
 from rig.arrays import Array
 from rig.errors import RigError
+from rig.maneuver.fourier_sweep import FourierSweep
 from rig.maneuver.moves import Dynamics
+from rig.maneuver.static_poses import StaticPoses
+from rig.maneuver.torus_sweep import TorusSweep
 
 #: Samples of a recording at which contacts are looked for.
 _SEEN: Final = 300
@@ -19,18 +22,6 @@ _SLACK: Final = 1.0 + 1e-6
 #: A joint whose file states no speed may go so much faster than it was seen to go, or so fast [rad/s, m/s].
 _FASTER: Final = 2.0
 _LEAST_SPEED: Final = (0.17, 0.02)
-
-
-class JointManeuver(Protocol):
-    """A maneuver of joints whose greatest speeds and accelerations are known."""
-
-    def way(self) -> Array:
-        """(m, N) joint values along it [rad, m]."""
-        ...
-
-    def peaks(self) -> tuple[Array, Array]:
-        """(N,) the greatest speed and acceleration of each joint [rad, m, s]."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +64,7 @@ class Reach:
         """Lower and upper (N,) [rad, m]; of a joint without any, one turn."""
         return finite_limits(self.arm)
 
-    def allows(self, maneuver: JointManeuver) -> bool:
+    def allows(self, maneuver: TorusSweep | FourierSweep | StaticPoses) -> bool:
         """Whether the arm can make a maneuver."""
         speed, acceleration = maneuver.peaks()
         if (speed > _SLACK * self.dynamics.speed).any() or (acceleration > _SLACK * self.dynamics.acceleration).any():

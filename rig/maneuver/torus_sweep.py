@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from rig.arrays import Array
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.maneuver._checks import A465_LIMITS_DEG, limits, number, numbers, whole, within
 from rig.maneuver.profile import BackAndForth
 from rig.trajectory import JointTrajectory, sample_times
@@ -81,8 +81,7 @@ class TorusSweep:
             number(f"maneuver.{name}", getattr(self, name))
         whole("maneuver.yaw_passes", self.yaw_passes, 1)
         whole("maneuver.pitch_passes", self.pitch_passes, 1)
-        if self.roll not in _ROLLS:
-            raise unknown_name("maneuver.roll", str(self.roll), _ROLLS)
+        check_name("maneuver.roll", self.roll, _ROLLS)
         object.__setattr__(self, "locked_deg", numbers("maneuver.locked_deg", self.locked_deg))
         dof = 3 + len(self.locked_deg)
         joints = tuple(int(joint) for joint in numbers("maneuver.joints", self.joints, 3))

@@ -71,7 +71,10 @@ def check_increasing(t: Array, where: str, first_row: int = 0) -> None:
     later = t[1:] - t[:-1] > 1.0 / _LARGEST
     if not later.all():
         row = int(np.argmin(later)) + 1
-        _refuse_order(float(t[row - 1]), float(t[row]), first_row + row, where)
+        before, after = t[row - 1 : row + 1].tolist()
+        by = f", expected at least {1.0 / _LARGEST:g} s more" if after > before else ""
+        order = f"row {first_row + row} (first row 0) has {after!r} after {before!r}"
+        raise RigError(f"{where}: t_s does not increase: {order}{by}")
 
 
 def check_seconds(t: Array, where: str) -> None:
@@ -85,12 +88,6 @@ def check_seconds(t: Array, where: str) -> None:
             )
 
 
-def check_continues(t: Array, before: float, where: str, first_row: int) -> None:
-    """Raise a RigError unless t [s] begins later than the last time of the batch before."""
-    if not t[0] > before:
-        _refuse_order(before, float(t[0]), first_row, where)
-
-
 def check_unit(quaternion: Array, names: Sequence[str], where: str, first_row: int = 0) -> None:
     """Raise a RigError that names the first quaternion of (n, 4) that is not a rotation."""
     with np.errstate(over="ignore"):
@@ -102,8 +99,3 @@ def check_unit(quaternion: Array, names: Sequence[str], where: str, first_row: i
         norm = math.hypot(*quaternion[row].tolist())
         columns = f"{names[0]}..{names[-1]}"
         raise RigError(f"{where}: {columns} in row {first_row + row} (first row 0) has the norm {norm:.6g}, expected 1")
-
-
-def _refuse_order(before: float, after: float, row: int, where: str) -> None:
-    by = f", expected at least {1.0 / _LARGEST:g} s more" if after > before else ""
-    raise RigError(f"{where}: t_s does not increase: row {row} (first row 0) has {after!r} after {before!r}{by}")

@@ -18,7 +18,7 @@ import pyarrow.csv
 from rig.arrays import Array
 from rig.documents import parse_json
 from rig.errors import RigError, shown
-from rig.recording.table import arrow_file, as_float64, readable
+from rig.recording.table import Table, arrow_file, as_float64, readable
 
 pa.enable_signal_handlers(False)  # its own would hold Ctrl-C back until a block is parsed, or lose it
 
@@ -32,19 +32,11 @@ _CELL_COUNT: Final = re.compile(r"(?:Row #(\d+): )?Expected (\d+) columns, got (
 
 
 @dataclass(frozen=True)
-class CsvTable:
+class CsvTable(Table):
     """A Table in a CSV file; its rows begin at the byte ``start``, and were so many when written, if that is known."""
 
-    path: Path
-    names: tuple[str, ...]
-    metadata: str | None
     start: int
     rows_written: int | None
-
-    @property
-    def rows(self) -> int | None:
-        """Not known before reading."""
-        return None  # lines may have been taken away with good reason
 
     def batches(self, names: Sequence[str], batch_rows: int) -> Iterator[dict[str, Array]]:
         """As of Table; the rows are parsed in blocks of bytes, so that there may be fewer of them than asked for."""
@@ -132,7 +124,8 @@ def open_csv(path: Path) -> CsvTable:
             rows = _rows_written(metadata)
             line = _line(file, path)
         names = tuple(name.strip() for name in next(csv.reader([line], skipinitialspace=True), []))
-        return CsvTable(path, names, metadata, file.tell(), rows)
+        # How many rows there are is not known before reading: lines may have been taken away with good reason.
+        return CsvTable(path, names, metadata, None, file.tell(), rows)
 
 
 def _line(file: BinaryIO, path: Path) -> str:

@@ -18,7 +18,7 @@ from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.errors import RigError
 from rig.files import in_utf8
 from rig.memory import check_fits
-from rig.recording.checks import check_continues, check_finite
+from rig.recording.checks import check_finite, check_increasing
 from rig.recording.columns import (
     JOINTS_OF_ARM,
     POSITION,
@@ -109,7 +109,7 @@ class RecordingScan:
             if not len(table[TIME]):
                 continue
             batch = self._recording(table, row)
-            check_continues(batch.t, before, str(self.path), row)
+            check_increasing(np.array([before, batch.t[0]]), str(self.path), row - 1)
             yield batch
             row += len(batch)
             before = float(batch.t[-1])
@@ -206,7 +206,7 @@ def scan_recording(
     where = str(table.path)
     metadata = Metadata() if table.metadata is None else Metadata.from_text(table.metadata, where)
     if metadata.still_poses and TIME not in table.names:
-        table = NumberedTable(table)
+        table = NumberedTable(table.path, (TIME, *table.names), table.metadata, table.rows, table)
     expected = JOINTS_OF_ARM.get(metadata.arm) if joints is None else joints
     columns = Columns.parse(table.names, where, expected)
     return RecordingScan(table, metadata, columns, batch_rows)

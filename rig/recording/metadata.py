@@ -12,7 +12,7 @@ from typing import Any, Final
 from rig.channels import ACCELEROMETER, MAGNETOMETER, READS, Reads
 from rig.documents import parse_json
 from rig.environment import MAGNITUDES
-from rig.errors import RigError, closest, shown, unknown_name
+from rig.errors import RigError, check_name, closest, shown
 from rig.units import FIELD_UNITS
 
 #: The format of a recording, version included.
@@ -69,14 +69,13 @@ class Metadata:
         for name in ("rate_Hz", "pose_rate_Hz"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _positive(name, getattr(self, name)))
-        if self.accelerometer_reads not in READS:
-            raise unknown_name("metadata accelerometer_reads", str(self.accelerometer_reads), READS)
+        check_name("metadata accelerometer_reads", self.accelerometer_reads, READS)
         if not isinstance(self.still_poses, bool):
             raise RigError(f"metadata still_poses: found {shown(self.still_poses)}, expected true or false")
         if not isinstance(self.arm, str) or not _is_name(self.arm):
             raise RigError(f"metadata arm: found {shown(self.arm)}, expected the name of an arm")
-        if self.magnetic_field_unit is not None and self.magnetic_field_unit not in FIELD_UNITS[MAGNETOMETER]:
-            raise unknown_name("metadata magnetic_field_unit", str(self.magnetic_field_unit), FIELD_UNITS[MAGNETOMETER])
+        if self.magnetic_field_unit is not None:
+            check_name("metadata magnetic_field_unit", self.magnetic_field_unit, FIELD_UNITS[MAGNETOMETER])
         number = isinstance(self.serial, int) and not isinstance(self.serial, bool) and self.serial.bit_length() <= 256
         if self.serial is not None and not number and not (isinstance(self.serial, str) and _is_name(self.serial)):
             raise RigError(f"metadata serial: found {shown(self.serial)}, expected a text or a number")

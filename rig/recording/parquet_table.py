@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,21 +12,15 @@ import pyarrow.parquet
 
 from rig.arrays import Array
 from rig.errors import RigError
-from rig.recording.table import arrow_file, as_float64, readable
+from rig.recording.table import Table, arrow_file, as_float64, readable
 
 KEY: Final = b"rig"
 
 _BUFFER: Final = 1 << 20  # read at a time per column [bytes]
 
 
-@dataclass(frozen=True)
-class ParquetTable:
+class ParquetTable(Table):
     """A Table in a Parquet file."""
-
-    path: Path
-    names: tuple[str, ...]
-    metadata: str | None
-    rows: int | None
 
     def batches(self, names: Sequence[str], batch_rows: int) -> Iterator[dict[str, Array]]:
         """As of Table."""

@@ -13,7 +13,7 @@ import numpy as np
 from rig import quaternion
 from rig.arrays import Array, Mask, Rows
 from rig.channels import ACCELEROMETER, CHANNELS_OF, MAGNETOMETER, SENSORS
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.recording.checks import as_columns, check_finite, check_increasing, check_seconds, check_shape, check_unit
 from rig.recording.columns import POSITION, QUATERNION, SUPPLY, TEMPERATURE, TIME, Columns
 from rig.recording.metadata import Metadata
@@ -168,8 +168,7 @@ class Recording:
         Raises:
             RigError: the sensor is unknown or was not recorded.
         """
-        if sensor not in SENSORS:
-            raise unknown_name("sensor", sensor, SENSORS)
+        check_name("sensor", sensor, SENSORS)
         if sensor not in self.units:
             raise RigError(f"{self.origin or self.name}: has no {sensor}, found {', '.join(self.sensors)}")
         return self.units[sensor]

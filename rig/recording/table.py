@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -31,36 +32,29 @@ _COMPLAINTS: Final = (
 )
 
 
-class Table(Protocol):
-    """A table on disk."""
+@dataclass(frozen=True)
+class Table(ABC):
+    """A table on disk.
 
-    @property
-    def path(self) -> Path:
-        """The file."""
-        ...
+    Attributes:
+        path: the file.
+        names: of all columns, in order.
+        metadata: the JSON text; None where there is none.
+        rows: how many there are; None where the file has to be read to know.
+    """
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of all columns, in order."""
-        ...
+    path: Path
+    names: tuple[str, ...]
+    metadata: str | None
+    rows: int | None
 
-    @property
-    def metadata(self) -> str | None:
-        """The JSON text; None where there is none."""
-        ...
-
-    @property
-    def rows(self) -> int | None:
-        """How many there are; None where the file has to be read to know."""
-        ...
-
+    @abstractmethod
     def batches(self, names: Sequence[str], batch_rows: int) -> Iterator[dict[str, Array]]:
         """The named columns, at most ``batch_rows`` rows at a time, as float64; a missing value is a NaN.
 
         Raises:
             RigError: a damaged file, or a column that does not hold numbers.
         """
-        ...
 
 
 def checked_suffix(path: Path) -> str:
@@ -119,30 +113,10 @@ def readable(path: Path, kind: str) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class NumberedTable:
-    """A table of poses held still, with a column of times that counts its rows from 0."""
+class NumberedTable(Table):
+    """A table of poses held still, with a column of times that counts its rows from 0; ``table``: without it."""
 
     table: Table
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return self.table.path
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of all columns, the time first."""
-        return (TIME, *self.table.names)
-
-    @property
-    def metadata(self) -> str | None:
-        """The JSON text, None where there is none."""
-        return self.table.metadata
-
-    @property
-    def rows(self) -> int | None:
-        """How many there are; None where the file has to be read to know."""
-        return self.table.rows
 
     def batches(self, names: Sequence[str], batch_rows: int) -> Iterator[dict[str, Array]]:
         """As of ``Table.batches``; ``names`` hold the time and one column or more of the table."""

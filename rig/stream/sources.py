@@ -64,6 +64,11 @@ class _Spoken:
         return said
 
 
+def _waits(source: Any, timeout_s: float) -> bool:
+    """Whether anything comes from a descriptor or socket within a time."""
+    return bool(select.select([source], [], [], timeout_s)[0])
+
+
 class PipeSource(_Spoken):
     """Standard input, or any open descriptor."""
 
@@ -79,8 +84,7 @@ class PipeSource(_Spoken):
 
     def read(self, timeout_s: float) -> bytes | None:
         """What waits in the pipe, ``CHUNK`` bytes at most; None once its writers have closed it."""
-        ready, _, _ = select.select([self._descriptor], [], [], timeout_s)
-        if not ready:
+        if not _waits(self._descriptor, timeout_s):
             return b""
         return os.read(self._descriptor, CHUNK) or None
 
@@ -146,13 +150,11 @@ class PortSource(_Spoken):
     def read(self, timeout_s: float) -> bytes | None:
         """What the sender sent; never None, as another one may connect."""
         if self._sender is None:
-            ready, _, _ = select.select([self._server], [], [], timeout_s)
-            if not ready:
+            if not _waits(self._server, timeout_s):
                 return b""
             self._sender, _ = self._server.accept()
             self._words.append(f"{self.name}: {ANEW}: a sender has connected")
-        ready, _, _ = select.select([self._sender], [], [], timeout_s)
-        if not ready:
+        if not _waits(self._sender, timeout_s):
             return b""
         try:
             data = self._sender.recv(CHUNK)
@@ -229,8 +231,7 @@ def _serial(name: str, device: str, baud: int) -> DialledSource:
         return serial.Serial(device, baud, timeout=0)
 
     def receive(port: Any, timeout_s: float) -> bytes | None:
-        ready, _, _ = select.select([port.fileno()], [], [], timeout_s)
-        if not ready:
+        if not _waits(port.fileno(), timeout_s):
             return b""
         try:
             return os.read(port.fileno(), CHUNK) or None
@@ -245,8 +246,7 @@ def _dialled_port(name: str, port: int) -> DialledSource:
         return socket.create_connection((ADDRESS, port), timeout=1.0)
 
     def receive(sender: socket.socket, timeout_s: float) -> bytes | None:
-        ready, _, _ = select.select([sender], [], [], timeout_s)
-        return (sender.recv(CHUNK) or None) if ready else b""
+        return (sender.recv(CHUNK) or None) if _waits(sender, timeout_s) else b""
 
     return DialledSource(name, dial, receive)
 

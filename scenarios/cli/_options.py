@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import click
 
 from rig.documents import plain
-from rig.errors import RigError, nearest, shown, unknown_name
+from rig.errors import RigError, check_name, nearest, shown
 from rig.files import check_not_input, check_writable
 from rig.memory import VARIABLE, WHERE, parsed
 from rig.progress import Progress, unheard
@@ -247,8 +247,8 @@ def on_arm(scenario: Scenario, arm_file: Path | None, tip: str | None, kind: str
     """
     from rig.maneuver import MANEUVERS
 
-    if kind is not None and kind not in MANEUVERS:
-        raise unknown_name("maneuver", kind, MANEUVERS)
+    if kind is not None:
+        check_name("maneuver", kind, MANEUVERS)
     arm = chosen_arm(arm_file, tip)
     if arm is None and (kind is None or kind == scenario.kind):
         return scenario

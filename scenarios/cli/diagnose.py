@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.errors import RigError, one_line, unknown_name
+from rig.errors import RigError, check_name, one_line
 from rig.files import check_different
 from scenarios.cli._options import (
     PATH,
@@ -260,8 +260,7 @@ def _check(
     from scenarios.diagnosing.kept import paths
 
     for name in without:
-        if name not in EFFECTS:
-            raise unknown_name("effect", name, EFFECTS)
+        check_name("effect", name, EFFECTS)
     named: dict[str, Path] = {}
     for run in runs:
         if run.stem in named:

@@ -333,14 +333,10 @@ def _finish(session: Session, made: Path, cal: Path, plan: Plan, as_json: bool) 
         _report(session, made, cal, calibration)
     if refused is not None:
         raise type(refused)(f"{made}: is recorded, but {refused}")
-    good = not alarms if calibration is None else all(_good(calibration, sensor) for sensor in calibration.sensors)
+    verdicts = [] if calibration is None else [sensor.quality.verdict for sensor in calibration.sensors.values()]
+    good = not alarms if calibration is None else all(verdict is not None and verdict["good"] for verdict in verdicts)
     if not good or (calibration is not None and plan.stop and not session.enough):
         click.get_current_context().exit(1)
-
-
-def _good(calibration: Calibration, sensor: str) -> bool:
-    verdict = calibration[sensor].quality.verdict
-    return verdict is not None and bool(verdict["good"])
 
 
 def _document(
@@ -352,7 +348,7 @@ def _document(
         "samples": session.samples,
         "seconds": session.seconds,
         "enough": session.enough,
-        "left_out": session.snapshot.left_out,
+        "left_out": session.left_out,
         "calibration": None if calibration is None else cal,
         "refused": None if refused is None else str(refused),
         "sensors": {} if calibration is None else calibration.to_json()["sensors"],

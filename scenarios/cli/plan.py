@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from scenarios.cli._options import (
     PATH,
     POSITIVE,
@@ -155,8 +155,7 @@ def _weights(given: tuple[str, ...]) -> dict[str, float]:
     known = [*_STEMS, *(f"{stem}{k}" for stem in _STEMS[:3] for k in (1, 2, 3))]
     for text in given:
         name, _, weight = text.partition("=")
-        if name not in known:
-            raise unknown_name("--weight", name, known)
+        check_name("--weight", name, known)
         found[name] = number(weight)
         if not 0.0 <= found[name] <= _HEAVIEST:
             raise RigError(f"--weight: found {text!r}, expected {name}=W with a number from 0 to {_HEAVIEST:g}")
@@ -178,8 +177,7 @@ def _causes(given: tuple[str, ...]) -> list[tuple[str, str]] | None:
     found = []
     for text in given:
         effect, at, where = text.partition("@")
-        if effect not in EFFECTS:
-            raise unknown_name("effect of --tell", effect, EFFECTS)
+        check_name("effect of --tell", effect, EFFECTS)
         if not at or not where:
             raise RigError(f"--tell: found {text!r}, expected EFFECT@PLACE such as joint_offset@joint5, or all")
         found.append((effect, where))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.errors import RigError, in_short, one_line, unknown_name
+from rig.errors import RigError, check_name, in_short, one_line
 from scenarios.cli._options import (
     PATH,
     arm_options,
@@ -85,8 +85,8 @@ def effects(name: str | None, output: Path | None, where: str | None, as_json: b
     """
     from rig.effects import EFFECTS
 
-    if name is not None and name not in EFFECTS:
-        raise unknown_name("effect", name, EFFECTS)
+    if name is not None:
+        check_name("effect", name, EFFECTS)
     if output is not None or where is not None:
         _draw_effect(name, output, where)
     from scenarios.terminal.tables import effect_description, effect_record, effects_table, show

@@ -39,11 +39,13 @@ def which(diagnosis: Diagnosis) -> str:
             else "None of these causes is established."
         )
         parts.append(f'<p class="warning">{warning} {trust}</p>')
+    # no rig is improved by what is unknown
+    shown = "The pictures have" if diagnosis.verdict == "unknown" else "The pictures and the improved rig have"
     parts.append(
         '<p class="soft">The probability of a cause is that of all explanations that have it, or what does the same in '
         "its place. Established: .95 or more; likely: .5 or more; possible: less. “Not felt”: this recording says "
         f"nothing about that number. Its share: {ITS_SHARE}; two causes that do a part of the same have shares that "
-        f"do not add up. {_pictured(diagnosis)} the causes of the likeliest explanation.</p>"
+        f"do not add up. {shown} the causes of the likeliest explanation.</p>"
     )
     parts += [_cause(cause, status_words(cause, diagnosis)) for cause in diagnosis.causes]
     return "\n".join(parts)
@@ -60,11 +62,6 @@ def _doubt(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unknown":
         return "No explanation stands out." if diagnosis.likely is None else "The likeliest explanation is not certain."
     return ""
-
-
-def _pictured(diagnosis: Diagnosis) -> str:
-    """What shows the likeliest explanation; no rig is improved by what is unknown."""
-    return "The pictures have" if diagnosis.verdict == "unknown" else "The pictures and the improved rig have"
 
 
 def _parameter(name: str) -> str:

@@ -14,7 +14,7 @@ from rig.recording import Recording
 from rig.recording.joint_degrees import degrees_words
 from rig.recording.time_gaps import gap_words
 from rig.units import STANDARD_GRAVITY
-from scenarios.importing.conventions import axis_words, judged, suspicious
+from scenarios.importing.conventions import MUCH, axis_words, judged
 from scenarios.importing.mapping import Mapping
 from scenarios.importing.tracks import Track
 
@@ -79,9 +79,9 @@ def shown_by(recording: Recording, pose: Track | None, mapping: Mapping, arm: Ar
             words, times = verdict.rival
             better = "only" if times is None else f"{times:.3g} times better"
             findings.append(f"poses: the {sensor} fits them {better} {words}: look at the mapping")
-        elif suspicious(verdict):
+        elif verdict.misfit is not None and verdict.misfit > MUCH:
             findings.append(
-                f"poses: {100 * (verdict.misfit or 0.0):.0f} % of the {sensor}'s field is left over, whatever usual"
+                f"poses: {100 * verdict.misfit:.0f} % of the {sensor}'s field is left over, whatever usual"
                 " convention is tried: look at the mapping (axes, order of joints, clock)"
             )
         if verdict.fit is None and verdict.rival is None:

@@ -24,7 +24,7 @@ _ROWS: Final = 2000
 _BETTER: Final = 0.6
 _ALIKE: Final = 1.1  # rivals within this factor of the best are as good
 _NAMED: Final = 4
-_MUCH: Final = 0.15
+MUCH: Final = 0.15
 #: A sensor axis belongs to an axis of the tool within this [deg].
 _NEAR_DEG: Final = 35.0
 
@@ -77,15 +77,10 @@ def judged(pose: Track, rotations: Array, readings: Array, arm: Arm | None) -> V
     tried = [(_misfit(fitted(turned, part), part), words) for words, turned in _rivals(pose, rotations, rows, arm)]
     least = min((misfit for misfit, _ in tried), default=np.inf)
     known = own if np.isfinite(own) else None
-    if not least < (_BETTER * own if known is not None else _MUCH):
+    if not least < (_BETTER * own if known is not None else MUCH):
         return Verdict(known, None, fit)
     alike = [words for misfit, words in tried if misfit < _ALIKE * least]
     return Verdict(known, (", or ".join(alike[:_NAMED]), None if known is None else own / max(least, 1e-12)), fit)
-
-
-def suspicious(verdict: Verdict) -> bool:
-    """Whether more is left than sensors leave."""
-    return verdict.misfit is not None and verdict.misfit > _MUCH
 
 
 def _rivals(pose: Track, rotations: Array, rows: Rows, arm: Arm | None) -> Iterator[tuple[str, Array]]:

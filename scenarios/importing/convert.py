@@ -13,18 +13,18 @@ import numpy as np
 from rig.arm import Arm
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
-from rig.errors import RigError
+from rig.errors import RigError, nearest
 from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording
 from rig.recording.metadata import FIELD_SIZES
 from scenarios.importing.bag_log import is_bag, read_bag
 from scenarios.importing.checks import GRAVITY_M_S2, rotations_of, shown_by
 from scenarios.importing.clocks import clock_offset
-from scenarios.importing.mapping import Conventions, Mapping, check_columns
+from scenarios.importing.mapping import Conventions, Mapping
 from scenarios.importing.quantities import guess, is_numbered, is_time, kind_of
 from scenarios.importing.text_log import Log, read_text_log
 from scenarios.importing.tracks import LOUD, Track, tracks_of
-from scenarios.importing.unused import lacking_words, unused_columns, unused_words
+from scenarios.importing.unused import unused_columns, unused_words
 
 _OTHER_CLOCK_S: Final = 0.5  # no sensor is later than this: more is another clock
 
@@ -71,7 +71,10 @@ def import_logs(
     if mapping is None:
         mapping = _guessed(logs, arm, base or Mapping())
     else:
-        check_columns(mapping, [name for log in logs for name in (*log.columns, *log.unread)], str(paths[0]))
+        present = [name for log in logs for name in (*log.columns, *log.unread)]
+        if absent := next((name for name in mapping.columns if name not in present), None):
+            known = f"{', '.join(present[:10])}{nearest(absent, present)}"
+            raise RigError(f"{paths[0]}: no log has a column {absent!r}: expected one of {known}")
     _check_numbers(logs, mapping)
     tracks: dict[str, Track] = {}
     for log in logs:
@@ -89,9 +92,9 @@ def import_logs(
     wrong = (*loud, *findings, *shown.wrong)
     recording = replace(shown.recording, metadata=replace(shown.recording.metadata, findings=wrong))
     unused = unused_columns(logs, mapping.columns, recording)
-    listed = unused_words(unused, recording)
-    open_questions = (*shown.open, *(listed if lacking_words(recording) else ()))
-    remarks = (*quiet, *shown.said, *(() if lacking_words(recording) else listed))
+    listed, lacking = unused_words(unused, recording)
+    open_questions = (*shown.open, *(listed if lacking else ()))
+    remarks = (*quiet, *shown.said, *(() if lacking else listed))
     return Imported(recording, mapping, remarks, (*wrong, *open_questions), unused)
 
 

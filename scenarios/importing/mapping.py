@@ -118,15 +118,3 @@ def read_mapping(path: Path) -> Mapping:
                 f"(rig import --help lists them){nearest(str(target), TARGETS)}"
             )
     return Mapping(dict(columns.values), build(Conventions, top.sub("conventions")), build(Stated, top.sub("metadata")))
-
-
-def check_columns(mapping: Mapping, present: list[str], where: str) -> None:
-    """Refuse a mapping that names a column no log has.
-
-    Raises:
-        RigError: with the nearest column.
-    """
-    for name in mapping.columns:
-        if name not in present:
-            listed = ", ".join(present[:10])
-            raise RigError(f"{where}: no log has a column {name!r}: expected one of {listed}{nearest(name, present)}")

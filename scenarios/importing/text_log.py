@@ -75,7 +75,9 @@ def read_text_log(path: Path) -> Log:
         raise RigError(f"{path}: found comments only, expected a table of numbers")
     delimiter = _delimiter(body)
     cells = [_cells(line, delimiter) for line in body]
-    first = next((row for row, line in enumerate(cells) if line and all(_is_number(cell) for cell in line if cell)), -1)
+    first = next(
+        (row for row, line in enumerate(cells) if line and all(map(_NUMBER.fullmatch, filter(None, line)))), -1
+    )
     if first < 0:
         raise RigError(f"{path}: found no line of numbers among the first {len(cells)}, expected a table of numbers")
     width = len(cells[first])
@@ -85,10 +87,6 @@ def read_text_log(path: Path) -> Log:
     words = {"\t": "tabs", None: "blanks"}.get(delimiter, f"{delimiter!r}")
     said = f"separated by {words}{', decimal comma' if comma else ''}{'' if first else ', no header'}"
     return Log(str(path), table, said, unread=unread)
-
-
-def _is_number(cell: str) -> bool:
-    return _NUMBER.fullmatch(cell) is not None
 
 
 def _delimiter(lines: list[str]) -> str | None:

@@ -29,20 +29,15 @@ def unused_columns(logs: Sequence[Log], targets: Table[str, str], recording: Rec
     return found
 
 
-def lacking_words(recording: Recording) -> str:
-    """The sensors and the pose that a recording does not have; empty where it has all."""
-    lacking = [sensor for sensor in SENSORS if sensor not in recording.sensors]
-    lacking += ["pose"] * (recording.pose == "none")
-    return " and ".join(f"no {each}" for each in lacking)
-
-
-def unused_words(unused: Table[str, Sequence[str]], recording: Recording) -> list[str]:
-    """A line a log; where the recording lacks something, with how these columns may be it."""
-    lacking = lacking_words(recording)
-    meant = f"; {lacking} was recognised: name the columns in --map MAP.toml if they hold it" if lacking else ""
+def unused_words(unused: Table[str, Sequence[str]], recording: Recording) -> tuple[list[str], bool]:
+    """A line a log, and whether the recording lacks a sensor or the pose, which these columns may be."""
+    lacking = [f"no {sensor}" for sensor in SENSORS if sensor not in recording.sensors]
+    lacking += ["no pose"] * (recording.pose == "none")
+    said = f"{' and '.join(lacking)} was recognised: name the columns in --map MAP.toml if they hold it"
+    meant = f"; {said}" if lacking else ""
     found = []
     for log, names in unused.items():
         listed = ", ".join(map(repr, names[:_LISTED]))
         more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
         found.append(f"{log}: {len(names)} column{'s' * (len(names) > 1)} not used: {listed}{more}{meant}")
-    return found
+    return found, bool(lacking)

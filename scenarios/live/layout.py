@@ -31,8 +31,11 @@ def live_blueprint(units: Mapping[str, str], base: str | None) -> rrb.Blueprint:
         columns=rrb.TextLogColumns(text_log_columns=["loglevel", "body"]),
         format_options=rrb.TextLogFormat(monospace_body=False),
     )
-    left: list[rrb.View] = [text, log] if base is None else [_arm_view(base), text, log]
-    shares = [3.0, 1.0] if base is None else [2.2, 2.8, 1.2]
+    left: list[rrb.View] = [text, log]
+    shares = [3.0, 1.0]
+    if base is not None:
+        left.insert(0, scene_view("The arm", [f"/{ARM}/**"], base, (0.95, -1.0, 0.85), (0.1, 0.0, 0.45)))
+        shares = [2.2, 2.8, 1.2]
     return layout(
         rrb.Horizontal(contents=[rrb.Vertical(contents=left, row_shares=shares), *columns]),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
@@ -61,7 +64,3 @@ def _column(sensor: str, unit: str) -> rrb.Container:
         ],
         row_shares=[3.0, 1.6, 1.6, 1.8],
     )
-
-
-def _arm_view(base: str) -> rrb.View:
-    return scene_view("The arm", [f"/{ARM}/**"], base, (0.95, -1.0, 0.85), (0.1, 0.0, 0.45))

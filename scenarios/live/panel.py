@@ -19,8 +19,7 @@ from rich.text import Text
 from estimators.live import SensorState
 from estimators.live.watch import Watch
 from rig.errors import one_line
-from rig.recording import Recording
-from scenarios.live.session import Event, Snapshot
+from scenarios.live.session import Display, Event, Session
 
 #: A panel is drawn, and a line is written, this often at most [s].
 _PANEL_S: Final = 0.1
@@ -31,15 +30,15 @@ _BAR: Final = 20
 _WHY: Final = re.compile(r" \(|[:;]")
 
 
-def compact(snapshot: Snapshot) -> str:
+def compact(session: Session) -> str:
     """One line: samples, coverage, worst interval, what to turn next, enough or not."""
-    parts = [f"{snapshot.t_s:.1f} s", f"{snapshot.samples:,} samples"]
-    for state in snapshot.states:
+    parts = [f"{session.t_s:.1f} s", f"{session.samples:,} samples"]
+    for state in session.states:
         parts.append(f"{state.sensor}: {_standing(state)}")
-    if not snapshot.states and snapshot.watch is not None:
-        parts += [f"{name}: {'ALARM' if one.alarmed else 'ok'}" for name, one in snapshot.watch.sensors.items()]
-    if snapshot.guide:
-        parts.append(snapshot.guide)
+    if not session.states and session.watch is not None:
+        parts += [f"{name}: {'ALARM' if one.alarmed else 'ok'}" for name, one in session.watch.sensors.items()]
+    if guidance := session.guidance:
+        parts.append(guidance)
     return ", ".join(parts)
 
 
@@ -62,31 +61,25 @@ def _percent(value: float) -> str:
     return f"{100.0 * value:.2g} %" if np.isfinite(value) else "?"
 
 
-class Lines:
+class Lines(Display):
     """Events as they come and a line every ten seconds, on stderr."""
 
     def __init__(self) -> None:
         """Nothing was shown yet."""
         self._at = -np.inf
 
-    def samples(self, batch: Recording) -> None:
-        """Nothing to show."""
-
-    def show(self, snapshot: Snapshot) -> None:
+    def show(self, session: Session) -> None:
         """A line, if it is time for one."""
         if time.monotonic() - self._at >= _LINE_S:
             self._at = time.monotonic()
-            print(one_line(compact(snapshot)), file=sys.stderr, flush=True)
+            print(one_line(compact(session)), file=sys.stderr, flush=True)
 
     def event(self, event: Event) -> None:
         """A line."""
         print(one_line(str(event)), file=sys.stderr, flush=True)
 
-    def close(self) -> None:
-        """Nothing to end."""
 
-
-class TerminalPanel:
+class TerminalPanel(Display):
     """A panel on stderr."""
 
     def __init__(self, source: str) -> None:
@@ -94,17 +87,14 @@ class TerminalPanel:
         self._source = source
         self._events: deque[Event] = deque(maxlen=_SHOWN)
         self._at = -np.inf
-        self._last: Snapshot | None = None
+        self._last: Session | None = None
         console = Console(stderr=True, highlight=False, emoji=False)
         self._live = Live(console=console, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
         self._live.start()
 
-    def samples(self, batch: Recording) -> None:
-        """Nothing to show before the estimates are brought up to date."""
-
-    def show(self, snapshot: Snapshot) -> None:
+    def show(self, session: Session) -> None:
         """Draw it, if it is time."""
-        self._last = snapshot
+        self._last = session
         if time.monotonic() - self._at >= _PANEL_S:
             self._draw()
 
@@ -123,24 +113,24 @@ class TerminalPanel:
         self._live.update(panel(self._source, self._last, list(self._events)), refresh=True)
 
 
-def panel(source: str, snapshot: Snapshot | None, events: list[Event]) -> Panel:
+def panel(source: str, session: Session | None, events: list[Event]) -> Panel:
     """The whole panel."""
     parts: list[RenderableType] = []
-    if snapshot is None:
+    if session is None:
         parts.append(Text("waiting for samples", style="dim"))
     else:
-        rate = f" at {snapshot.rate_Hz:.4g} Hz" if np.isfinite(snapshot.rate_Hz) else ""
-        left = f", {snapshot.left_out:,} left out" if snapshot.left_out else ""
-        parts.append(Text(f"{snapshot.samples:,} samples{rate}, up to {snapshot.t_s:.1f} s{left}"))
-        if snapshot.states:
-            parts.append(_table(snapshot.states))
-            parts += [Text(f"{s.sensor}: {s.problem}", style="yellow") for s in snapshot.states if s.problem]
-        if snapshot.guide:
-            parts.append(Text(snapshot.guide, style="bold cyan"))
-        if snapshot.watch is not None:
-            parts.append(_watched(snapshot.watch))
+        rate = f" at {session.rate_Hz:.4g} Hz" if np.isfinite(session.rate_Hz) else ""
+        left = f", {session.left_out:,} left out" if session.left_out else ""
+        parts.append(Text(f"{session.samples:,} samples{rate}, up to {session.t_s:.1f} s{left}"))
+        if session.states:
+            parts.append(_table(session.states))
+            parts += [Text(f"{s.sensor}: {s.problem}", style="yellow") for s in session.states if s.problem]
+        if guidance := session.guidance:
+            parts.append(Text(guidance, style="bold cyan"))
+        if session.watch is not None:
+            parts.append(_watched(session.watch))
     parts += [Text(str(event), style="bold red" if event.alarm else "dim") for event in events]
-    done = snapshot is not None and bool(snapshot.states) and all(state.enough for state in snapshot.states)
+    done = session is not None and bool(session.states) and all(state.enough for state in session.states)
     title = f" {source}: {'ENOUGH' if done else 'live'} "
     return Panel(Group(*parts), title=title, border_style="green" if done else "blue", box=box.ROUNDED)
 

@@ -51,7 +51,8 @@ def replay(
         if batch is None:
             continue
         if not pose and batch.pose != "none":
-            batch = _without_pose(batch)
+            metadata = replace(batch.metadata, arm="none")
+            batch = replace(batch, q=None, tool_quaternion=None, tool_position=None, metadata=metadata)
         names = batch.columns.names
         table = list(batch.table().values())
         if begun is None:
@@ -79,11 +80,6 @@ def _within(batch: Recording, from_s: float | None, until_s: float | None) -> Re
     first = 0 if from_s is None else int(np.searchsorted(batch.t, from_s))
     stop = len(batch) if until_s is None else int(np.searchsorted(batch.t, until_s, side="right"))
     return batch.select(slice(first, stop)) if first < stop else None
-
-
-def _without_pose(batch: Recording) -> Recording:
-    metadata = replace(batch.metadata, arm="none")
-    return replace(batch, q=None, tool_quaternion=None, tool_position=None, metadata=metadata)
 
 
 def _head(batch: Recording, names: tuple[str, ...], form: Form) -> bytes:

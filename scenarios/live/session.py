@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -67,47 +67,20 @@ class Event:
         return self.words if np.isnan(self.t_s) else f"{self.t_s:.2f} s: {self.words}"
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
-    """What there is to show.
-
-    Attributes:
-        samples: so far. t_s: of the last one. rate_Hz: of the stream.
-        states: of each sensor; none while a given calibration is watched.
-        guide: what the procedure says now; empty without one.
-        watch: the monitor; None while nothing is told.
-        enough: whether every sensor is done.
-        left_out: lines and samples that were left out.
-    """
-
-    samples: int
-    t_s: float
-    rate_Hz: float
-    states: tuple[SensorState, ...]
-    guide: str
-    watch: Watch | None
-    enough: bool
-    left_out: int
-
-
-class Display(Protocol):
-    """Something that shows a session."""
+class Display:
+    """Something that shows a session; what it has not of its own does nothing."""
 
     def samples(self, batch: Recording) -> None:
         """New samples, before they are taken up."""
-        ...
 
-    def show(self, snapshot: Snapshot) -> None:
-        """The state, some ten times a second at most."""
-        ...
+    def show(self, session: Session) -> None:
+        """The state as it is now, some ten times a second at most."""
 
     def event(self, event: Event) -> None:
         """Something to say."""
-        ...
 
     def close(self) -> None:
         """The end."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -140,6 +113,9 @@ class Session:
     Attributes:
         events: the last ones.
         enough: whether it ended because it was enough.
+        samples: so far. t_s: of the last one.
+        states: of each sensor; none while a given calibration is watched.
+        watch: the monitor; None while nothing is told.
     """
 
     def __init__(self, feed: Feed, path: Path, plan: Plan, displays: Sequence[Display] = ()) -> None:
@@ -160,7 +136,7 @@ class Session:
         self.states: tuple[SensorState, ...] = ()
         self._displays = tuple(displays)
         self._begun_s = np.nan
-        self._t_s = np.nan
+        self.t_s = np.nan
         self._next = float(_FIRST)
         self._at = 0.0
         self._took = 0.0
@@ -181,9 +157,9 @@ class Session:
         for batch in scan:
             self._take(batch, recorded=True)
             self.journal.total += len(batch)
-        self.feed.clock.last = self._t_s
+        self.feed.clock.last = self.t_s
         lost = f", {cut} bytes of a broken last line were cut" if cut else ""
-        self._say(f"resumed with {self.samples:,} samples up to {self._t_s:.2f} s{lost}")
+        self._say(f"resumed with {self.samples:,} samples up to {self.t_s:.2f} s{lost}")
 
     def run(self, stopped: Callable[[], bool] = lambda: False) -> None:
         """Until it is enough, the source ends, nothing comes any more, or ``stopped``.
@@ -203,7 +179,7 @@ class Session:
                     time.sleep(_GATHERED_S)
             else:
                 self._idle()
-            if self.enough or self.feed.ended or self._over():
+            if self.enough or self.feed.ended or (self.plan.seconds is not None and self.seconds >= self.plan.seconds):
                 return
             if self.plan.idle_s is not None and time.monotonic() - quiet_since > self.plan.idle_s:
                 self._say(f"nothing has come for {self.plan.idle_s:g} s")
@@ -221,7 +197,7 @@ class Session:
     @property
     def seconds(self) -> float:
         """Of the stream so far [s]."""
-        return self._t_s - self._begun_s
+        return self.t_s - self._begun_s
 
     @property
     def forgotten_s(self) -> float:
@@ -234,25 +210,26 @@ class Session:
         return [] if self.watch is None else self.watch.alarms
 
     @property
-    def snapshot(self) -> Snapshot:
-        """The state now."""
+    def rate_Hz(self) -> float:
+        """Of the stream; NaN where it is not known."""
         period = self.feed.clock.period
-        return Snapshot(
-            self.samples,
-            self._t_s,
-            np.nan if not period else 1.0 / period,
-            self.states,
-            self._guidance(),
-            self.watch,
-            self.enough,
-            self.feed.reader.broken + self.feed.clock.left_out,
-        )
+        return np.nan if not period else 1.0 / period
 
-    def _over(self) -> bool:
-        return self.plan.seconds is not None and self.seconds >= self.plan.seconds
+    @property
+    def left_out(self) -> int:
+        """Lines and samples that were left out."""
+        return self.feed.reader.broken + self.feed.clock.left_out
+
+    @property
+    def guidance(self) -> str:
+        """What the procedure says now; empty without one."""
+        if self.plan.guide is None:
+            return ""
+        seen = self._ups()
+        return self.plan.guide.words(np.empty((0, 3)) if seen is None else seen)
 
     def _say(self, words: str, alarm_s: float | None = None) -> None:
-        event = Event(self._t_s if alarm_s is None else alarm_s, words, alarm_s is not None)
+        event = Event(self.t_s if alarm_s is None else alarm_s, words, alarm_s is not None)
         self.events.append(event)
         for display in self._displays:
             display.event(event)
@@ -304,7 +281,7 @@ class Session:
     def _add(self, part: Recording) -> None:
         for display in self._displays:
             display.samples(part)
-        self._t_s = float(part.t[-1])
+        self.t_s = float(part.t[-1])
         self.samples += len(part)
         if self.calibrator is not None:
             self.calibrator.add(part)
@@ -329,7 +306,7 @@ class Session:
         self._stale = False
         self._at = time.monotonic()
         for display in self._displays:
-            display.show(self.snapshot)
+            display.show(self)
         self._took += _RECENT * (time.thread_time() - used - self._took)
 
     def _ask(self, ruled: bool, whole: bool) -> None:
@@ -345,8 +322,8 @@ class Session:
             self._since = None
             return
         if self._since is None:
-            self._since = self._t_s
-        if self.plan.stop and not self.enough and self._t_s - self._since >= _HOLD_S:
+            self._since = self.t_s
+        if self.plan.stop and not self.enough and self.t_s - self._since >= _HOLD_S:
             self.enough = True
             self._say("enough: every interval is as narrow as was asked for")
 
@@ -360,12 +337,6 @@ class Session:
         if state is None or self.calibrator is None or state.estimate is None:
             return None
         return self.calibrator.up(state.sensor, state.estimate.directions)
-
-    def _guidance(self) -> str:
-        if self.plan.guide is None:
-            return ""
-        seen = self._ups()
-        return self.plan.guide.words(np.empty((0, 3)) if seen is None else seen)
 
 
 def check_resumable(path: Path) -> None:

@@ -20,7 +20,7 @@ from rig.recording import Recording, joined
 from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rgb
 from scenarios.decimation import extremes
 from scenarios.live.layout import GUIDE, INTERVALS, NOW, live_blueprint
-from scenarios.live.session import Event, Snapshot
+from scenarios.live.session import Display, Event, Session
 from scenarios.sensor_motion import arm_of
 from scenarios.terminal.calibration import symbol
 from scenarios.terminal.tables import plus_minus
@@ -39,7 +39,7 @@ _LONGEST: Final = 4096
 _SEEN, _MISSING = rgb(AXES_ON_DARK[0]), rgb(ORANGE)
 
 
-class LiveView:
+class LiveView(Display):
     """Shows a session in a viewer window, in a file, or both."""
 
     def __init__(self, window: bool, file: Path | None, arm: Arm | None) -> None:
@@ -61,7 +61,7 @@ class LiveView:
         self._last: Recording | None = None
         self._begun, self._begun_s = False, 0.0
         self._early: list[Event] = []  # events from before the first sample
-        self._shown: Snapshot | None = None
+        self._shown: Session | None = None
         self._at = self._sphere_at = -np.inf
         self._parameters: dict[str, tuple[str, ...]] = {}
 
@@ -73,13 +73,13 @@ class LiveView:
         while sum(map(len, self._waiting)) > _LONGEST and len(self._waiting) > 1:
             self._waiting.pop(0)
 
-    def show(self, snapshot: Snapshot) -> None:
+    def show(self, session: Session) -> None:
         """Draw what is new, if it is time."""
-        self._shown = snapshot
+        self._shown = session
         if not self._begun or time.monotonic() - self._at < _PERIOD_S:
             return
         self._at = time.monotonic()
-        self._draw(snapshot)
+        self._draw(session)
 
     def event(self, event: Event) -> None:
         """A line in the log; from before the first sample, at the first."""
@@ -117,31 +117,31 @@ class LiveView:
     def _style(self, path: str, name: str, colour: str, width: float = 1.2) -> None:
         self._stream.log(path, rr.SeriesLines(colors=[rgb(colour)], names=[name], widths=[width]), static=True)
 
-    def _draw(self, snapshot: Snapshot) -> None:
+    def _draw(self, session: Session) -> None:
         parts, self._waiting = self._waiting, []
         if parts:
             self._last = joined(parts)
             for sensor in self._last.sensors:
-                self._series(sensor, self._last, snapshot)
+                self._series(sensor, self._last, session)
         if self._last is None:
             return
-        self._stream.set_time(TIMELINE, duration=snapshot.t_s)
+        self._stream.set_time(TIMELINE, duration=session.t_s)
         if self._arm is not None and self._last.q is not None:
             self._arm.move(self._last.t[-1:], self._last.q[-1:])
         spheres = time.monotonic() - self._sphere_at >= _SPHERE_S
-        for state in snapshot.states:
+        for state in session.states:
             if state.estimate is not None and state.rule is not None:
                 self._intervals(state.sensor, state.rule)
                 if spheres:
                     self._sphere(state, state.estimate, state.rule)
         if spheres:
             self._sphere_at = time.monotonic()
-        self._stream.log(GUIDE, rr.TextDocument(_words(snapshot), media_type=rr.MediaType.MARKDOWN))
+        self._stream.log(GUIDE, rr.TextDocument(_words(session), media_type=rr.MediaType.MARKDOWN))
 
-    def _series(self, sensor: str, part: Recording, snapshot: Snapshot) -> None:
+    def _series(self, sensor: str, part: Recording, session: Session) -> None:
         for channel, values in zip(CHANNELS_OF[sensor], part.readings(sensor).T, strict=True):
             self._line(f"{READINGS}/{sensor}/{channel}", part.t, values)
-        watch = snapshot.watch
+        watch = session.watch
         reference = None if watch is None or sensor not in watch.sensors else watch.sensors[sensor].reference
         if reference is None or not np.isfinite(reference.matrix).all():
             return
@@ -196,18 +196,18 @@ class LiveView:
         self._stream.log(f"{path}/next", arrow)
 
 
-def _words(snapshot: Snapshot) -> str:
+def _words(session: Session) -> str:
     """What to do and how it stands, as Markdown."""
-    lines = [f"**{'ENOUGH' if snapshot.enough else 'live'}**, {snapshot.samples:,} samples, {snapshot.t_s:.1f} s", ""]
-    if snapshot.guide:
-        lines += [f"**{snapshot.guide}**", ""]
-    for state in snapshot.states:
+    lines = [f"**{'ENOUGH' if session.enough else 'live'}**, {session.samples:,} samples, {session.t_s:.1f} s", ""]
+    if guidance := session.guidance:
+        lines += [f"**{guidance}**", ""]
+    for state in session.states:
         todo = "enough" if state.enough else state.problem or state.turn
         lines += [f"**{state.sensor}**: {100.0 * state.seen:.0f} % of directions seen; {todo}", ""]
         if state.estimate is not None:
             lines += _table(state.estimate)
-    if snapshot.watch is not None:
-        for name, one in snapshot.watch.sensors.items():
+    if session.watch is not None:
+        for name, one in session.watch.sensors.items():
             if one.alarmed is not None:
                 lines += [f"**ALARM {name}** since {one.alarmed.since_s:.1f} s: {one.alarmed.looks_like}", ""]
     return "\n".join(lines)

@@ -28,7 +28,7 @@ from rig.trajectory import check_samples
 from scenarios.bound import noise_of
 from scenarios.isolability import shown_by
 from scenarios.plan.poses import WORTHLESS, PosePlan, PoseSearch
-from scenarios.plan.sweeps import SweepPlan, SweepSearch, sweep_curve, tenths
+from scenarios.plan.sweeps import INSTANTS, SweepPlan, SweepSearch, sweep_curve
 from scenarios.plan.telling import telling, telling_sweep
 from scenarios.scenario import Scenario
 from scenarios.terminal.bound import names
@@ -259,7 +259,8 @@ def _swept(base: Scenario, search: SweepSearch, found: SweepPlan, name: str, who
         "The sensor's acceleration, which a calibration takes for gravity, is counted as an error: simulated with it."
     )
     made = replace(_scenario(base, room, maneuver, name, "Sweep", swept.worst, said), motion="inertial")
-    gram, cross = (tenths(part) for part in search.grams(swept.motion, swept.samples_each(room.rate_Hz)))
+    each = search.grams(swept.motion, seconds * room.rate_Hz / INSTANTS)
+    gram, cross = (part.reshape(10, -1, *part.shape[1:]).sum(axis=1) for part in each)  # over tenths of the time
     curve = sweep_curve(search, swept, np.array(_SHORTER) * seconds, whole)
     return _promised(room, made, swept, search.way(swept.values, seconds), gram, cross, curve)
 

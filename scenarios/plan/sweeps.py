@@ -31,7 +31,7 @@ _STEPS: Final = 20
 #: The largest step of a coefficient and the least, of half a joint's range; and that of a derivative.
 _FAR, _NEAR, _SMALL = 0.1, 1e-4, 1e-5
 #: Instants at which a sweep is judged; the share of a joint's range that it may go between looks for contacts.
-_INSTANTS: Final = 200
+INSTANTS: Final = 200
 _POSES: Final = 1000  # of which one at least must be free
 _FINE: Final = 0.01
 #: Speeds and accelerations stay below the limits by this factor, which leaves room for rounding.
@@ -64,12 +64,8 @@ class SweepPlan:
         """Time of readings that count [s]."""
         return self.seconds
 
-    def samples_each(self, rate_Hz: float) -> float:
-        """Samples that an instant stands for."""
-        return self.seconds * rate_Hz / _INSTANTS
 
-
-def motion(values: Array, seconds: float, instants: int = _INSTANTS) -> JointTrajectory:
+def motion(values: Array, seconds: float, instants: int = INSTANTS) -> JointTrajectory:
     """A sweep at so many instants of its period."""
     harmonics = values.shape[1] // 2
     t = np.linspace(0.0, seconds, instants, endpoint=False)
@@ -123,7 +119,7 @@ class SweepSearch:
         cosine = cosine - (cosine @ number**2)[:, None] * number**2 / (number**4).sum()
         sine = sine - (sine @ number)[:, None] * number / (number**2).sum()
         waves = np.hstack([np.zeros((len(values), 1)), cosine, sine])
-        path = motion(waves, seconds, 4 * _INSTANTS)
+        path = motion(waves, seconds, 4 * INSTANTS)
         up, down = path.q.max(axis=0), -path.q.min(axis=0)
         use = np.max(
             [
@@ -145,7 +141,7 @@ class SweepSearch:
     def way(self, values: Array, seconds: float) -> Array:
         """(m, N) joint values along a sweep, near enough to each other to look for contacts."""
         travel = np.abs(np.diff(motion(values, seconds).q, axis=0)).sum(axis=0) / (2.0 * self.span[:, 0])
-        return motion(values, seconds, max(_INSTANTS, int(np.ceil(travel.max() / _FINE)))).q
+        return motion(values, seconds, max(INSTANTS, int(np.ceil(travel.max() / _FINE)))).q
 
     def grams(self, path: JointTrajectory, samples: float) -> tuple[Array, Array]:
         """Of instants (n,) that stand for so many samples each: (n, 10, 10) Gram matrices, and (n, 10, 3) products with
@@ -246,19 +242,14 @@ class SweepSearch:
         """(m, k) logarithms of the errors of all sensors over their references, of sweeps (m, N, 1 + 2 L)."""
         paths = [motion(each, seconds) for each in values]
         joined = JointTrajectory(*(np.concatenate([getattr(path, name) for path in paths]) for name in _FIELDS))
-        each = self.grams(joined, seconds * self.room.rate_Hz / _INSTANTS)
-        gram, cross = (part.reshape(len(values), _INSTANTS, *part.shape[1:]).sum(axis=1) for part in each)
+        each = self.grams(joined, seconds * self.room.rate_Hz / INSTANTS)
+        gram, cross = (part.reshape(len(values), INSTANTS, *part.shape[1:]).sum(axis=1) for part in each)
         found = []
         for criterion in self.room.criteria:
             information = criterion.information(gram)
             moved = criterion.moved(information, cross) if criterion.sensor == ACCELEROMETER else None
             found.append(criterion.ratios(information, moved))
         return np.log(np.maximum(np.hstack(found), 1e-12))
-
-
-def tenths(parts: Array) -> Array:
-    """(10, ...) sums over tenths of the instants (n, ...)."""
-    return np.asarray(parts.reshape(10, -1, *parts.shape[1:]).sum(axis=1))
 
 
 def sweep_curve(search: SweepSearch, swept: SweepPlan, times: Array, whole: bool) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimators.known_angle.reported import NORMAL_95
 from rig.arrays import Array
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from scenarios.colours import BLACK, BLUE, GREY, ORDERS, VERMILLION
 from scenarios.parameter_names import shown_name
 from scenarios.plots.style import new_figure, style
@@ -49,8 +49,7 @@ def consistency_figure(
         raise RigError(f"study: found no {method} fits of the {sensor}, expected some")
     names = list(dict.fromkeys(cell.parameter for cell in cells))
     for parameter in parameters:
-        if parameter not in names:
-            raise unknown_name("parameter", parameter, names)
+        check_name("parameter", parameter, names)
     levels = sorted({cell.noise_factor for cell in cells})
     orders = list(dict.fromkeys(cell.order for cell in cells))
     with style():

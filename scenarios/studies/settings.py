@@ -13,7 +13,7 @@ from estimators.known_angle.model import METHODS, Method, SensorParameters
 from rig.arrays import Array
 from rig.channels import COLUMNS_OF
 from rig.effects import Kind
-from rig.errors import RigError, unknown_name
+from rig.errors import RigError, check_name
 from rig.memory import check_fits
 from scenarios.loader import from_toml
 from scenarios.scenario import Scenario
@@ -70,8 +70,7 @@ class Settings:
             if not given:
                 raise RigError(f"{what}: found none, expected at least one of {', '.join(choices)}")
             for item in given:
-                if item not in choices:
-                    raise unknown_name(what, item, choices)
+                check_name(what, item, choices)
         rows = self.draws * len(self.counts) * len(self.noise_factors) * len(self.methods) * len(self.orders)
         check_fits(float(rows) * _BYTES_A_ROW, f"draws: {self.draws} with {len(self.counts)} counts, {rows:.6g} fits")
         for name in ("noise_factors", "methods", "orders"):
@@ -103,7 +102,12 @@ class Settings:
         Raises:
             RigError: as of ``Settings``, the scenario does not suit, or more samples than it has.
         """
-        _check_scenario(scenario)
+        for effect in scenario.rig.effects:
+            if effect.kind is not Kind.MEAN:
+                raise RigError(
+                    f"scenario {scenario.name}: effect {effect.name} changes the {effect.kind.value}, expected white"
+                    " noise and effects that change the mean: a consistency study draws no samples"
+                )
         text = scenario.to_toml()
         samples = len(_expected(text, scenario.name).rotations)
         if isinstance(counts, int):
@@ -199,12 +203,3 @@ def increments(settings: Settings, order: Order, block: int) -> dict[str, Increm
         sensor: Increments.of(poses.rotations, readings, rows, settings.counts)
         for sensor, readings in poses.readings.items()
     }
-
-
-def _check_scenario(scenario: Scenario) -> None:
-    for effect in scenario.rig.effects:
-        if effect.kind is not Kind.MEAN:
-            raise RigError(
-                f"scenario {scenario.name}: effect {effect.name} changes the {effect.kind.value}, expected white noise"
-                " and effects that change the mean: a consistency study draws no samples"
-            )

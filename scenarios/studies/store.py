@@ -72,11 +72,11 @@ class StudyFolder:
         plain = json.loads(json.dumps(asdict(settings)))
         study = cls(path, kind, plain)
         if path.exists():
-            if not (path / DOCUMENT).is_file() and not _empty(path):
-                raise RigError(f"{path}: found something that is no study, expected a new or empty folder")
-            if (path / DOCUMENT).is_file():
+            if is_study(path):
                 study._check_same(any_version)
                 return study
+            if not path.is_dir() or any(path.iterdir()):
+                raise RigError(f"{path}: found something that is no study, expected a new or empty folder")
         document = {"format": FORMAT, "kind": kind, "version": package_version(), "settings": plain}
         document["sha256"] = _digest(document)
         with made_folder(path):
@@ -277,7 +277,7 @@ def is_study(path: Path) -> bool:
 
 def _document(path: Path) -> dict[str, Any]:
     file = path / DOCUMENT
-    if not file.is_file():
+    if not is_study(path):
         raise RigError(f"{path}: holds no {DOCUMENT}, expected the folder of a study")
     content = read_json(file, "a study")
     if not isinstance(content, dict) or content.get("format") != FORMAT:
@@ -300,7 +300,3 @@ def _document(path: Path) -> dict[str, Any]:
 def _digest(document: Mapping[str, Any]) -> str:
     """SHA-256 of a document's canonical JSON."""
     return hashlib.sha256(json.dumps(document, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-
-
-def _empty(path: Path) -> bool:
-    return path.is_dir() and not any(path.iterdir())

@@ -9,6 +9,8 @@ noise-like part of the fit error from the systematic one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import reduce
+from operator import add
 from typing import Final
 
 import numpy as np
@@ -61,7 +63,8 @@ def study(
     """
     if subsets < 2:
         raise RigError(f"subsets: found {subsets}, expected 2 or more")
-    if (rows := _rows(source)) is not None and rows < subsets:  # before the memory for each of them is asked for
+    rows = len(source) if isinstance(source, Recording) else source.rows
+    if rows is not None and rows < subsets:  # before the memory for each of them is asked for
         raise _too_few(source.name, rows, subsets)
     summed, parts = _interleaved(source, subsets, arm, progress)
     if summed.statistics.count < subsets * _FEWEST:
@@ -114,7 +117,7 @@ def _interleaved(
 ) -> tuple[Summed, list[Statistics]]:
     """One pass: the statistics of all samples, and of every k-th."""
     batches: Iterable[Recording] = (source,) if isinstance(source, Recording) else source
-    parts: list[Statistics | None] = [None] * subsets
+    parts: dict[int, Statistics] = {}
     found: Summed | None = None
     row = 0
     for batch in batches:
@@ -125,20 +128,13 @@ def _interleaved(
             own = batch.select(slice(first, None, subsets))
             summed = summarise(own, source.sensors, arm)
             found = found or summed
-            before = parts[number]
-            parts[number] = summed.statistics if before is None else before + summed.statistics
+            parts[number] = parts[number] + summed.statistics if number in parts else summed.statistics
         row += len(batch)
         progress(len(batch))
-    there = [part for part in parts if part is not None]
-    if found is None or len(there) < subsets:
+    if found is None or len(parts) < subsets:
         raise _too_few(source.name, row, subsets)
-    whole = Statistics.merge(there)
-    return Summed(whole, found.units, source.metadata, found.arm, found.where), there
-
-
-def _rows(source: Recording | RecordingScan) -> int | None:
-    """The number of samples; None where it is not known before they are read."""
-    return len(source) if isinstance(source, Recording) else source.rows
+    each = [parts[number] for number in range(subsets)]
+    return Summed(reduce(add, each), found.units, source.metadata, found.arm, found.where), each
 
 
 def _too_few(name: str, rows: int, subsets: int) -> RigError:

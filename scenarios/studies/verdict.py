@@ -98,12 +98,15 @@ def _verdict(summary: Summary, sensor: str, method: Method, factor: float, tests
     uncovered = [cell for cell in small if not _coverage_holds(cell, tests)]
     off = [departure for departure in found if departure.reason == "unexplained"]
     resolution = _sigmas(tests) / np.sqrt(small[0].draws)
+    needed = int(np.ceil((_sigmas(tests) / COARSEST) ** 2))
     sentences = (
         _on_bias(small, found, tests),
         _on_rmse(small, wide),
         _on_rate(rates, slow),
         _on_coverage(small),
-        _too_few_draws(small[0].draws, tests) if resolution > COARSEST else "",
+        f"Undecided because {small[0].draws:,} draws are too few: raise --draws to {needed:,} at least."
+        if resolution > COARSEST
+        else "",
         f"With {small[0].draws:,} draws a bias of {resolution:.2f} bounds, or an RMSE {resolution / np.sqrt(2.0):.0%}"
         " above the bound, would be found at any single number of samples.",
     )
@@ -155,21 +158,11 @@ def _too_uncertain(cells: Sequence[Cell]) -> str:
     if not np.isfinite(best.largest_bound):
         return f"{text}, for a parameter cannot be told: raise the number of orientations of the maneuver."
     more = best.count * (best.largest_bound / SMALL_BOUND) ** 2
+    lower = best.noise_factor * SMALL_BOUND / best.largest_bound
     return (
         f"{text}. Raise the samples to some {more:,.0f} (a longer maneuver, a higher rate), or lower the noise"
-        f" (--noise) to {_factor(best):.2g} times the scenario's."
+        f" (--noise) to {lower:.2g} times the scenario's."
     )
-
-
-def _factor(cell: Cell) -> float:
-    """The noise, over the scenario's, with which a cell's largest bound would be small."""
-    return cell.noise_factor * SMALL_BOUND / cell.largest_bound
-
-
-def _too_few_draws(draws: int, tests: int) -> str:
-    """How many draws would decide."""
-    needed = int(np.ceil((_sigmas(tests) / COARSEST) ** 2))
-    return f"Undecided because {draws:,} draws are too few: raise --draws to {needed:,} at least."
 
 
 def _ratio_holds(cell: Cell, tests: int) -> bool:

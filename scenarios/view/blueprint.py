@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,6 +11,7 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 
 from rig.arrays import Array
+from rig.recording import Recording
 from scenarios.overlay import Overlay
 from scenarios.view.arm import ARM
 from scenarios.view.series import READINGS, RESIDUALS
@@ -28,36 +28,25 @@ EYE_FROM: Final = np.array([0.62, -0.68, 0.39])
 _SOLID = rr.components.FillMode.Solid
 
 
-@dataclass(frozen=True)
-class Contents:
-    """What has been logged, and so can be shown.
+def blueprint(
+    recording: Recording, laid: Mapping[str, Overlay], base: str | None, arm: bool, reach: Array
+) -> rrb.Blueprint:
+    """The layout of what has been logged.
 
-    Attributes:
-        units: sensor -> unit of its readings.
-        overlays: sensor -> its calibration laid over the recording; none without a calibration.
-        base: the base frame's name, where there is a pose.
-        arm: whether the arm is shown.
+    Args:
+        recording: whose readings are shown.
+        laid: sensor -> its calibration laid over the recording; none without a calibration.
+        base: the base frame's name, where there is a pose. arm: whether the arm is shown.
         reach: (m, 3) [m] points that the view of the arm must hold, base frame.
-        span: begin and end of the recording [s].
     """
-
-    units: Mapping[str, str]
-    overlays: Mapping[str, Overlay]
-    base: str | None
-    arm: bool
-    reach: Array
-    span: tuple[float, float]
-
-
-def blueprint(contents: Contents) -> rrb.Blueprint:
-    """The layout."""
-    columns = [_sensor_column(sensor, contents) for sensor in contents.units]
+    span = float(recording.t[0]), float(recording.t[-1])
+    columns = [_sensor_column(sensor, unit, laid.get(sensor), span) for sensor, unit in recording.units.items()]
     root: rrb.Container = rrb.Horizontal(contents=columns)
-    if contents.base is not None:
-        title = f"The sweep of the {'arm' if contents.arm else 'sensor'}, blue first, yellow last"
-        sweep = spatial_view(title, [f"/{ARM}/**", f"/{SWEEP}/**"], contents.base, contents.reach)
+    if base is not None:
+        title = f"The sweep of the {'arm' if arm else 'sensor'}, blue first, yellow last"
+        sweep = spatial_view(title, [f"/{ARM}/**", f"/{SWEEP}/**"], base, reach)
         root = rrb.Horizontal(contents=[sweep, root], column_shares=[4, 5])
-    return layout(root, played(*contents.span))
+    return layout(root, played(*span))
 
 
 def layout(root: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
@@ -82,15 +71,14 @@ def played(start_s: float, end_s: float) -> rrb.TimePanel:
     )
 
 
-def _sensor_column(sensor: str, contents: Contents) -> rrb.Container:
-    title = f"{sensor.capitalize()} [{contents.units[sensor]}]"
-    views: list[rrb.View] = [series_view(f"{READINGS}/{sensor}", title, *contents.span, legend=True)]
+def _sensor_column(sensor: str, unit: str, overlay: Overlay | None, span: tuple[float, float]) -> rrb.Container:
+    title = f"{sensor.capitalize()} [{unit}]"
+    views: list[rrb.View] = [series_view(f"{READINGS}/{sensor}", title, *span, legend=True)]
     shares = [3.2]
-    overlay = contents.overlays.get(sensor)
     if overlay is not None:
         for name, sigma in zip(overlay.names, overlay.sigma, strict=True):
             title = f"Residual of {name} [{overlay.unit}], ±3σ = ±{3.0 * sigma:.3g} {overlay.unit}"
-            views.append(series_view(f"{RESIDUALS}/{sensor}/{name}", title, *contents.span, legend=False))
+            views.append(series_view(f"{RESIDUALS}/{sensor}/{name}", title, *span, legend=False))
             shares.append(2.0)
     views.append(_spheres(sensor, overlay))
     shares.append(3.8)

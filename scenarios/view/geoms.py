@@ -132,9 +132,7 @@ class Shapes:
         """The links moving through m samples: times (m,) [s], joint values (m, N) [rad, m], logged under ``path``."""
         bare = self._arm.chain.bare
         bodies = [bare.body(f"body{member}").id for member in range(len(self._names))]
-        turns, places = np.empty((len(q), len(bodies), 4)), np.empty((len(q), len(bodies), 3))
-        for rows, (xquat, xpos) in self._arm.chain.evaluated(q, "xquat", "xpos"):
-            turns[rows], places[rows] = xquat[:, bodies], xpos[:, bodies]
+        turns, places = self._arm.chain.evaluated(q, xquat=bodies, xpos=bodies)
         for member, name in enumerate(self._names):
             columns = rr.Transform3D.columns(
                 translation=places[:, member],

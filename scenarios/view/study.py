@@ -78,14 +78,15 @@ def _consistency(stream: rr.RecordingStream, folder: StudyFolder) -> rrb.Bluepri
         small = [cell for cell in cells if cell.small]
         if small:
             ratio = np.array([[cell.ratio_low, cell.ratio, cell.ratio_high] for cell in small]).T
-            counts = np.array([cell.count for cell in small])
+            of_small = np.array([cell.count for cell in small])
             for values, name, width in zip(ratio, ("low", "RMSE", "high"), (0.7, 2.0, 0.7), strict=True):
-                _line(stream, f"{place}/ratio/{order}/{name}", counts, values, f"{name}, {order}", colour, width)
+                _line(stream, f"{place}/ratio/{order}/{name}", of_small, values, f"{name}, {order}", colour, width)
     shown = [place for place in places if place.rpartition("/")[2] in _SHOWN] or list(places)[:4]
+    counts = [cell.count for cell in summary.cells]
     views: list[rrb.View] = []
     for place in shown:
         for part, what, reach in (("errors", "error", (-4.0, 4.0)), ("ratio", "RMSE", (0.8, 1.2))):
-            views.append(_view(f"{place}/{part}", f"{places[place]}: {what}", reach, _counts(summary)))
+            views.append(_view(f"{place}/{part}", f"{places[place]}: {what}", reach, (min(counts), max(counts))))
     lines = [_EXPLAINED]
     for verdict in verdicts(summary):
         lines += [f"**{verdict.title}**", *verdict.sentences]
@@ -94,11 +95,6 @@ def _consistency(stream: rr.RecordingStream, folder: StudyFolder) -> rrb.Bluepri
 
 def _short(parameter: str) -> str:
     return shown_name(parameter).replace("sensitivity", "S").replace("offset", "δ")
-
-
-def _counts(summary: Summary) -> tuple[int, int]:
-    counts = [cell.count for cell in summary.cells]
-    return min(counts), max(counts)
 
 
 def _series(summary: Summary) -> Iterator[Sequence[Cell]]:

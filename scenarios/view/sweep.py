@@ -101,8 +101,6 @@ def log_fields(
         beside: (3,) [m] from one arrow's start to the next one's.
         length: [m] of an arrow.
     """
-    if not fields:
-        return
     vectors = [overlay.field for overlay in fields.values() if overlay.field is not None]
     arrows = rr.Arrows3D(
         vectors=[length * field / np.linalg.norm(field) for field in vectors],

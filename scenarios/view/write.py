@@ -18,7 +18,7 @@ from scenarios.decimation import evenly, gone_by
 from scenarios.overlay import Overlay, overlays
 from scenarios.sensor_motion import SensorMotion, arm_of, motion
 from scenarios.view.arm import BASE, log_arm
-from scenarios.view.blueprint import EYE_FROM, Contents, blueprint
+from scenarios.view.blueprint import EYE_FROM, blueprint
 from scenarios.view.series import log_readings, log_residuals
 from scenarios.view.spheres import log_cloud, log_spheres
 from scenarios.view.stream import written_stream
@@ -54,7 +54,7 @@ def write_view(
     sweep = motion(recording, arm, evenly(len(recording), FRAMES))
     with written_stream(path) as stream:
         stream.send_recording_name(recording.name)
-        stream.send_blueprint(blueprint(_log(stream, recording, laid, arm, sweep)))
+        stream.send_blueprint(blueprint(recording, laid, *_log(stream, recording, laid, arm, sweep)))
 
 
 def _log(
@@ -63,7 +63,8 @@ def _log(
     laid: Mapping[str, Overlay],
     arm: Arm | None,
     sweep: SensorMotion | None,
-) -> Contents:
+) -> tuple[str | None, bool, Array]:
+    """What there is to be seen; returns the base frame, whether the arm is shown, and points that its view holds."""
     base, reach, shown = None, np.zeros((1, 3)), None
     if sweep is not None:
         shown = log_arm(stream, recording, arm, sweep.rows)
@@ -79,14 +80,7 @@ def _log(
             log_spheres(stream, recording.t, laid[sensor], points)
         else:
             log_cloud(stream, recording.t, sensor, readings, points, share)
-    return Contents(
-        units=recording.units,
-        overlays=laid,
-        base=base,
-        arm=shown is not None,
-        reach=reach,
-        span=(float(recording.t[0]), float(recording.t[-1])),
-    )
+    return base, shown is not None, reach
 
 
 def _log_sweep(
