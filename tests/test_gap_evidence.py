@@ -358,6 +358,23 @@ def test_what_a_joint_that_changes_its_speed_shakes_goes_with_the_square_of_that
     np.testing.assert_allclose(course.values[:, 0] / course.values[0, 0], (velocity[:, 5] / velocity[0, 5]) ** 2)
 
 
+def test_what_is_on_while_a_joint_is_fast_or_the_arm_moves_is_a_course(data: WhitenedData) -> None:
+    """An arm that stops for a third of the time: a switch at half the speed is told to a fifth of its variance by six
+    cosines, of which a sum of so few rings; a switch at rest by a course of its own."""
+    velocity = data.base.joint_velocity.copy()
+    velocity[:, 5] *= np.maximum(0.0, np.sin(0.1 * data.base.t) + 0.5)
+    velocity[velocity[:, 5] == 0.0] = 0.0
+    stopping = replace(data, base=replace(data.base, velocity=velocity))
+    found = {each.name: each.values for each, _ in courses(stopping)}
+    moving = velocity.any(axis=1)
+    assert np.mean(found["whether the arm moves"][:, 0] == moving) > 0.97
+    assert "whether the arm moves" not in {each.name for each, _ in courses(data)}
+    fast = (np.abs(velocity[:, 5]) > 0.5 * np.abs(velocity[:, 5]).max()).astype(float)
+    columns = np.column_stack([np.ones(len(fast)), found["how fast joint6 turns"]])
+    left = fast - columns @ np.linalg.lstsq(columns, fast, rcond=None)[0]
+    assert np.var(left) < 0.2 * np.var(fast)
+
+
 def test_what_a_term_took_beside_an_effect_it_does_not_take_again(
     data: WhitenedData, discrepancies: Discrepancies
 ) -> None:

@@ -13,6 +13,7 @@ import scenarios
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.resonant import resonant
+from estimators.gap.floor.tones import without_tones
 from rig.arrays import Array
 from rig.maneuver import LockedPoses
 from rig.recording import Recording
@@ -34,9 +35,8 @@ def learned(noise: Array, interval_s: float = DT, rate_Hz: float = 1.0 / DT) -> 
 
 @pytest.mark.parametrize("kind", ["white", "long tails", "falling", "1/f"])
 def test_noise_whose_spectrum_falls_is_as_it_was(kind: str) -> None:
-    """The criterion asks for 1.5 log 1400 + 3 = 13.9 in log likelihood of the first coefficient, which white noise gives
-    once in 10 million draws; of a shape that is fitted twice, and of tails, one in 100: three of 60 once in 50 runs of
-    that."""
+    """The criterion asks for 1.5 log 1400 + 3 = 13.9 in log likelihood of the first coefficient, which white noise
+    gives once in 10 million draws. Falling noise is told as another in 2 of 400, so three of 60 once in 300 runs."""
     rng, told = np.random.default_rng(0), 0
     for _ in range(60):
         noise = rng.standard_t(4.0, POSES * HELD) if kind == "long tails" else rng.standard_normal(POSES * HELD)
@@ -76,6 +76,29 @@ def test_a_resonance_at_rest_is_told_at_the_rate_of_the_sweep() -> None:
     every = np.repeat(lfilter([1.0], KINDS["resonance"], np.random.default_rng(4).standard_normal(POSES * HELD)), 10)
     found = resonant(at_rest(every), 10.0 / DT, DT, ChannelNoise(float(np.var(every)), samples=1400, duration_s=350.0))
     assert found.lags[1] / found.lags[0] == pytest.approx(1.1 / 1.85, abs=0.1)
+
+
+def test_a_tone_at_rest_is_no_part_of_the_floor_and_a_resonance_is_no_tone() -> None:
+    """A tone of half the noise's size: what is left has the noise's variance, to four deviations of 1400 samples."""
+    rng = np.random.default_rng(6)
+    noise = rng.standard_normal(POSES * HELD)
+    hum = 0.7 * np.sin(2.0 * np.pi * 0.137 * np.arange(POSES * HELD) + 1.0)
+    left = np.concatenate(without_tones(at_rest(noise + hum)))
+    assert np.var(left) == pytest.approx(1.0, abs=0.16)
+    assert not learned(left).lags
+    for kind in KINDS.values():
+        ringing_noise = at_rest(lfilter([1.0], kind, noise))
+        assert all(a is b for a, b in zip(without_tones(ringing_noise), ringing_noise, strict=True))
+
+
+@pytest.mark.parametrize("kind", ["white", "long tails", "walk"])
+def test_noise_is_no_tone(kind: str) -> None:
+    """A tone must gain 8.5 log 1400 = 62 in log likelihood."""
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        noise = rng.standard_t(4.0, POSES * HELD) if kind == "long tails" else rng.standard_normal(POSES * HELD)
+        segments = at_rest(np.cumsum(noise) if kind == "walk" else noise)
+        assert all(a is b for a, b in zip(without_tones(segments), segments, strict=True))
 
 
 def ringing(run: Recording, seed: int) -> Recording:

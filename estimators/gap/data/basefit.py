@@ -17,6 +17,7 @@ from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.resonant import resonant
 from estimators.gap.floor.rounded import COARSE, rounded_floor
 from estimators.gap.floor.shared import correlations
+from estimators.gap.floor.tones import without_tones
 from estimators.gap.floor.unsteady import Unsteady, unsteadiness
 from estimators.goodness.residuals import residuals_of
 from estimators.known_angle.from_recording import arm_of
@@ -68,6 +69,7 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
             coarse[int(column)] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
             continue
         segments, known[int(column)] = sound(readings[:, column], labels, step)
+        segments = without_tones(segments)
         less, *tails[int(column)] = _relieved(segments)
         if column in unsteady and unsteady[int(column)].normal:
             tails[int(column)][1] = 0.0

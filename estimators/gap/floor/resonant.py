@@ -20,7 +20,8 @@ _OFF: Final = 0.02
 _LAGS: Final = 256
 #: Samples of a pose at rest, at least, and series of samples as far apart as those of the sweep, at most.
 _SHORTEST, _SERIES = 20, 4
-#: Floors whose spectrum falls for each other one: noise of electronics does (Keshner, Proceedings of the IEEE 70, 1982).
+#: Floors whose spectrum falls for each other one: noise of electronics does (Keshner, "1/f noise", Proceedings of the
+#: IEEE 70, 1982).
 _RARE: Final = 20.0
 
 

@@ -22,6 +22,9 @@ COSINES: Final = 96
 _ORDERS: Final = 3
 #: Harmonics of it where an error is one of a place: a track that is worn, a tooth, a bump. Alike to about this order.
 _FINE, _ALIKE = 32, 8.0
+#: Cosines over the range of a joint's speed; share of its highest below which it is at rest; share of the time that an
+#: arm at least moves, and stands still, where that is a course.
+_SPEEDS, _AT_REST, _SOME = 6, 0.02, 0.05
 #: Half-widths of plays, as shares of the range of what they follow.
 _WIDTHS: Final = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
 #: Poses further apart [rad] than this are single ones, and so are fewer than this of them: they tell no speed.
@@ -75,6 +78,12 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
                 yield Course(f"speed and acceleration of joint{joint + 1}", np.column_stack(moved), np.ones(2)), posed
                 square = _of_size_one(speed**2)[:, None]  # what shakes, or pulls outwards
                 yield Course(f"the square of joint{joint + 1}'s speed", square, np.ones(1)), posed
+                name = f"how fast joint{joint + 1} turns"
+                yield Course(name, _any_of(np.abs(speed)), 1.0 / np.arange(1.0, _SPEEDS + 1.0)), posed
+        turns = np.abs(base.joint_velocity)
+        moving = np.any(turns > _AT_REST * turns.max(axis=0, initial=1e-300), axis=1)
+        if _SOME < np.mean(moving) < 1.0 - _SOME:  # drives that are on, brakes that are open
+            yield Course("whether the arm moves", moving[:, None].astype(float), np.ones(1)), posed
     elements = base.R_base_tool.reshape(-1, 9)
     both = np.column_stack([elements, _products(elements[:, [0, 1, 2, 6, 7, 8]])])
     yield Course("orientation, to first order", elements, np.ones(9)), posed
@@ -103,6 +112,11 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
     if base.temperature is not None and np.ptp(base.temperature) > 0:
         warm = (base.temperature - base.temperature.mean()) / np.std(base.temperature)
         yield Course("temperature", np.column_stack([warm, warm**2]), np.array([1.0, 0.3])), every
+
+
+def _any_of(size: Array) -> Array:
+    """(n, k) cosines over the range of a size (n,): any smooth function of it, a step too."""
+    return np.cos(np.pi * np.outer(size / max(float(size.max()), 1e-300), np.arange(1, _SPEEDS + 1)))
 
 
 def _orders_seen(angle: Array) -> int:

@@ -1,0 +1,63 @@
+"""Tones of the readings at rest: no part of the floor, as spikes there are none; in the sweep they are a cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from scipy.fft import next_fast_len, rfft
+
+from estimators.noise.spectrum import autoregression
+from rig.arrays import Array
+
+#: Tones at most; cycles in the longest pose at least: what is slower is a drift.
+_MOST, _SLOWEST = 3, 4
+#: Points of the spectrum for each of a pose's.
+_FINER: Final = 4
+#: Readings of a pose at rest, at least.
+_SHORTEST: Final = 40
+
+
+def without_tones(segments: Sequence[Array]) -> list[Array]:
+    """Readings (n,), one segment a pose, without tones that last, where these are likelier than noise that resonates.
+
+    The Bayesian information criterion tells (Schwarz, Annals of Statistics 6, 1978): of a tone with an amplitude and a
+    phase in each pose, and of an autoregression.
+    """
+    left = list(segments)
+    for _ in range(_MOST):
+        long = [each for each in left if len(each) >= _SHORTEST]
+        if not long or not any(np.ptp(each) > 0.0 for each in long):
+            break
+        many = sum(map(len, long))
+        noise = autoregression(long)
+        as_noise = many * np.log(noise.sigma**2) + noise.order * np.log(many)
+        less = _without(long, _highest(long))
+        squares = sum(float(np.sum((each - each.mean()) ** 2)) for each in less)
+        as_tone = many * np.log(max(squares, 1e-300) / many) + (2.0 * len(long) + 3.0) * np.log(many)
+        if as_tone > as_noise:
+            break
+        cleared = iter(less)
+        left = [next(cleared) if len(each) >= _SHORTEST else each for each in left]
+    return left
+
+
+def _highest(segments: Sequence[Array]) -> float:
+    """[cycles a sample] of the highest peak of the segments' spectra."""
+    longest = max(map(len, segments))
+    size = int(next_fast_len(_FINER * longest, real=True))
+    power = np.sum([np.abs(rfft(each - each.mean(), size)) ** 2 for each in segments], axis=0)
+    first = _SLOWEST * size // longest
+    return float(first + np.argmax(power[first:])) / float(size)
+
+
+def _without(segments: Sequence[Array], frequency: float) -> list[Array]:
+    """Without a tone of this frequency, of each segment by least squares."""
+    found = []
+    for each in segments:
+        turn = 2.0 * np.pi * frequency * np.arange(len(each))
+        waves = np.column_stack([np.ones(len(each)), np.cos(turn), np.sin(turn)])
+        fitted = np.linalg.lstsq(waves, each, rcond=None)[0]
+        found.append(each - waves[:, 1:] @ fitted[1:])
+    return found
