@@ -235,13 +235,10 @@ def test_a_cause_of_another_form_is_looked_at_once() -> None:
     alone, both = (
         replace(by_hand("unknown"), remainder=replace(left, follows=each)) for each in ((form,), (form, angle))
     )
-    assert (
-        "a joint eccentricity at joint 1 that is not quite of the catalogue's form and changes with the angle of"
-        in (left_words(alone))
-    )
-    assert next_steps(alone)[0].startswith("Look at what makes joint eccentricity at joint 1: its error may not be of")
+    assert "a joint eccentricity of joint 1 whose strength changes with the angle of joint 1" in (left_words(alone))
+    assert next_steps(alone)[0].startswith("Look at what could change joint eccentricity of joint 1 (in the")
     assert next_steps(both)[0].startswith("Look at joint 1 (its encoder")
-    assert not any("what makes" in step for step in next_steps(both))
+    assert not any("what could change" in step for step in next_steps(both))
 
 
 def test_what_any_maneuver_absorbs_calls_for_no_other_maneuver() -> None:

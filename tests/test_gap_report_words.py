@@ -189,11 +189,11 @@ def test_effects_of_the_catalogue_are_written_as_words_wherever_an_error_is_desc
     follows = ({"source": "the strength of bias_step at accel2", "course": "time", "share": 0.2},)
     left = replace(by_hand("unknown").remainder, verdict="structured", follows=follows)
     diagnosis = replace(by_hand("unknown"), remainder=left)
-    words = "a bias step at accel2 that is not quite of the catalogue's form and changes with time"
+    words = "a bias step of accel2 whose strength changes with time"
     for text in (left_words(diagnosis), read(page(diagnosis, residuals)), spoken(diagnosis_tables(diagnosis, UNITS))):
         assert words in text
         assert "bias_step at" not in text
-    assert "the form of bias step at accel2 time 20 %" in read(page(diagnosis, residuals))
+    assert "the strength of bias step of accel2 time 20 %" in read(page(diagnosis, residuals))
 
 
 def test_a_maneuver_is_told_in_tenths_of_a_degree() -> None:

@@ -20,6 +20,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.states import NoiseState
+from estimators.gap.floor.tones import tone_words
 from estimators.gap.hypotheses.stochastic import EVERY
 from estimators.gap.report.closure import elsewhere
 from estimators.gap.report.corrected import corrected_calibration
@@ -172,7 +173,7 @@ def examined(
     stuck = [f"{run.name}: " * several + words for run in laid.recordings for words in stuck_words(run)]
     weighed = [f"{name} {weight:g}" for name, weight in sorted((prior or {}).items()) if weight != 1.0]
     given = [f"the probabilities rest on given weights of effects: {', '.join(weighed)}"] if weighed else []
-    result = replace(result, warnings=(*result.warnings, *stuck, *given))
+    result = replace(result, warnings=(*result.warnings, *stuck, *tone_words(laid.floors), *given))
     if rig is not None:
         p_value = remainder_p_value(posterior, rig.std_of(Kind.MEAN)) if laid.at_rest else None
         verdict = judged(rig, laid.recordings[0], result, ideal, laid.data[0], defects[0], p_value)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from estimators.gap.choices import and_words
+from estimators.gap.choices import and_words, cause_name
 from estimators.gap.share_words import percent
 
 #: How the name of a noise that is left over begins, and what else its name holds.
@@ -67,8 +67,26 @@ def is_second(each: Mapping[str, Any]) -> bool:
 def source_words(source: str) -> str:
     """What is off, in words."""
     if source.startswith(STRENGTH):
-        return f"the form of {source.removeprefix(STRENGTH)}"
+        return f"the strength of {of_constant_strength(source)}"
     return source.replace(_ALONE, " alone").replace("field along link", "field fixed in link")
+
+
+def of_constant_strength(source: str) -> str:
+    """The cause that an error is of whose strength the catalogue has as constant: "backlash of joint5"."""
+    effect, _, where = source.removeprefix(STRENGTH).partition(" at ")
+    return cause_name(effect, where)
+
+
+def noise_and_bands(noise: Sequence[Mapping[str, Any]]) -> str:
+    """Noise that is left, of which channels and where: those of one band together."""
+    bands: dict[str, list[str]] = {}
+    for each in noise:
+        bands.setdefault(str(each["course"]), []).append(noisy_channel(str(each["source"])))
+    told = [
+        f"{and_words(channels)}{', each by itself' if len(channels) > 1 else ' alone'} ({band})"
+        for band, channels in bands.items()
+    ]
+    return f"noise of {and_words(told)}"
 
 
 def noisy_channel(source: str) -> str:
@@ -105,8 +123,10 @@ def error_words(each: Mapping[str, Any]) -> str:
     if course.endswith("-like"):
         return f"{source} like {course.removesuffix('-like')}"
     if name.startswith(STRENGTH):
-        cause, how = name.removeprefix(STRENGTH), course_words(course).removeprefix("that ")
-        return f"{'an' if cause[0] in 'aeio' else 'a'} {cause} that is not quite of the catalogue's form and {how}"
+        cause = of_constant_strength(name)
+        return (
+            f"{'an' if cause[0] in 'aeio' else 'a'} {cause} whose strength {course_words(course).removeprefix('that ')}"
+        )
     return f"{f'an error of {source}' if source.startswith('the ') else source} {course_words(course)}"
 
 

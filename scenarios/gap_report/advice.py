@@ -9,7 +9,15 @@ from estimators.gap.cause_words import naming
 from estimators.gap.choices import and_words, cause_names, count_words, parted
 from estimators.gap.diagnosis import NAMED, Diagnosis
 from estimators.gap.parameter_words import sizes_words
-from estimators.gap.remainder_words import STRENGTH, WORTH_A_LOOK, error_words, grouped, noisy_channel, source_words
+from estimators.gap.remainder_words import (
+    STRENGTH,
+    WORTH_A_LOOK,
+    error_words,
+    grouped,
+    noise_and_bands,
+    noisy_channel,
+    of_constant_strength,
+)
 from estimators.gap.report.separation import rivals
 from estimators.gap.share_words import chance
 from scenarios.gap_report.maneuver_words import decides
@@ -31,7 +39,7 @@ _LOOK: Final = {
     "the gain of all": "look at the converter's reference and the supply",
     "the whole reading": "look at the amplifier behind {source}, its reference voltage, supply and connector",
     "the gain": "look at the amplifier, reference voltage and range of {source}",
-    STRENGTH: "look at what makes {source}: its error may not be of the simple form that the catalogue has",
+    STRENGTH: "look at what could change {source} (in the catalogue its strength is constant)",
     "single readings": "look at the cable, the connector and the converter's range",
 }
 
@@ -233,6 +241,8 @@ def _not_to_simulate(diagnosis: Diagnosis) -> list[str]:
 
 def _owner(source: str) -> str:
     """Whose error it is: "joint 5" of "the angle of joint5"."""
+    if source.startswith(STRENGTH):
+        return readable(of_constant_strength(source))
     name = source.removeprefix("a turn of the ")
     return readable(name.partition(" of ")[2] or name)
 
@@ -267,8 +277,10 @@ def _looks(diagnosis: Diagnosis) -> list[str]:
     found = found[:_LOOKS]
     if not noise:
         return found
-    bands = and_words([f"{source_words(str(each['source']))} ({each['course']})" for each in noise])
     channels = and_words(list(dict.fromkeys(noisy_channel(str(each["source"])) for each in noise)))
-    look = f"Look at the wiring, shielding and supply of {channels} while the arm moves: what is left has {bands}."
+    look = (
+        f"Look at the wiring, shielding and supply of {channels} while the arm moves: what is left has "
+        f"{noise_and_bands(noise)}."
+    )
     largest = max((each["share"] for each in [*errors, *second]), default=0.0)
     return [look, *found] if noise[0]["share"] > largest else [*found, look]

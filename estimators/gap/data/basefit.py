@@ -58,7 +58,7 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     numbers = [label for label in np.unique(labels) if label >= 0]
     if not numbers:
         raise _never_at_rest(locked)
-    channels, tails, coarse, known, still = {}, {}, {}, {}, {}
+    channels, tails, coarse, known, still, tones = {}, {}, {}, {}, {}, {}
     thinned, held_still = readings[::stride], labels[::stride]
     unsteady = _unsteady(thinned, held_still, stride / locked.rate_Hz)
     for column in np.flatnonzero(np.isfinite(readings[0])):
@@ -69,7 +69,7 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
             coarse[int(column)] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
             continue
         segments, known[int(column)] = sound(readings[:, column], labels, step)
-        segments = without_tones(segments)
+        segments, tones[int(column)] = without_tones(segments)
         less, *tails[int(column)] = _relieved(segments)
         if column in unsteady and unsteady[int(column)].normal:
             tails[int(column)][1] = 0.0
@@ -95,6 +95,7 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         replace(
             fitted.get(column, ChannelNoise(np.nan)),
             unsteady=unsteady.get(column) if column in channels else None,
+            tones_Hz=tuple(each * locked.rate_Hz for each in tones.get(column, ())),
             shared=() if np.array_equal(row, unit) else tuple(row.tolist()),
         )
         for column, (row, unit) in enumerate(zip(shared, np.eye(len(shared)), strict=True))

@@ -49,6 +49,7 @@ class ChannelNoise:
             where no recording at rest tells.
         tails: variance of the tails that readings are relieved of, beyond the rest of it [V^2].
         unsteady: how its level changes in time; None where it is steady.
+        tones_Hz: of tones at rest, without which it was learned.
         lags: autocovariance [V^2] of noise whose spectrum does not fall, of none to ever more intervals; empty where it
             does. white: then all of it. every_s: such an interval [s].
         shared: correlation with the noise of each channel, as far as neighbouring readings show; empty where none is.
@@ -64,6 +65,7 @@ class ChannelNoise:
     degrees: float | None = np.inf
     tails: float = 0.0
     unsteady: Unsteady | None = None
+    tones_Hz: tuple[float, ...] = ()
     lags: tuple[float, ...] = ()
     every_s: float = 0.0
     shared: tuple[float, ...] = ()

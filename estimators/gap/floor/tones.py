@@ -8,8 +8,10 @@ from typing import Final
 import numpy as np
 from scipy.fft import next_fast_len, rfft
 
+from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.noise.spectrum import autoregression
 from rig.arrays import Array
+from rig.channels import CHANNELS
 
 #: Tones at most; cycles in the longest pose at least: what is slower is a drift.
 _MOST, _SLOWEST = 3, 4
@@ -19,13 +21,14 @@ _FINER: Final = 4
 _SHORTEST: Final = 40
 
 
-def without_tones(segments: Sequence[Array]) -> list[Array]:
-    """Readings (n,), one segment a pose, without tones that last, where these are likelier than noise that resonates.
+def without_tones(segments: Sequence[Array]) -> tuple[list[Array], list[float]]:
+    """Readings (n,), one segment a pose, without tones that last, where these are likelier than noise that resonates;
+    and their frequencies [cycles a sample].
 
     The Bayesian information criterion tells (Schwarz, Annals of Statistics 6, 1978): of a tone with an amplitude and a
     phase in each pose, and of an autoregression.
     """
-    left = list(segments)
+    left, found = list(segments), list[float]()
     for _ in range(_MOST):
         long = [each for each in left if len(each) >= _SHORTEST]
         if not long or not any(np.ptp(each) > 0.0 for each in long):
@@ -33,14 +36,16 @@ def without_tones(segments: Sequence[Array]) -> list[Array]:
         many = sum(map(len, long))
         noise = autoregression(long)
         as_noise = many * np.log(noise.sigma**2) + noise.order * np.log(many)
-        less = _without(long, _highest(long))
+        highest = _highest(long)
+        less = _without(long, highest)
         squares = sum(float(np.sum((each - each.mean()) ** 2)) for each in less)
         as_tone = many * np.log(max(squares, 1e-300) / many) + (2.0 * len(long) + 3.0) * np.log(many)
         if as_tone > as_noise:
             break
+        found.append(highest)
         cleared = iter(less)
         left = [next(cleared) if len(each) >= _SHORTEST else each for each in left]
-    return left
+    return left, found
 
 
 def _highest(segments: Sequence[Array]) -> float:
@@ -61,3 +66,22 @@ def _without(segments: Sequence[Array], frequency: float) -> list[Array]:
         fitted = np.linalg.lstsq(waves, each, rcond=None)[0]
         found.append(each - waves[:, 1:] @ fitted[1:])
     return found
+
+
+def tone_words(floors: Sequence[Sequence[ChannelNoise]]) -> list[str]:
+    """What recordings at rest have of tones, for whoever reads of a hum.
+
+    Args:
+        floors: of each recording, of its channels.
+    """
+    heard: dict[str, list[str]] = {}
+    for floor in floors:
+        for channel, noise in zip(CHANNELS, floor, strict=True):
+            for each in noise.tones_Hz:
+                channels = heard.setdefault(f"{each:.3g}", [])
+                channels += [channel] if channel not in channels else []
+    return [
+        f"the recording at rest has a tone of {each} Hz on {', '.join(channels)}: a hum of that frequency is there "
+        "without motion"
+        for each, channels in heard.items()
+    ]

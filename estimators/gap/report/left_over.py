@@ -138,4 +138,5 @@ def _band(factor: Array, data: WhitenedData) -> str:
     cumulated = np.cumsum(raised) / max(float(raised.sum()), 1e-300)
     low, high = np.searchsorted(cumulated, [0.1, 0.9])
     unit = 0.5 * data.samples / (data.interval_s * len(raised))
-    return f"{max(low, 1) * unit:.2g} to {max(high, 1) * unit:.2g} Hz"
+    slowest, fastest = f"{max(low, 1) * unit:.2g}", f"{max(high, 1) * unit:.2g}"
+    return f"{slowest} to {fastest} Hz" if slowest != fastest else f"about {fastest} Hz"
