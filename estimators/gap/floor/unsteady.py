@@ -22,8 +22,8 @@ _MEMORY: Final = 8
 #: Variance of the logarithm of the square of a normal variable: pi^2 / 2.
 _OF_A_SQUARE: Final = np.pi**2 / 2.0
 #: Shares of the sizes' variance that are the level's, and correlation times as shares of a recording, that are tried.
-_SHARES: Final = np.geomspace(0.01, 0.7, 12)
-_TIMES: Final = 12
+_SHARES: Final = np.geomspace(0.01, 0.7, 8)
+_TIMES: Final = 9
 #: A level is followed over this many readings at least.
 _SHORTEST: Final = 3.0
 #: Of noise of two levels: variance of the louder over the other, share of the time, and how many lengths of a stay.
@@ -167,9 +167,8 @@ def _level(noise: Array, interval_s: float, columns: Sequence[int]) -> tuple[flo
     scores = ndtri(rankdata(np.abs(noise), axis=0) / (len(noise) + 1.0))
     scores /= scores.std(axis=0)
     channels = len(columns)
-    mean_first = np.linalg.qr(np.column_stack([np.ones(channels), np.eye(channels)[:, 1:]]))[0]
     times = np.geomspace(_SHORTEST, max(len(scores) / 4.0, _SHORTEST), _TIMES)
-    gains, steady = _gains(scores @ mean_first, channels * np.eye(channels)[0], times)
+    gains, steady = _gains(scores @ _mean_first(channels), channels * np.eye(channels)[0], times)
     gain = float(gains.max() - np.log(len(scores)))
     if gain < steady:
         return 0.0, []
