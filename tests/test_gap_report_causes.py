@@ -11,6 +11,7 @@ from shown_diagnoses import SHOWN, UNITS, read, spoken
 from estimators.gap.choices import and_words, cause_names, plural
 from estimators.gap.diagnosis import Hypothesis, OneOf
 from estimators.gap.parameter_words import parameter_name, told_parameters
+from estimators.gap.remainder_words import noise_and_bands
 from rig.effects import EFFECTS
 from scenarios.cli.diagnose import _calibrated
 from scenarios.gap_report import GapResiduals, diagnosis_tables, gap_residuals
@@ -239,6 +240,15 @@ def test_a_cause_of_another_form_is_looked_at_once() -> None:
     assert next_steps(alone)[0].startswith("Look at what could change joint eccentricity of joint 1 (in the")
     assert next_steps(both)[0].startswith("Look at joint 1 (its encoder")
     assert not any("what could change" in step for step in next_steps(both))
+
+
+def test_noise_of_several_channels_is_told_by_its_bands() -> None:
+    bands = {"accel1": "0.5 to 0.9 Hz", "mag2": "0.5 to 0.9 Hz", "mag3": "about 0.1 Hz"}
+    noise = [{"source": f"noise of {name} by itself", "course": band, "share": 0.2} for name, band in bands.items()]
+    told = "noise of accel1 and mag2, each by itself (0.5 to 0.9 Hz) and mag3 alone (about 0.1 Hz)"
+    assert noise_and_bands(noise) == told
+    left = replace(by_hand("unknown").remainder, follows=tuple(noise))
+    assert told in next_steps(replace(by_hand("unknown"), remainder=left))[0]
 
 
 def test_what_any_maneuver_absorbs_calls_for_no_other_maneuver() -> None:

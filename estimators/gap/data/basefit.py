@@ -71,10 +71,8 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         segments, known[int(column)] = sound(readings[:, column], labels, step)
         segments, tones[int(column)] = without_tones(segments)
         less, *tails[int(column)] = _relieved(segments)
-        if column in unsteady and unsteady[int(column)].normal:
-            tails[int(column)][1] = 0.0
-        else:
-            segments = less
+        louder = unsteady.get(int(column))
+        segments = segments if louder is not None and louder.normal else less
         phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
         still[int(column)] = segments
         channels[int(column)] = held(phases, stride / locked.rate_Hz)
@@ -86,7 +84,9 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     boards = [sensor for column in channels for sensor, own in COLUMNS_OF.items() if column in range(6)[own]]
     fitted = coarse | {
         column: _of_sweep(
-            resonant(still[column], locked.rate_Hz, interval_s, noise).shortened(known[column]), *tails[column]
+            resonant(still[column], locked.rate_Hz, interval_s, noise).shortened(known[column]),
+            unsteady.get(column),
+            *tails[column],
         )
         for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
     }
@@ -94,7 +94,6 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     return tuple(
         replace(
             fitted.get(column, ChannelNoise(np.nan)),
-            unsteady=unsteady.get(column) if column in channels else None,
             tones_Hz=tuple(each * locked.rate_Hz for each in tones.get(column, ())),
             shared=() if np.array_equal(row, unit) else tuple(row.tolist()),
         )
@@ -125,12 +124,13 @@ def _relieved(segments: list[Array]) -> tuple[list[Array], float, float]:
     return [each + mean for each, mean in zip(less, means, strict=True)], degrees, lost
 
 
-def _of_sweep(noise: ChannelNoise, degrees: float, lost: float) -> ChannelNoise:
+def _of_sweep(noise: ChannelNoise, unsteady: Unsteady | None, degrees: float, lost: float) -> ChannelNoise:
     """The floor of long-tailed noise as the sweep's readings have it, drawn in beside their neighbours."""
-    if lost == 0.0:
-        return replace(noise, degrees=degrees)
+    noise = replace(noise, unsteady=unsteady, degrees=degrees)
+    if not noise.relieved:
+        return noise
     grown = variance_beside_neighbours(degrees)
-    return replace(noise.scaled(grown), degrees=degrees, tails=lost - (grown - 1.0) * noise.white)
+    return replace(noise.scaled(grown), tails=lost - (grown - 1.0) * noise.white)
 
 
 def all_readings(recording: Recording) -> Array:

@@ -34,18 +34,22 @@ def without_tones(segments: Sequence[Array]) -> tuple[list[Array], list[float]]:
         if not long or not any(np.ptp(each) > 0.0 for each in long):
             break
         many = sum(map(len, long))
-        noise = autoregression(long)
-        as_noise = many * np.log(noise.sigma**2) + noise.order * np.log(many)
         highest = _highest(long)
         less = _without(long, highest)
         squares = sum(float(np.sum((each - each.mean()) ** 2)) for each in less)
         as_tone = many * np.log(max(squares, 1e-300) / many) + (2.0 * len(long) + 3.0) * np.log(many)
-        if as_tone > as_noise:
+        if any(as_tone > _as_noise(long, order) for order in (0, None)):
             break
         found.append(highest)
         cleared = iter(less)
         left = [next(cleared) if len(each) >= _SHORTEST else each for each in left]
     return left, found
+
+
+def _as_noise(segments: Sequence[Array], order: int | None) -> float:
+    """The criterion of an autoregression of an order, 0 of white noise; None: of the best one."""
+    noise, many = autoregression(segments, order), sum(map(len, segments))
+    return float(many * np.log(noise.sigma**2) + noise.order * np.log(many))
 
 
 def _highest(segments: Sequence[Array]) -> float:

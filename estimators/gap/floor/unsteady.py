@@ -54,13 +54,11 @@ class TwoLevels:
         Args:
             squares: (n,) sums of squares of the noise at a time. many: (n,) of how many readings.
         """
-        lower = 1.0 / (1.0 + self.share * (self.ratio - 1.0))
-        share, rate = np.array([self.share]), np.array([min(self.rate_Hz * interval_s, 0.5)])
-        odds = 0.5 * (squares / lower * (1.0 - 1.0 / self.ratio) - many * np.log(self.ratio))
-        gains, filtered = forward(odds[:, None], share, rate)
-        steady = -0.5 * float(np.sum(many) * np.log(lower) + np.sum(squares) * (1.0 / lower - 1.0))
-        loud = smoothed(filtered[:, 0], self.share, float(rate[0]))
-        return float(gains[0]) + steady, (loud / self.ratio + 1.0 - loud) / lower
+        rate = min(self.rate_Hz * interval_s, 0.5)
+        own = (np.array([each]) for each in (self.ratio, self.share, rate))
+        gains, filtered, lower = _of_levels(squares, many, *own)
+        loud = smoothed(filtered[:, 0], self.share, rate)
+        return float(gains[0]), (loud / self.ratio + 1.0 - loud) / float(lower[0])
 
 
 @dataclass(frozen=True)
@@ -141,9 +139,12 @@ def unsteadiness(readings: Array, labels: Rows, interval_s: float, boards: Seque
     if len(whole) < 2 * _MEMORY or not np.all(np.ptp(np.abs(whole), axis=0) > 0.0):
         return []
     whole = whole / whole.std(axis=0)
+    scores = ndtri(rankdata(np.abs(whole), axis=0) / (len(whole) + 1.0))
+    scores /= scores.std(axis=0)
 
     def of(columns: Sequence[int]) -> tuple[float, list[Unsteady]]:
-        return _level(whole[:, [every.index(column) for column in columns]], interval_s, columns)
+        own = [every.index(column) for column in columns]
+        return _level(whole[:, own], scores[:, own], interval_s, columns)
 
     by_board = []
     for board in boards:
@@ -158,43 +159,43 @@ def _joined(ways: Iterable[tuple[float, list[Unsteady]]]) -> tuple[float, list[U
     return sum(gain for gain, _ in several), [each for _, found in several for each in found]
 
 
-def _level(noise: Array, interval_s: float, columns: Sequence[int]) -> tuple[float, list[Unsteady]]:
+def _level(noise: Array, scores: Array, interval_s: float, columns: Sequence[int]) -> tuple[float, list[Unsteady]]:
     """Gain of a level that channels have in common, and it; neither where a steady one is likelier.
 
     Args:
-        noise: (n, c) of variance one.
+        noise: (n, c) of variance one. scores: (n, c) normal ones of its size.
     """
-    scores = ndtri(rankdata(np.abs(noise), axis=0) / (len(noise) + 1.0))
-    scores /= scores.std(axis=0)
     channels = len(columns)
     times = np.geomspace(_SHORTEST, max(len(scores) / 4.0, _SHORTEST), _TIMES)
-    gains, steady = _gains(scores @ _mean_first(channels), channels * np.eye(channels)[0], times)
+    gains, steady = _gains(scores, times)
     gain = float(gains.max() - np.log(len(scores)))
     if gain < steady:
         return 0.0, []
     share, time = (int(index) for index in np.unravel_index(np.argmax(gains), gains.shape))
     spread = float(np.sqrt(_OF_A_SQUARE * _SHARES[share] / (1.0 - _SHARES[share])))
     unsure = spread / float(np.sqrt(max(len(scores) / (2.0 * times[time]), 1.0)))
-    squares = np.sum(noise**2, axis=1)
-    levels = _two_levels(squares, channels, interval_s)
+    squares, many = np.sum(noise**2, axis=1), np.full(len(noise), float(channels))
+    levels = _two_levels(squares, many, interval_s)
     found = Unsteady(spread, float(times[time]) * interval_s, unsure, tuple(columns), levels)
-    inverse, _, _ = found.inverse_variance(squares, np.full(len(squares), float(channels)), interval_s)
+    inverse, _, _ = found.inverse_variance(squares, many, interval_s)
     normal = all(np.isinf(student(own * np.sqrt(inverse))[0]) for own in noise.T)
     return gain, [replace(found, normal=normal)]
 
 
-def _two_levels(squares: Array, many: int, interval_s: float) -> TwoLevels | None:
-    """The likeliest, None where a steady level is.
+def _of_levels(squares: Array, many: Array, ratio: Array, share: Array, rate: Array) -> tuple[Array, Array, Array]:
+    """Log likelihoods (k,) of two levels against a variance of one, (n, k) the probability of the louder given all
+    samples so far, and (k,) the variance at the other; arguments as of ``TwoLevels``, ``rate`` a sample."""
+    lower = 1.0 / (1.0 + share * (ratio - 1.0))
+    odds = 0.5 * (np.outer(squares, (1.0 - 1.0 / ratio) / lower) - np.outer(many, np.log(ratio)))
+    gains, filtered = forward(odds, share, rate)
+    return gains - 0.5 * (many.sum() * np.log(lower) + squares.sum() * (1.0 / lower - 1.0)), filtered, lower
 
-    Args:
-        squares: (n,) sums of squares, of so many channels.
-    """
+
+def _two_levels(squares: Array, many: Array, interval_s: float) -> TwoLevels | None:
+    """The likeliest, None where a steady level is; arguments as of ``TwoLevels.gain``."""
     stays = np.geomspace(_SHORTEST, max(0.25 * len(squares), _SHORTEST), _STAYS)
     ratio, share, rate = (each.ravel() for each in np.meshgrid(_RATIOS, _LOUD, 0.5 / stays, indexing="ij"))
-    lower = 1.0 / (1.0 + share * (ratio - 1.0))
-    odds = 0.5 * (np.outer(squares, (1.0 - 1.0 / ratio) / lower) - many * np.log(ratio))
-    gains = forward(odds, share, rate)[0]
-    gains -= 0.5 * (many * len(squares) * np.log(lower) + squares.sum() * (1.0 / lower - 1.0))
+    gains, _, _ = _of_levels(squares, many, ratio, share, rate)
     best = int(np.argmax(gains))
     if gains[best] < 1.5 * np.log(len(squares)):
         return None
@@ -219,20 +220,25 @@ def _unpredicted(readings: Array) -> Array:
     return np.column_stack(found)
 
 
-def _gains(scores: Array, level: Array, times: Array) -> tuple[Array, float]:
-    """(s, t) gain in log likelihood of each share and correlation time; that of a level that remembers nothing.
+def _gains(scores: Array, times: Array) -> tuple[Array, float]:
+    """(s, t) gain in log likelihood of each share and correlation time of a common level; that of one that remembers
+    nothing.
+
+    The mean of the channels has all of the level, what they differ by has none.
 
     Args:
-        scores: (n, c). level: (c,) share of each of the level's variance.
+        scores: (n, c).
     """
-    count = len(scores)
-    power = np.abs(rfft(scores, axis=0)[1 : count // 2]) ** 2 / count
+    count, channels = scores.shape
+    power = np.abs(rfft(scores @ _mean_first(channels), axis=0)[1 : count // 2]) ** 2 / count
+    mean, rest = power[:, 0], float(power[:, 1:].sum())
     angle = 2.0 * np.pi * np.arange(1, count // 2) / count
 
     def likelihood(share: float, decay: float) -> float:
         shape = (1.0 - decay**2) / (1.0 - 2.0 * decay * np.cos(angle) + decay**2)
-        spectrum = share * shape[:, None] * level + 1.0 - share
-        return -float(np.sum(np.log(spectrum) + power / spectrum))
+        spectrum = channels * share * shape + 1.0 - share
+        of_rest = (channels - 1) * len(angle) * log(1.0 - share) + rest / (1.0 - share)
+        return -float(np.sum(np.log(spectrum) + mean / spectrum) + of_rest)
 
     none = likelihood(0.0, 0.0)
     gains = np.array([[likelihood(share, decay) for decay in np.exp(-1.0 / times)] for share in _SHARES]) - none
