@@ -8,13 +8,24 @@ read the registry.
 from rig.effects import transmission  # noqa: F401, I001
 from rig.effects import geometry, timing, log, motion  # noqa: F401
 from rig.effects import field, sensor, drift, electronic, converter, noise  # noqa: F401
-from rig.effects.base import EFFECTS, Effect, Kind, Stage, apply_stage, make_effect, register, without_nulls
+from rig.effects.base import (
+    EFFECTS,
+    Effect,
+    ErrorsShown,
+    Kind,
+    Stage,
+    apply_stage,
+    make_effect,
+    register,
+    without_nulls,
+)
 from rig.effects.parameters import Parameter
 from rig.effects.readings import Finding, Readings
 
 __all__ = [
     "EFFECTS",
     "Effect",
+    "ErrorsShown",
     "Finding",
     "Kind",
     "Parameter",

@@ -60,6 +60,19 @@ Requirement = Literal["joints", "position", "temperature", "poses", "nodes", "vo
 
 
 @dataclass(frozen=True)
+class ErrorsShown:
+    """Errors of a noise effect that a recording itself shows.
+
+    Attributes:
+        errors: (n, r) as ``Effect.response`` takes them, at strength one.
+        hidden: (n,) share of each cosine of these, from the slowest to the fastest, that it does not show.
+    """
+
+    errors: Array
+    hidden: Array
+
+
+@dataclass(frozen=True)
 class Effect(ABC):
     """An unmodelled effect at its place.
 
@@ -135,6 +148,10 @@ class Effect(ABC):
         for error, column in enumerate(touched):
             response[:, column, error] = 1.0
         return response
+
+    def errors_shown(self, base: Signals) -> ErrorsShown | None:
+        """What the recording itself shows of a noise effect's errors; None where it shows nothing, as by default."""
+        return None
 
     def added_variance(self, base: Signals, pipeline: Pipeline) -> Array:
         """(n, 6) [recorded unit^2] variance that a noise effect adds to each reading; of a walk, on average in time."""

@@ -12,10 +12,11 @@ from typing_extensions import override
 
 from rig.arrays import Array
 from rig.effects._numerics import exponential_spectrum, gauss_markov
-from rig.effects.base import Effect, Kind, Stage, register
+from rig.effects.base import Effect, ErrorsShown, Kind, Stage, register
 from rig.effects.parameters import parameter
 from rig.pose_nodes import one_sign, quaternions
 from rig.signals import Signals
+from rig.smooth_path import smooth_path
 
 if TYPE_CHECKING:
     from rig.pipeline import Pipeline
@@ -143,6 +144,12 @@ class PoseNoise(Effect):
             moved = replace(base, R_base_tool=base.R_base_tool @ R_tool)
             result[:, :, axis] = (pipeline.carried(base, rng, moved, first=Stage.FIELD).volts - base.volts) / _TURN
         return result
+
+    @override
+    def errors_shown(self, base: Signals) -> ErrorsShown:
+        """Turns [rad] away from a smooth path: an arm moves smoothly, its noise does not."""
+        path = smooth_path(base.R_base_tool)
+        return ErrorsShown(path.turns, path.kept)
 
     @override
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:

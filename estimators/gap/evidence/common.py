@@ -16,6 +16,7 @@ from estimators.gap.data.projection import Basis, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.discrepancy import Weighed, total, weighed_terms
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.shown_errors import Shown, of_parts
 from estimators.gap.evidence.terms import Errors, Term, blocks_term
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, variances
@@ -46,6 +47,7 @@ class CommonNoise:
             the same, of errors that are white.
         single: (n,) by how much a single reading's error varies more than a mean's.
         term: of the discrepancy that it is.
+        shown: errors that the recordings themselves show, where they do.
     """
 
     effect: Effect
@@ -53,21 +55,36 @@ class CommonNoise:
     floor: Array
     single: Array
     term: Term
+    shown: Shown | None = None
 
-    def tested(self, found: Weighed) -> FittedNoise:
-        """With the strength that the data give it."""
+    def known_in(self, linear: Linear) -> tuple[Linear, float]:
+        """A set of effects beside what is shown of the errors, and by how much that is likelier."""
+        if self.shown is None:
+            return linear, 0.0
+        known = self.shown.beside(linear)
+        return known, known.averaged[0] - linear.averaged[0]
+
+    def tested(self, found: Weighed, known: Linear, gained: float) -> FittedNoise:
+        """With the strength that the data give it.
+
+        Args:
+            known, gained: as ``known_in`` gives them.
+        """
         (item,) = [each for each in self.effect.parameters() if each.strength]
         weight = np.exp(found.gains - np.logaddexp.reduce(found.gains))
         unit = float(self.term.unit)
         variances = self.term.variances * unit
         value = float(weight @ variances)
         deviation = float(np.sqrt(weight @ (variances - value) ** 2 + (value * np.log(_RATIO) / np.sqrt(3.0)) ** 2))
+        if self.shown is not None:
+            square, width = self.shown.square(known, self.single)
+            value, deviation = value + square, float(np.hypot(deviation, width))
         root = float(np.clip(np.sqrt(value), item.lower, item.upper))
         made = type(self.effect).from_mapping({**vars(self.effect), item.name: root})
         raw = value * np.sum(self.response**2, axis=2)
         return FittedNoise(
             effect=made,
-            gain=2.0 * float(found.gains.max()),
+            gain=2.0 * (float(found.gains.max()) + gained),
             rank=1,
             searched=1,
             std=np.array([0.5 * deviation / max(root, 1e-300)]),
@@ -86,35 +103,42 @@ def common_noises(data: WhitenedData, without: Sequence[str]) -> list[CommonNois
         data: under any state of the noise.
     """
     found = []
-    floor = _of_parts(data, [_floor(part) for part in data.parts], np.inf)
+    floor = of_parts(data, [_floor(part) for part in data.parts], np.inf)
     for effect in EFFECTS.values():
         if effect.name in without or not is_common(effect) or data.lacking(effect):
             continue
-        for shape in effect.searched(data.base):
-            probe = effect.from_mapping({"where": effect.places[0], **shape})
-            errors = [variances(probe, part.samples, part.interval_s, part.count) for part in data.parts]
-            parts = [(part, one / of_mean) for part, (one, of_mean) in zip(data.parts, errors, strict=True)]
-            own = [probe.response(part.base, part.pipeline) / np.sqrt(ratio) for part, ratio in parts]
-            response = _of_parts(data, own)
-            whitened = [_whitened(part, each) for part, each in zip(data.parts, own, strict=True)]
-            series = _of_parts(data, whitened).transpose(2, 1, 0)[:, data.columns]
-            if not series.any():
-                continue
-            tau_s = float(np.max(shape.get("tau_s", 0.0)))
-            pieces = data.count if tau_s < data.interval_s else max(8, int(np.ptp(data.t) / (2.0 * tau_s)))
-            source = Source(effect.name, series, "noise")
-            share, every = -float(np.log(len(effect.searched(data.base)))), slice(0, len(series))
-            term = blocks_term(Errors.of([source]), source, every, min(pieces, data.count), share)
-            single = _of_parts(data, [np.full(part.count, ratio) for part, ratio in parts])
-            found.append(CommonNoise(probe, response, floor, single, replace(term, steps=_STEPS, ratio=_RATIO)))
+        probes = [effect.from_mapping({"where": effect.places[0], **shape}) for shape in effect.searched(data.base)]
+        shown = Shown.of(data, probes[0])
+        hidden = np.full(len(probes), -np.log(len(probes)))
+        ways: list[tuple[Shown | None, Array]] = [(None, hidden)]
+        if shown is not None:  # what is rough may also be the path: one is as likely as the other
+            ways = [(None, hidden - np.log(2.0)), (shown, shown.log_shares(probes, data.interval_s) - np.log(2.0))]
+        for known, shares in ways:
+            every = [_common(data, floor, probe, share, known) for probe, share in zip(probes, shares, strict=True)]
+            found += [each for each in every if each is not None]
     return found
 
 
-def _of_parts(data: WhitenedData, values: Sequence[Array], beyond: float = 0.0) -> Array:
-    """(count, ...) of each recording's values, and of rows that are none's."""
-    found = np.concatenate(values)
-    rest = np.full((data.count - len(found), *found.shape[1:]), beyond)
-    return np.concatenate([np.nan_to_num(found, posinf=np.inf), rest])
+def _common(data: WhitenedData, floor: Array, probe: Effect, share: float, shown: Shown | None) -> CommonNoise | None:
+    """A noise effect of one shape; None where the readings do not show it.
+
+    Args:
+        floor: as ``CommonNoise`` has it. share: log prior of the shape. shown: of its errors.
+    """
+    errors = [variances(probe, part.samples, part.interval_s, part.count) for part in data.parts]
+    parts = [(part, one / of_mean) for part, (one, of_mean) in zip(data.parts, errors, strict=True)]
+    own = [probe.response(part.base, part.pipeline) / np.sqrt(ratio) for part, ratio in parts]
+    whitened = [_whitened(part, each) for part, each in zip(data.parts, own, strict=True)]
+    series = of_parts(data, whitened).transpose(2, 1, 0)[:, data.columns]
+    if not series.any():
+        return None
+    tau_s = float(getattr(probe, "tau_s", 0.0))
+    pieces = data.count if tau_s < data.interval_s else max(8, int(np.ptp(data.t) / (2.0 * tau_s)))
+    pieces = min(pieces, data.count if shown is None else shown.pieces)
+    source = Source(probe.name, series, "noise")
+    term = blocks_term(Errors.of([source]), source, slice(0, len(series)), pieces, float(share))
+    single = of_parts(data, [np.full(part.count, ratio) for part, ratio in parts])
+    return CommonNoise(probe, of_parts(data, own), floor, single, replace(term, steps=_STEPS, ratio=_RATIO), shown)
 
 
 def _floor(member: WhitenedData) -> Array:
@@ -143,7 +167,12 @@ def is_common(effect: type[Effect]) -> bool:
 
 def beside(linear: Linear, noises: Sequence[CommonNoise]) -> list[tuple[float, FittedNoise]]:
     """Each beside a set of effects, sample by sample: its log mass before its prior, and its strength."""
-    return [(each.log_mass, noise.tested(each)) for noise in noises for each in weighed_terms(linear, [noise.term])]
+    found = []
+    for noise in noises:
+        known, gained = noise.known_in(linear)
+        for each in weighed_terms(known, [noise.term]):
+            found.append((each.log_mass + gained, noise.tested(each, known, gained)))
+    return found
 
 
 def beside_other(
@@ -162,19 +191,21 @@ def beside_other(
     less = replace(linear, left=linear.left - project(absorbed, taken))
     near = [each for each in terms[:_TERMS] if each.log_mass > terms[0].log_mass - _NEAR]
     for noise in noises:
-        first = weighed_terms(less, [noise.term])
-        if not first or first[0].log_mass < _PROMISING:
+        promising, gained = noise.known_in(less)
+        first = weighed_terms(promising, [noise.term])
+        if not first or first[0].log_mass + gained < _PROMISING:
             continue
+        known, gained = noise.known_in(linear)
         around = int(np.argmax(first[0].gains))
         some = range(max(around - _WINDOW, 0), min(around + _WINDOW, _STEPS))
-        tables = [weighed_with(linear, noise.term, each.term, absorbed, some) for each in near]
+        tables = [weighed_with(known, noise.term, each.term, absorbed, some) for each in near]
         shares = np.array([each.term.log_prior + each.log_share for each in near])
         alone = float(np.logaddexp.reduce(shares + [np.logaddexp.reduce(each.gains) for each in near]))
         strength = np.logaddexp.reduce(shares[:, None] + np.logaddexp.reduce(tables, axis=2), axis=0) - alone
         gains = np.logaddexp.reduce(tables, axis=1) - np.log(_STEPS)
         both = [replace(each, gains=own) for each, own in zip(near, gains, strict=True)]
-        log_mass = noise.term.log_prior + total([each.log_mass for each in both])
-        found.append((log_mass, noise.tested(Weighed(noise.term, strength)), both))
+        log_mass = noise.term.log_prior + total([each.log_mass for each in both]) + gained
+        found.append((log_mass, noise.tested(Weighed(noise.term, strength), known, gained), both))
     return found
 
 

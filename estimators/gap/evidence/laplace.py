@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -110,6 +110,22 @@ class Linear:
         precision = self.precision(self.averaged[1])
         step = self.posterior(precision)[0]
         return float(0.5 * step @ (self.tangent.T @ self.left + precision * self.pull))
+
+    def beside(self, column: Array, expected: float, width: float) -> Linear:
+        """The same beside a column (m,), the calibration projected out, of a size that is expected to be so much."""
+        number = 0 if not len(self.owner) else int(self.owner.max()) + 1
+        away = np.zeros(len(self.point)) if self.away is None else self.away
+        by_axis = np.zeros(len(self.point), dtype=bool) if self.by_axis is None else self.by_axis
+        return replace(
+            self,
+            tangent=np.column_stack([self.tangent, column]),
+            point=np.append(self.point, 0.0),
+            strength=np.append(self.strength, False).astype(bool),
+            width=np.append(self.width, width),
+            owner=np.append(self.owner, number).astype(np.intp),
+            by_axis=np.append(by_axis, False).astype(bool),
+            away=np.append(away, expected),
+        )
 
     def log_evidence(self, square: Array | float, gram: Array, moment: Array, precision: Array) -> Array:
         """(...,) without the determinant of S, the inverse covariance.
