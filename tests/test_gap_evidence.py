@@ -19,7 +19,7 @@ from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.jumps import best, roughly
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.refine import Fitted
-from estimators.gap.evidence.sines import Sines
+from estimators.gap.evidence.repeats import Repeats
 from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.courses import courses
@@ -207,7 +207,7 @@ def test_a_sine_without_a_name_is_told_from_every_sample(data: WhitenedData, dis
     (field,) = [each for each in sources(data) if each.name == "the magnetic field"]
     true = 0.1 + 0.25 / float(np.ptp(data.t))
     wave = project(data.absorbed, (field.series[0] * np.sin(2.0 * np.pi * true * data.t)).ravel())
-    (sines,) = [each for each in discrepancies.fitted if isinstance(each, Sines)]
+    (sines,) = [each for each in discrepancies.fitted if isinstance(each, Repeats)]
     quiet = project(data.absorbed, noise)
     loud = quiet + 12.0 * wave / np.linalg.norm(wave)
     best = weighed_terms(unexplained(loud), sines.terms(loud))[0]

@@ -48,6 +48,8 @@ def course_words(course: str) -> str:
         return f"that changes with time, {rest.removeprefix('in ').removesuffix(' pieces')} times in the recording"
     if course.startswith("a sine of "):
         return f"that repeats as {course}"
+    if start.startswith("every "):
+        return f"that repeats {course}"
     if course == "the recording":
         return "that differs between the recordings"
     variable = variable_words(course)

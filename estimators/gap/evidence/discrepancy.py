@@ -23,7 +23,7 @@ from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.on_samples import OnSamples
-from estimators.gap.evidence.sines import Sines
+from estimators.gap.evidence.repeats import Repeats
 from estimators.gap.evidence.telegraph import Telegraphs
 from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms, terms_along
 from estimators.gap.hypotheses.candidates import split
@@ -37,10 +37,10 @@ Changed = Callable[[], tuple[Array, Array]]
 #: Blocks of time in each of which a source may be off by something else: what changes faster than the cosines.
 BLOCKS: Final = (128, 512)
 #: Of courses that only a residual tells, the kinds.
-_FITTED: Final[tuple[type[FittedCourses], ...]] = (Sines, Jumps, Telegraphs)
+_FITTED: Final[tuple[type[FittedCourses], ...]] = (Repeats, Jumps, Telegraphs)
 #: A term that could not gain this much, its prior counted, is not weighed.
 _HOPELESS: Final = -9.0
-#: Log odds against the likeliest term beyond which sines, jumps and telegraphs are not weighed.
+#: Log odds against the likeliest term beyond which what repeats, jumps and telegraphs are not weighed.
 _NOTHING: Final = 8.0
 #: So many terms, of those within such log odds of the likeliest, are weighed sample by sample where they gain more than
 #: this: means over neighbours lose one or two per cent.
@@ -52,7 +52,7 @@ class Discrepancies:
     """All terms.
 
     Attributes:
-        terms: of every source. fitted: what sources are along sines, jumps and two levels that fit a residual best.
+        terms: of every source. fitted: what sources are along what repeats, jumps and two levels, as a residual tells.
         means: the sums over neighbouring samples that slow terms are of. courses: those that any source may follow.
         on_samples: makes terms of means ones of samples.
     """
@@ -180,7 +180,7 @@ def weighed(
 
     Args:
         changes: by label and kept shape, of the set's effects, as ``Discrepancies.forms`` takes them.
-        least: log mass below which sines, jumps and telegraphs are not weighed.
+        least: log mass below which what repeats, jumps and telegraphs are not weighed.
     """
     found = weighed_terms(linear, discrepancies.terms)
     least = max((found[0].log_mass if found else 0.0) - _NOTHING, least)

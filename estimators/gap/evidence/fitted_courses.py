@@ -1,4 +1,4 @@
-"""What sources would leave along courses that only a residual tells: sines, jumps, two levels."""
+"""What sources would leave along courses that only a residual tells: what repeats, jumps, two levels."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from rig.effects.transmission import smooth_sign
 LOCKED: Final = 0.05
 #: Cosines of time, and harmonics of a joint's angle.
 COSINES: Final = 96
-_ORDERS: Final = 3
+ORDERS: Final = 3
 #: Harmonics of it where an error is one of a place: a track that is worn, a tooth, a bump. Alike to about this order.
 _FINE, _ALIKE = 32, 8.0
 #: Cosines over the range of a joint's speed; share of its highest below which it is at rest; share of the time that an
@@ -59,12 +59,12 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
     yield Course("time, throughout", np.ones((len(base), 1)), np.ones(1)), every - {"offset", "gain"}
     if (q := base.q_encoder) is not None:
         for joint in np.flatnonzero(np.std(np.unwrap(q, axis=0), axis=0) > LOCKED):
-            angles = [order * q[:, joint] for order in range(1, _ORDERS + 1)]
+            angles = [order * q[:, joint] for order in range(1, ORDERS + 1)]
             waves = np.stack([wave(angle) for angle in angles for wave in (np.cos, np.sin)], axis=1)
-            weight = np.repeat(1.0 / np.arange(1.0, _ORDERS + 1.0), 2)
+            weight = np.repeat(1.0 / np.arange(1.0, ORDERS + 1.0), 2)
             yield Course(f"the angle of joint{joint + 1}, once a turn", waves[:, :2], np.ones(2)), posed
             yield Course(f"the angle of joint{joint + 1}", waves, weight), posed
-            if (orders := _orders_seen(q[:, joint])) > _ORDERS:
+            if (orders := _orders_seen(q[:, joint])) > ORDERS:
                 yield Course(f"the angle of joint{joint + 1}, place by place", *_places(q[:, joint], orders)), posed
             direction = smooth_sign(base.joint_velocity[:, [joint]])
             if np.std(direction) > 0.1:
