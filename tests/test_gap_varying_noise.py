@@ -50,13 +50,27 @@ def test_noise_that_grows_with_the_field_is_told_in_that_form(data: WhitenedData
         assert [step.column for step in further] == [0, 1, 2]
         for step in further:
             root = 1.0 / step.factor
-            assert np.mean(root**2) == pytest.approx(1.0, rel=0.01)  # but for readings that are left out
-            assert np.corrcoef(root, field[:, step.column])[0, 1] > 0.9
+            assert np.mean(root**2) == pytest.approx(1.0, rel=0.1)
+            assert np.corrcoef(root, field[:, step.column])[0, 1] > 0.8
+
+
+def test_noise_that_is_louder_one_way_up_is_no_noise_of_one_strength(data: WhitenedData) -> None:
+    """White noise of twice the floor, where an axis points down: by its variance throughout it is an excess."""
+    up = data.base.inputs[:, 2] > 0.0
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        left = rng.standard_normal((6, data.count))
+        left[2] += 2.0 * up * rng.standard_normal(data.count)
+        own, (found,) = states(data, left.ravel())
+        best = max(own, key=lambda each: each.fitted[-1].gain)
+        assert best.labels == ("noise_excess@accel3",)
+        (step,) = found.steps[len(best.steps) :]
+        assert np.corrcoef(1.0 / step.factor, up)[0, 1] > 0.8
 
 
 def test_noise_of_one_size_is_in_no_other_form(data: WhitenedData) -> None:
-    """Five courses at five ratios, of which the likeliest is to gain log(5 * 5 * number of effects / .015) nats, eight
-    and more: 20 draws, once in a hundred runs at most."""
+    """Thirty families, of which the likeliest is to gain log(30 * number of effects / .015) nats in evidence, eight and
+    more: 20 draws, once in a hundred runs at most."""
     for seed in range(20):
         assert not states(data, residual(data, seed, np.ones((data.count, 3))))[1]
 

@@ -19,6 +19,7 @@ from estimators.gap.data.projection import side_by_side
 from estimators.gap.data.steps import Step, after_steps
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.piecewise_spectrum import RANGE, piecewise
 from estimators.gap.floor.alike import moved_together
 from estimators.gap.floor.learned import board_of, going_on, groups, remembers
 from estimators.gap.hypotheses.prior import (
@@ -40,9 +41,6 @@ from rig.channels import COLUMNS_OF
 SLOWER: Final = "slower floor"
 #: The state of a floor that no poses at rest show.
 UNSEEN: Final = "unseen floor"
-#: Bands of a spectrum without a name; log range of a band's excess before the data.
-_BANDS: Final = 10
-_RANGE: Final = 12.0
 #: Pieces of time in which noise without a name may have another size, readings in each at least, and passes by which
 #: size and spectrum are learned in turn; a variance that no noise falls below.
 _PIECES, _LONG, _ALTERNATE, _LEAST = 48, 8, 4, 1e-6
@@ -303,25 +301,18 @@ def _any_spectrum(part: WhitenedData, own: Mapping[int, Array], root: Array, lea
         own: by channel, (n,) whitened readings. root: (n,) standard deviation that all of them are divided by.
         least: variance that the spectrum does not fall below, 1 of the floor.
     """
-    edges = np.geomspace(1.0, part.count, _BANDS + 1)
-    band = np.clip(np.searchsorted(edges, np.arange(1, part.count), side="right") - 1, 0, _BANDS - 1)
-    many = np.bincount(band, minlength=_BANDS).astype(float)
     gain, price, factors = 0.0, 0.0, []
     for column, white in own.items():
         here, gaps = part.weights[:, column] > 0, part.gaps[column]
         filled, share = gaps.filled(white / root), max(float(np.mean(here)), 1e-9)
         power = dct(filled, norm="ortho")[1:] ** 2 / share
-        ratio = np.bincount(band, power, minlength=_BANDS) / np.maximum(many, 1.0)
-        raised = np.where(many > 0, np.maximum(ratio, least), 1.0)
-        gains = 0.5 * many * (ratio - np.log(raised) - ratio / raised)
-        costs = np.log(_RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))
-        kept = gains > costs
-        gain += float(np.sum(gains[kept]) + 0.5 * (white @ white - (white / root) @ (white / root)))
-        gain -= float(np.sum(np.log(root[here])))
-        price += float(np.sum(costs[kept])) + _BANDS * np.log(2.0) * 0.2
-        if kept.any():
-            factor = 1.0 / np.sqrt(np.where(kept, raised, 1.0))
-            factors.append((column, np.concatenate([[1.0], factor[band]]), False))
+        gained, cost, raised = piecewise(power, least)
+        gain += (
+            gained + 0.5 * float(white @ white - (white / root) @ (white / root)) - float(np.sum(np.log(root[here])))
+        )
+        price += cost
+        if (raised != 1.0).any():
+            factors.append((column, np.concatenate([[1.0], 1.0 / np.sqrt(raised)]), False))
     return gain, price, factors
 
 
@@ -341,6 +332,6 @@ def _coming_and_going(part: WhitenedData, own: Mapping[int, Array]) -> _Way:
         root = np.sqrt(np.where(many > 0, np.maximum(square / np.maximum(many, 1.0), _LEAST), 1.0))[piece]
         found = _any_spectrum(part, own, root, _LEAST)
     gain, price, factors = found
-    price += float(np.sum(np.log(_RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))))
+    price += float(np.sum(np.log(RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))))
     whole = [(column, np.where(part.weights[:, column] > 0, 1.0 / root, 1.0), True) for column in own]
     return gain, price, [*whole, *factors]

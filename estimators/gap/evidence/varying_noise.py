@@ -1,14 +1,14 @@
 """Noise with a name in another form than the catalogue's: of a size that follows something.
 
-An effect of the catalogue has one strength for a whole recording. What grows with the field, with the arm's speed or
-with time remembers as such an effect does, but is not it: what whitening by the effect leaves has another variance now
-than then.
+An effect of the catalogue has one strength for a whole recording. What is larger in some poses, at some speeds or times
+remembers as such an effect does, but is not it: what whitening by the effect leaves has another variance here than
+there. The logarithm of that variance is a sum of the functions that an error may follow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,13 +16,22 @@ import numpy as np
 from estimators.gap.data.steps import Step, after_steps
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.states import NoiseState
+from estimators.gap.hypotheses.courses import Course, any_of, cosines, courses, falling
 from estimators.gap.hypotheses.prior import OTHER, OTHER_FORM, OTHER_NOISE
 from estimators.gap.hypotheses.stochastic import Left
 from rig.arrays import Array
 from rig.channels import COLUMNS_OF
 
-#: How much of the variance follows, over how much does not: tried.
-_RATIOS: Final = (0.3, 1.0, 3.0, 10.0, 100.0)
+#: The logarithm of the variance is normal about none, of such a deviation in all: tried.
+_DEVIATIONS: Final = (0.5, 1.5)
+#: Its mean, by which the named strength is off, has this one.
+_LEVEL: Final = 3.0
+#: Gain in log likelihood of named noise below which nothing tells what it follows.
+_WORTH: Final = 10.0
+#: Families of more functions say little of a variance. So many are fitted, by so many of Newton's steps, each so long.
+_MOST, _FITTED, _STEPS, _LONGEST = 40, 3, 12, 2.0
+#: Cosines of time.
+_SLOW: Final = 8
 
 
 def varying(states: Sequence[NoiseState], before: NoiseState, lefts: Sequence[Left]) -> list[NoiseState]:
@@ -37,68 +46,138 @@ def varying(states: Sequence[NoiseState], before: NoiseState, lefts: Sequence[Le
         return []
     own = max(likely, key=lambda each: 0.5 * sum(one.gain for one in each.fitted[-1].every) + each.log_weight)
     further = own.steps[len(before.steps) :]
-    found: dict[str, tuple[float, list[Step]]] = {}
+    if 0.5 * sum(one.gain for one in own.fitted[-1].every) < _WORTH:
+        return []
+    boards: list[tuple[int, list[int], dict[int, Array], list[Family]]] = []
     for number, left in enumerate(lefts):
         data, touched = left.data, {step.column for each in own.fitted for step in each.steps(left.data)}
-        white = {
-            column: after_steps(
-                [step for step in further if (step.column, step.part) == (column, number)],
-                data.channel(left.explained.residual, column),
-                data.gaps[column],
-            )
-            for column in sorted(touched)
-        }
-        for name, courses in _courses(data, list(white)).items():
-            gained, steps = found.get(name, (0.0, []))
-            for where in COLUMNS_OF.values():
-                board = [column for column in white if column in range(6)[where]]
-                more, root = _likeliest(data, white, courses, board)
-                gained += more
-                steps = [*steps, *(Step(column, 1.0 / root[column], True, number) for column in board)]
-            found[name] = gained, steps
-    gained, steps = max(found.values(), key=lambda each: each[0])
-    # in place of the effect's own share of the prior
-    share = np.log(OTHER * OTHER_NOISE * OTHER_FORM / (len(found) * len(states)))
-    shape = -np.log(len(_RATIOS)) * len(lefts)
-    if gained + shape + share < 0.0:
-        return []
-    weight = own.log_weight + float(share + shape)
-    return [replace(before, name="noise", steps=(*own.steps, *steps), log_weight=weight, other=True)]
-
-
-def _courses(data: WhitenedData, columns: Sequence[int]) -> dict[str, dict[int, Array]]:
-    """What the variance of each channel (n,) may follow, of mean one."""
-    inputs = np.nan_to_num(data.base.inputs)
-    slope = np.gradient(inputs, data.t, axis=0) ** 2
-    if data.base.q_encoder is not None:
-        speed = np.sum(data.base.joint_velocity**2, axis=1)
-    else:
-        speed = np.sum(slope / np.maximum(slope.mean(axis=0), 1e-300), axis=1)
-    time = np.linspace(0.0, 1.0, data.count)
-    every = {
-        "the field": inputs**2,
-        "how fast the field changes": slope,
-        "how fast the arm moves": speed[:, None].repeat(6, axis=1),
-        "time, growing": time[:, None].repeat(6, axis=1) ** 2,
-        "time, falling": time[::-1, None].repeat(6, axis=1) ** 2,
+        families = _families(data)
+        for where in COLUMNS_OF.values():
+            board = [column for column in sorted(touched) if column in range(6)[where]]
+            white = {
+                column: after_steps(
+                    [step for step in further if (step.column, step.part) == (column, number)],
+                    data.channel(left.explained.residual, column),
+                    data.gaps[column],
+                )[data.weights[:, column] > 0.0]
+                for column in board
+            }
+            if board:
+                boards.append((number, board, white, families))
+    promised = {
+        family.name: sum(_promised(family, lefts[number].data, white) for number, _, white, _ in boards)
+        for family in boards[0][3]
     }
-    size = {name: np.maximum(values.mean(axis=0), 1e-300) for name, values in every.items()}
-    return {name: {own: values[:, own] / size[name][own] for own in columns} for name, values in every.items()}
+    found: list[tuple[float, list[Step]]] = []
+    for name in sorted(promised, key=lambda each: -promised[each])[:_FITTED]:
+        gained, steps = 0.0, list[Step]()
+        for number, board, white, families in boards:
+            data = lefts[number].data
+            (family,) = [each for each in families if each.name == name] or [_NONE]
+            more, logs = _likeliest(family, data, white)
+            gained += more
+            for column in board:
+                root = np.ones(data.count)
+                root[data.weights[:, column] > 0.0] = np.exp(0.5 * logs[column])
+                steps.append(Step(column, 1.0 / root, True, number))
+        found.append((gained, steps))
+    if not found:
+        return []
+    gained, steps = max(found, key=lambda each: each[0])
+    # in place of the effect's own share of the prior
+    share = float(np.log(OTHER * OTHER_NOISE * OTHER_FORM / (len(promised) * len(states))))
+    if gained + share < 0.0:
+        return []
+    return [replace(before, name="noise", steps=(*own.steps, *steps), log_weight=own.log_weight + share, other=True)]
 
 
-def _likeliest(
-    data: WhitenedData, white: Mapping[int, Array], courses: Mapping[int, Array], board: Sequence[int]
-) -> tuple[float, dict[int, Array]]:
-    """The gain in log likelihood, and standard deviations (n,) of each of a sensor's channels, of mean square one."""
-    best: tuple[float, dict[int, Array]] = 0.0, {column: np.ones(data.count) for column in board}
-    for ratio in _RATIOS:
-        gained, roots = 0.0, {}
-        for column in board:
-            there = data.weights[:, column] > 0.0
-            root = np.sqrt((1.0 + ratio * courses[column]) / (1.0 + ratio))
-            values = white[column][there]
-            gained -= float(np.sum(np.log(root[there])) + 0.5 * np.sum((values / root[there]) ** 2 - values**2))
-            roots[column] = np.where(there, root, 1.0)
-        if gained > best[0]:
-            best = gained, roots
-    return best
+@dataclass(frozen=True)
+class Family:
+    """Functions that the logarithm of a variance may follow.
+
+    Attributes:
+        name: in words. of: (n, k) functions of each channel, of mean zero and mean square one. weight: (k,) their prior
+            standard deviations, of square sum one.
+    """
+
+    name: str
+    of: Mapping[int, Array]
+    weight: Array
+
+    def there(self, data: WhitenedData, column: int) -> Array:
+        """(m, 1 + k) a constant, and the functions, where a channel has readings."""
+        rows = data.weights[:, column] > 0.0
+        own = self.of[column][rows] if column in self.of else np.zeros((int(rows.sum()), len(self.weight)))
+        return np.column_stack([np.ones(len(own)), own])
+
+    def precision(self, deviation: float) -> Array:
+        """(1 + k,) of the prior."""
+        return np.asarray(1.0 / np.concatenate([[_LEVEL], deviation * self.weight]) ** 2)
+
+
+_NONE: Final = Family("", {}, np.ones(1))
+
+
+def _families(data: WhitenedData) -> list[Family]:
+    """What the variance of each channel may follow: what an offset may, the sizes of its input and slope, time."""
+    every = [(course.name, dict.fromkeys(data.columns, course.values), course.weight) for course in _slow(data)]
+    inputs = np.nan_to_num(data.base.inputs)
+    for name, own in (("level", inputs), ("how fast the reading changes", np.gradient(inputs, data.t, axis=0))):
+        sizes = {column: any_of(np.abs(own[:, column])) for column in data.columns}
+        every.append((name, sizes, falling(sizes[data.columns[0]].shape[1])))
+    found = []
+    for name, of, weight in every:
+        scaled = {c: _standard(values) for c, values in of.items()}
+        found.append(Family(name, scaled, weight / float(np.linalg.norm(weight))))
+    return found
+
+
+def _slow(data: WhitenedData) -> Iterator[Course]:
+    for course, kinds in courses(data):
+        if "offset" in kinds and len(course.weight) <= _MOST and course.name != "time, throughout":
+            yield course
+    yield Course("time", cosines(data.count)[:, 1 : _SLOW + 1], falling(_SLOW))
+
+
+def _standard(values: Array) -> Array:
+    """(n, k) functions of mean zero and mean square one; those that are constant are zero."""
+    centred = values - values.mean(axis=0)
+    size = np.sqrt(np.mean(centred**2, axis=0))
+    return np.asarray(np.where(size > 1e-9, centred / np.maximum(size, 1e-9), 0.0))
+
+
+def _promised(family: Family, data: WhitenedData, white: Mapping[int, Array]) -> float:
+    """What a family gains in log evidence to second order about one variance (a score test)."""
+    score, information = np.zeros(1 + len(family.weight)), np.diag(family.precision(_DEVIATIONS[-1]))
+    prior = float(np.linalg.slogdet(information)[1])
+    for column, values in white.items():
+        own = family.there(data, column)
+        score += 0.5 * own.T @ (values**2 - 1.0)
+        information += 0.5 * own.T @ own
+    gained = 0.5 * float(score @ np.linalg.solve(information, score))
+    return gained + 0.5 * (prior - float(np.linalg.slogdet(information)[1]))
+
+
+def _likeliest(family: Family, data: WhitenedData, white: Mapping[int, Array]) -> tuple[float, dict[int, Array]]:
+    """Log evidence of a variance of a sensor's channels that follows a family, against one variance, by Laplace's
+    approximation; and the likeliest logarithm of it, of each channel's readings (m,)."""
+    columns = {column: family.there(data, column) for column in white}
+    found = []
+    for deviation in _DEVIATIONS:
+        precision, sizes = family.precision(deviation), np.zeros(1 + len(family.weight))
+        for _ in range(_STEPS):
+            gradient, curved = -precision * sizes, np.diag(precision)
+            for column, values in white.items():
+                squares = values**2 * np.exp(-columns[column] @ sizes)
+                gradient += 0.5 * columns[column].T @ (squares - 1.0)
+                curved += 0.5 * (columns[column] * np.maximum(squares, 0.5)[:, None]).T @ columns[column]
+            step = np.linalg.solve(curved, gradient)
+            sizes = sizes + step * min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
+        gained = -0.5 * float(precision @ sizes**2) + 0.5 * float(np.log(precision).sum())
+        gained -= 0.5 * float(np.linalg.slogdet(curved)[1])
+        logs = {column: own @ sizes for column, own in columns.items()}
+        for column, values in white.items():
+            gained -= 0.5 * float(np.sum(logs[column] + values**2 * (np.exp(-logs[column]) - 1.0)))
+        found.append((gained, deviation, logs))
+    total = float(np.logaddexp.reduce([gained for gained, *_ in found])) - np.log(len(found))
+    return total, max(found, key=lambda each: each[0])[2]

@@ -79,7 +79,7 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
                 square = _of_size_one(speed**2)[:, None]  # what shakes, or pulls outwards
                 yield Course(f"the square of joint{joint + 1}'s speed", square, np.ones(1)), posed
                 name = f"how fast joint{joint + 1} turns"
-                yield Course(name, _any_of(np.abs(speed)), 1.0 / np.arange(1.0, _SPEEDS + 1.0)), posed
+                yield Course(name, any_of(np.abs(speed)), falling(_SPEEDS)), posed
         turns = np.abs(base.joint_velocity)
         moving = np.any(turns > _AT_REST * turns.max(axis=0, initial=1e-300), axis=1)
         if _SOME < np.mean(moving) < 1.0 - _SOME:  # drives that are on, brakes that are open
@@ -114,9 +114,14 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
         yield Course("temperature", np.column_stack([warm, warm**2]), np.array([1.0, 0.3])), every
 
 
-def _any_of(size: Array) -> Array:
+def any_of(size: Array) -> Array:
     """(n, k) cosines over the range of a size (n,): any smooth function of it, a step too."""
     return np.cos(np.pi * np.outer(size / max(float(size.max()), 1e-300), np.arange(1, _SPEEDS + 1)))
+
+
+def falling(count: int) -> Array:
+    """(k,) prior standard deviations of cosines, each less than the one before."""
+    return np.asarray(1.0 / np.arange(1.0, count + 1.0))
 
 
 def _orders_seen(angle: Array) -> int:
