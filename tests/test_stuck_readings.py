@@ -64,3 +64,16 @@ def test_a_joint_that_rests_and_goes_on_is_not_stuck(run: Recording) -> None:
     q[1000:, moving] = run.q[952:-48, moving]
     q[952:1000, moving] = q[952, moving]
     assert not stuck_words(replace(run, q=q))
+
+
+@pytest.mark.parametrize("every", [2, 30])
+def test_readings_that_were_filled_in_are_told(run: Recording, every: int) -> None:
+    """Each second one, as of a sensor half as fast as its log, or some; in single precision, as files have them."""
+    assert run.magnetometer is not None
+    lost = np.arange(len(run)) % every == 1
+    lost[-1] = False
+    filled = [np.interp(run.t, run.t[~lost], values[~lost]) for values in run.magnetometer.T]
+    values = np.stack(filled, axis=1).astype(np.float32).astype(float)
+    (words,) = stuck_words(replace(run, magnetometer=values))
+    assert words.startswith(f"magnetometer: {lost.sum()} readings (")
+    assert "straight line between their neighbours, first at row 1 (first row 0)" in words

@@ -1,4 +1,4 @@
-"""Values that stay what they were: a sensor, an encoder, or the line to it, that is stuck."""
+"""Values that were not read: a sensor, an encoder, or the line to it, that is stuck, and readings filled in."""
 
 from __future__ import annotations
 
@@ -16,13 +16,18 @@ _REPEATS: Final = 10
 _CHANCE, _RAREST, _EVERY = 1e-4, 1e-2, 0.5
 #: Repeats more often than so are of a converter so coarse that they depend on where on its step a reading lies.
 _COARSE: Final = 0.2
+#: A reading is on the line between its neighbours where it is off by so many of single precision's rounding errors; not
+#: told where readings are ordinarily off by less than so many times that. Rows at least.
+_ROUNDED, _SURE, _FILLED = 4, 100.0, 5
+#: All axes at once so many times as often as by chance, or so often as one axis is: of a coarse converter each may be.
+_BEYOND, _TOGETHER = 20.0, 0.8
 #: Rows for which a joint that moves stands still, and how many of its ordinary steps it makes up for then, at least.
 _STOPPED: Final = 5
 
 
 def stuck_words(run: Recording) -> list[str]:
     """What seems stuck, a line each: channels that never change or repeat single readings, many equal readings of a
-    sensor in a row, joints that stand still and make up for it with a jump."""
+    sensor in a row, joints that stand still and make up for it with a jump; and readings that were filled in."""
     found = []
     for sensor in run.sensors:
         values = run.readings(sensor)
@@ -37,6 +42,8 @@ def stuck_words(run: Recording) -> list[str]:
             )
         elif not len(still):
             found += [f"{sensor}: {words}" for k in range(3) if (words := _repeating(values[:, k], f"channel {k + 1}"))]
+        if words := _filled_in(run.t, values):
+            found.append(f"{sensor}: {words}")
     if run.q is not None:
         found += [words for joint in range(run.q.shape[1]) if (words := _stopping(run.q, joint))]
     return found
@@ -71,6 +78,28 @@ def _repeating(values: Array, name: str) -> str:
     return (
         f"{name} repeats a reading {counts[held].min()} times and more in a row, in {100.0 * share:.2g} % of the rows,"
         f" first from row {starts[held][0]} on (first row 0): stuck now and then?"
+    )
+
+
+def _filled_in(t: Array, values: Array) -> str:
+    """Whether readings (n, 3) at times (n,) lie on the straight line between their neighbours, all axes at once: noise
+    never does."""
+    if len(t) < 3 or not np.all(np.diff(t) > 0.0):
+        return ""
+    before, after = np.diff(t)[:-1, None], np.diff(t)[1:, None]
+    off = np.abs(values[1:-1] - (values[:-2] * after + values[2:] * before) / (before + after))
+    rounding = _ROUNDED * float(np.finfo(np.float32).eps) * np.abs(values).max(axis=0)
+    if np.any(np.quantile(off, 0.9, axis=0) < _SURE * rounding):  # as many may be filled in
+        return ""
+    there = off <= rounding
+    rows = np.flatnonzero(there.all(axis=1)) + 1
+    chance = float(np.prod(there.mean(axis=0))) * len(there)  # of a converter's steps
+    if len(rows) < _FILLED or (len(rows) < _BEYOND * chance and len(rows) < _TOGETHER * there.sum(axis=0).max()):
+        return ""
+    share = 100.0 * len(rows) / len(t)
+    return (
+        f"{len(rows)} readings ({share:.2g} %) lie on the straight line between their neighbours, first at row"
+        f" {rows[0]} (first row 0): lost and filled in? They are no readings, and make noise look coloured"
     )
 
 
