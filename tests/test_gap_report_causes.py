@@ -229,6 +229,23 @@ def test_the_largest_share_of_what_is_left_is_told_first_and_next_to_nothing_giv
     assert "noise of mag2 alone" in left_words(diagnosis)
 
 
+@pytest.mark.parametrize(
+    ("course", "look"),
+    [
+        ("every 3 deg of joint5", "Look at joint 5 for what has that period: gear teeth"),
+        ("a sine of 12 deg of joint1", "Look at joint 1 for what has that period: gear teeth"),
+        ("every 60 s", "Look for what is switched, pulsed or sent every 60 s: what is left"),
+        ("a sine of 0.5 Hz", "Look at the supply, temperature and wiring of accel2"),
+        ("time", "Look at the supply, temperature and wiring of accel2"),
+    ],
+)
+def test_what_repeats_is_looked_for_where_it_has_its_period(course: str, look: str) -> None:
+    offset = {"source": "the offset of accel2", "course": course, "share": 0.5}
+    left = by_hand("unknown").remainder
+    steps = next_steps(replace(by_hand("unknown"), remainder=replace(left, follows=(offset,))))
+    assert steps[0].startswith(look)
+
+
 def test_a_cause_of_another_form_is_looked_at_once() -> None:
     form = {"source": "the strength of joint_eccentricity at joint1", "course": "the angle of joint1", "share": 0.1}
     angle = {"source": "the angle of joint1", "course": "the angle of joint1", "share": 0.09}

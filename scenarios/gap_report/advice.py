@@ -43,6 +43,14 @@ _LOOK: Final = {
     "single readings": "look at the cable, the connector and the converter's range",
 }
 
+#: What repeats, in a joint's angle or in time: as what it is left over acts, whatever is off -> what to look at.
+_REPEATS: Final = (
+    (
+        re.compile(r"(?:every|a sine of) .* of (joint\d+)"),
+        "look at {0} for what has that period: gear teeth, bearings, the poles of its motor, the lines of its encoder",
+    ),
+    (re.compile(r"every (.* s)"), "look for what is switched, pulsed or sent every {0}"),
+)
 #: A command on the recordings of a diagnosis.
 _OF_RECORDINGS: Final = re.compile(r"rig diagnose RUN(?: OTHER| NEXT)?")
 #: So many errors at most are looked for.
@@ -247,6 +255,15 @@ def _owner(source: str) -> str:
     return readable(name.partition(" of ")[2] or name)
 
 
+def _look(source: str, course: str) -> str:
+    """Where on the rig to look for an error of a source along a course; empty where nothing is known."""
+    for pattern, words in _REPEATS:
+        if found := pattern.fullmatch(course):
+            return words.format(readable(found[1]))
+    words = next((words for start, words in _LOOK.items() if source.startswith(start)), "")
+    return words.format(source=_owner(source))
+
+
 def _looks(diagnosis: Diagnosis) -> list[str]:
     """Where on the rig to look, for what is left over: for errors, one of which is meant, and for noise.
 
@@ -260,8 +277,7 @@ def _looks(diagnosis: Diagnosis) -> list[str]:
     looked: set[str] = set()
     for each in [*errors, *second]:
         source = str(each["source"])
-        words = next((words for start, words in _LOOK.items() if source.startswith(start)), None)
-        look = "" if words is None else words.format(source=_owner(source))
+        look = _look(source, str(each["course"]))
         # a joint that another entry has is looked at whole
         again = source.startswith(STRENGTH) and readable(source.rpartition(" at ")[2]) in owners
         if not look or look in looked or again:
@@ -280,7 +296,7 @@ def _looks(diagnosis: Diagnosis) -> list[str]:
     channels = and_words(list(dict.fromkeys(noisy_channel(str(each["source"])) for each in noise)))
     look = (
         f"Look at the wiring, shielding and supply of {channels} while the arm moves: what is left has "
-        f"{noise_and_bands(noise)}."
+        f"{readable(noise_and_bands(noise))}."
     )
     largest = max((each["share"] for each in [*errors, *second]), default=0.0)
     return [look, *found] if noise[0]["share"] > largest else [*found, look]

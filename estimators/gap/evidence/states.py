@@ -57,6 +57,7 @@ class NoiseState:
         log_weight: cost of the steps' parameters, log prior of a floor; and, once ``under_steps`` has told it, the log
             determinant of the steps.
         other: whether it holds noise without a name.
+        follows: what the size of that changes with, as a course's name; empty: nothing.
     """
 
     name: str = ""
@@ -64,6 +65,7 @@ class NoiseState:
     steps: tuple[Step, ...] = ()
     log_weight: float = 0.0
     other: bool = False
+    follows: str = ""
 
     @property
     def drawn(self) -> list[Drawn]:

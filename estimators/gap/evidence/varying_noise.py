@@ -68,7 +68,7 @@ def varying(states: Sequence[NoiseState], before: NoiseState, lefts: Sequence[Le
         family.name: sum(_promised(family, lefts[number].data, white) for number, _, white, _ in boards)
         for family in boards[0][3]
     }
-    found: list[tuple[float, list[Step]]] = []
+    found: list[tuple[float, str, list[Step]]] = []
     for name in sorted(promised, key=lambda each: -promised[each])[:_FITTED]:
         gained, steps = 0.0, list[Step]()
         for number, board, white, families in boards:
@@ -80,15 +80,17 @@ def varying(states: Sequence[NoiseState], before: NoiseState, lefts: Sequence[Le
                 root = np.ones(data.count)
                 root[data.weights[:, column] > 0.0] = np.exp(0.5 * logs[column])
                 steps.append(Step(column, 1.0 / root, True, number))
-        found.append((gained, steps))
+        found.append((gained, name, steps))
     if not found:
         return []
-    gained, steps = max(found, key=lambda each: each[0])
+    gained, follows, steps = max(found, key=lambda each: each[0])
     # in place of the effect's own share of the prior
     share = float(np.log(OTHER * OTHER_NOISE * OTHER_FORM / (len(promised) * len(states))))
     if gained + share < 0.0:
         return []
-    return [replace(before, name="noise", steps=(*own.steps, *steps), log_weight=own.log_weight + share, other=True)]
+    weight = own.log_weight + share
+    every = (*own.steps, *steps)
+    return [replace(before, name="noise", steps=every, log_weight=weight, other=True, follows=follows)]
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -15,6 +16,7 @@ from estimators.gap.evidence.discrepancy import Weighed, left_beside, weighed
 from estimators.gap.evidence.laplace import linearised
 from estimators.gap.evidence.refine import at
 from estimators.gap.evidence.terms import every_along
+from estimators.gap.remainder_words import course_words
 from estimators.gap.report import closure
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
@@ -25,6 +27,11 @@ from rig.channels import CHANNELS
 _TOLD: Final = 0.1
 #: So many things beside the first are described, the largest.
 _BESIDE: Final = 3
+
+#: Spectra are even that differ by less than this share.
+_WHITE: Final = 1e-3
+#: What repeats, and in what: "deg of joint5", "s".
+_PERIOD: Final = re.compile(r"(?:every|a sine of) \S+ (.*)")
 
 #: Source, course and squares.
 _Left = tuple[str, str, float]
@@ -39,8 +46,11 @@ def follows(posterior: Posterior, gap: float) -> tuple[dict[str, object], ...]:
         gap = max(gap, taken)
         if not each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
             found[each.term.course] = max(found.get(each.term.course, 0.0), taken)
-    ranked = sorted(found.items(), key=lambda item: -item[1])
-    return tuple({"variable": name, "share": taken / gap} for name, taken in ranked if taken > 0.01 * gap)
+    ranked = dict(sorted(found.items(), key=lambda item: -item[1]))
+    periods = [period for name in ranked if (period := _PERIOD.fullmatch(name))]
+    first = {period[1]: period[0] for period in reversed(periods)}  # others of one clock are lines of that
+    told = [name for name in ranked if not (again := _PERIOD.fullmatch(name)) or first[again[1]] == name]
+    return tuple({"variable": name, "share": ranked[name] / gap} for name in told if ranked[name] > 0.01 * gap)
 
 
 def _taken(every: Sequence[Weighed], residual: Array) -> list[float]:
@@ -115,10 +125,11 @@ def _nameless_noise(posterior: Posterior) -> list[_Left]:
     if first is None or likely < _TOLD:
         return []
     rough = posterior.scanner.rough.data
+    size = f", of a size {course_words(first.state.follows)}" if first.state.follows else ""
     return [
         (
             f"noise of {CHANNELS[step.column]} by itself{_in(rough, step.part)}",
-            _band(step.factor, rough.parts[step.part]),
+            _band(step.factor, rough.parts[step.part]) + size,
             float(np.sum(1.0 / np.maximum(step.factor, 1e-9) ** 2 - 1.0)),
         )
         for step in first.state.steps
@@ -132,9 +143,11 @@ def _in(data: WhitenedData, number: int) -> str:
 
 
 def _band(factor: Array, data: WhitenedData) -> str:
-    """The frequencies at which noise is raised most."""
+    """The frequencies at which noise is raised most; all where it is raised evenly."""
     power = 1.0 / np.maximum(factor[1:], 1e-9) ** 2
     raised = power - power.min()
+    if raised.max() < _WHITE * power.mean():
+        return "at all frequencies"
     cumulated = np.cumsum(raised) / max(float(raised.sum()), 1e-300)
     low, high = np.searchsorted(cumulated, [0.1, 0.9])
     unit = 0.5 * data.samples / (data.interval_s * len(raised))
