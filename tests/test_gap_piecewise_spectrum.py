@@ -36,15 +36,16 @@ def test_a_line_that_wanders_is_a_narrow_band(middle: int) -> None:
 
 
 def test_a_spectrum_that_falls_needs_no_halves() -> None:
-    """A walk of the floor's size at a hundredth of the band: octaves tell five sixths of what its own shape would."""
+    """A walk of the floor's size at a hundredth of the band: seven octaves that are raised, each fitted to its own draws,
+    tell as much as the walk's own shape to a tenth, and cost six nats each at most."""
     place = np.arange(1.0, COUNT + 1.0)
     true = 1.0 + (0.01 * COUNT / place) ** 2
-    power = true * squares(0)
-    gain, cost, levels = piecewise(power)
-    own = 0.5 * float(np.sum(power - np.log(true) - power / true))
-    assert own > gain > own * 5.0 / 6.0
-    assert cost < 45.0
-    assert np.all(np.diff(levels[:8]) <= 0.0)
+    for seed in range(5):
+        power = true * squares(seed)
+        gain, cost, _ = piecewise(power)
+        own = 0.5 * float(np.sum(power - np.log(true) - power / true))
+        assert gain == pytest.approx(own, rel=0.1)
+        assert cost < 42.0
 
 
 def test_a_tone_is_worth_more_as_one() -> None:

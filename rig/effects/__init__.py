@@ -11,7 +11,6 @@ from rig.effects import field, sensor, drift, electronic, converter, noise  # no
 from rig.effects.base import (
     EFFECTS,
     Effect,
-    ErrorsShown,
     Kind,
     Stage,
     apply_stage,
@@ -19,6 +18,7 @@ from rig.effects.base import (
     register,
     without_nulls,
 )
+from rig.effects.errors_shown import ErrorsShown
 from rig.effects.parameters import Parameter
 from rig.effects.readings import Finding, Readings
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from rig.arrays import Array
 from rig.channels import CHANNELS, COLUMNS_OF
+from rig.effects.errors_shown import ErrorsShown
 from rig.effects.parameters import Parameter, Value, choices_of, parameters_of
 from rig.effects.readings import Finding, Readings
 from rig.environment import MAGNITUDES
@@ -57,19 +58,6 @@ _NUMBERED: Final = re.compile(r"(joint|link)([1-9]\d?)")
 MOVED_RAD: Final = 1e-3  #: a joint that turns by less is locked
 
 Requirement = Literal["joints", "position", "temperature", "poses", "nodes", "volts"]
-
-
-@dataclass(frozen=True)
-class ErrorsShown:
-    """Errors of a noise effect that a recording itself shows.
-
-    Attributes:
-        errors: (n, r) as ``Effect.response`` takes them, at strength one.
-        hidden: (n,) share of each cosine of these, from the slowest to the fastest, that it does not show.
-    """
-
-    errors: Array
-    hidden: Array
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from typing_extensions import override
 
 from rig.arrays import Array
 from rig.effects._numerics import exponential_spectrum, gauss_markov
-from rig.effects.base import Effect, ErrorsShown, Kind, Stage, register
+from rig.effects.base import Effect, Kind, Stage, register
+from rig.effects.errors_shown import ErrorsShown
 from rig.effects.parameters import parameter
 from rig.pose_nodes import one_sign, quaternions
 from rig.signals import Signals
