@@ -36,8 +36,8 @@ def test_a_line_that_wanders_is_a_narrow_band(middle: int) -> None:
 
 
 def test_a_spectrum_that_falls_needs_no_halves() -> None:
-    """A walk of the floor's size at a hundredth of the band: seven octaves that are raised, each fitted to its own draws,
-    tell as much as the walk's own shape to a tenth, and cost six nats each at most."""
+    """A walk of the floor's size at a hundredth of the band: seven octaves that are raised, each fitted to its own
+    draws, tell as much as the walk's own shape to a tenth, and cost six nats each at most."""
     place = np.arange(1.0, COUNT + 1.0)
     true = 1.0 + (0.01 * COUNT / place) ** 2
     for seed in range(5):
