@@ -48,41 +48,38 @@ def varying(states: Sequence[NoiseState], before: NoiseState, lefts: Sequence[Le
     further = own.steps[len(before.steps) :]
     if 0.5 * sum(one.gain for one in own.fitted[-1].every) < _WORTH:
         return []
-    boards: list[tuple[int, list[int], dict[int, Array], list[Family]]] = []
+    boards: list[tuple[int, dict[int, Array], dict[str, Family]]] = []
     for number, left in enumerate(lefts):
         data, touched = left.data, {step.column for each in own.fitted for step in each.steps(left.data)}
-        families = _families(data)
+        families = {family.name: family for family in _families(data)}
         for where in COLUMNS_OF.values():
-            board = [column for column in sorted(touched) if column in range(6)[where]]
             white = {
                 column: after_steps(
                     [step for step in further if (step.column, step.part) == (column, number)],
                     data.channel(left.explained.residual, column),
                     data.gaps[column],
                 )[data.weights[:, column] > 0.0]
-                for column in board
+                for column in sorted(touched)
+                if column in range(6)[where]
             }
-            if board:
-                boards.append((number, board, white, families))
+            if white:
+                boards.append((number, white, families))
     promised = {
-        family.name: sum(_promised(family, lefts[number].data, white) for number, _, white, _ in boards)
-        for family in boards[0][3]
+        name: sum(_promised(family, lefts[number].data, white) for number, white, _ in boards)
+        for name, family in boards[0][2].items()
     }
     found: list[tuple[float, str, list[Step]]] = []
     for name in sorted(promised, key=lambda each: -promised[each])[:_FITTED]:
         gained, steps = 0.0, list[Step]()
-        for number, board, white, families in boards:
+        for number, white, families in boards:
             data = lefts[number].data
-            (family,) = [each for each in families if each.name == name] or [_NONE]
-            more, logs = _likeliest(family, data, white)
+            more, logs = _likeliest(families.get(name, _NONE), data, white)
             gained += more
-            for column in board:
+            for column in white:
                 root = np.ones(data.count)
                 root[data.weights[:, column] > 0.0] = np.exp(0.5 * logs[column])
                 steps.append(Step(column, 1.0 / root, True, number))
         found.append((gained, name, steps))
-    if not found:
-        return []
     gained, follows, steps = max(found, key=lambda each: each[0])
     # in place of the effect's own share of the prior
     share = float(np.log(OTHER * OTHER_NOISE * OTHER_FORM / (len(promised) * len(states))))

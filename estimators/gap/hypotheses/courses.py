@@ -61,7 +61,7 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
         for joint in np.flatnonzero(np.std(np.unwrap(q, axis=0), axis=0) > LOCKED):
             angles = [order * q[:, joint] for order in range(1, ORDERS + 1)]
             waves = np.stack([wave(angle) for angle in angles for wave in (np.cos, np.sin)], axis=1)
-            weight = np.repeat(1.0 / np.arange(1.0, ORDERS + 1.0), 2)
+            weight = np.repeat(falling(ORDERS), 2)
             yield Course(f"the angle of joint{joint + 1}, once a turn", waves[:, :2], np.ones(2)), posed
             yield Course(f"the angle of joint{joint + 1}", waves, weight), posed
             if (orders := _orders_seen(q[:, joint])) > ORDERS:
@@ -120,7 +120,7 @@ def any_of(size: Array) -> Array:
 
 
 def falling(count: int) -> Array:
-    """(k,) prior standard deviations of cosines, each less than the one before."""
+    """(k,) prior standard deviations of functions, each less than the one before."""
     return np.asarray(1.0 / np.arange(1.0, count + 1.0))
 
 
@@ -189,7 +189,7 @@ def level_courses(data: WhitenedData, column: int) -> list[Course]:
     rate = np.gradient(own, data.base.t)
     direction = np.tanh(rate / max(0.2 * float(np.sqrt(np.mean(rate**2))), 1e-12))[:, None]
     return [
-        Course("level", powers, 1.0 / np.arange(1.0, 7.0)),
+        Course("level", powers, falling(6)),
         Course(
             "level and direction",
             direction * np.column_stack([np.ones(len(own)), own, own**2]),

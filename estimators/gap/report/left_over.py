@@ -47,10 +47,13 @@ def follows(posterior: Posterior, gap: float) -> tuple[dict[str, object], ...]:
         if not each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
             found[each.term.course] = max(found.get(each.term.course, 0.0), taken)
     ranked = dict(sorted(found.items(), key=lambda item: -item[1]))
-    periods = [period for name in ranked if (period := _PERIOD.fullmatch(name))]
-    first = {period[1]: period[0] for period in reversed(periods)}  # others of one clock are lines of that
-    told = [name for name in ranked if not (again := _PERIOD.fullmatch(name)) or first[again[1]] == name]
-    return tuple({"variable": name, "share": ranked[name] / gap} for name in told if ranked[name] > 0.01 * gap)
+    first: dict[str, str] = {}
+    for name in ranked:  # others of one clock are lines of what repeats in it most
+        period = _PERIOD.fullmatch(name)
+        first.setdefault(period[1] if period else name, name)
+    return tuple(
+        {"variable": name, "share": ranked[name] / gap} for name in first.values() if ranked[name] > 0.01 * gap
+    )
 
 
 def _taken(every: Sequence[Weighed], residual: Array) -> list[float]:
