@@ -7,14 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from diagnosed_recordings import scenario as small
-from whitened_examples import data  # noqa: F401
+from whitened_examples import data, recorded  # noqa: F401
 
 import estimators
+from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.named_noise import named
 from estimators.gap.evidence.states import NoiseState, left_of
 from estimators.gap.evidence.varying_noise import varying
 from estimators.gap.hypotheses.score import Explained
+from estimators.gap.hypotheses.stochastic import Left
+from rig.arm import Arm
 from rig.effects import EFFECTS, make_effect
 from rig.effects._numerics import gauss_markov
 
@@ -66,6 +69,24 @@ def test_noise_that_is_louder_one_way_up_is_no_noise_of_one_strength(data: White
         assert best.labels == ("noise_excess@accel3",)
         (step,) = found.steps[len(best.steps) :]
         assert np.corrcoef(1.0 / step.factor, up)[0, 1] > 0.8
+
+
+def test_each_recording_has_its_own_course_of_what_noise_follows(data: WhitenedData, arm: Arm) -> None:
+    """Of two, the second half as long and on its own path: louder one way up in both."""
+    run = recorded(2, decimation=200)
+    lefts = []
+    for number, each in enumerate((data, set_up(run, estimated_floor(run, arm), arm))):
+        rng, up = np.random.default_rng(number), each.base.inputs[:, 2] > 0.0
+        left = rng.standard_normal((6, each.count))
+        left[2] += 2.0 * up * rng.standard_normal(each.count)
+        lefts.append(Left(each, Explained(each.absorbed, left.ravel())))
+    own = named(lefts, [name for name in EFFECTS if name not in NAMES], NoiseState())
+    (found,) = varying(own, NoiseState(), lefts)
+    for step in found.steps:
+        if step.in_time:
+            up = lefts[step.part].data.base.inputs[:, 2] > 0.0
+            assert np.corrcoef(1.0 / step.factor, up)[0, 1] > 0.8
+    assert {step.part for step in found.steps if step.in_time} == {0, 1}
 
 
 def test_noise_of_one_size_is_in_no_other_form(data: WhitenedData) -> None:

@@ -64,9 +64,10 @@ def varying(states: Sequence[NoiseState], before: NoiseState, lefts: Sequence[Le
             }
             if white:
                 boards.append((number, white, families))
+    names = dict.fromkeys(name for _, _, families in boards for name in families)
     promised = {
-        name: sum(_promised(family, lefts[number].data, white) for number, white, _ in boards)
-        for name, family in boards[0][2].items()
+        name: sum(_promised(families.get(name, _NONE), lefts[number].data, white) for number, white, families in boards)
+        for name in names
     }
     found: list[tuple[float, str, list[Step]]] = []
     for name in sorted(promised, key=lambda each: -promised[each])[:_FITTED]:
