@@ -68,6 +68,8 @@ def test_what_most_of_the_gap_is_comes_first(closed: float, first: str) -> None:
     [
         ("time, throughout", "that is constant"),
         ("time, steadily", "that drifts steadily with time"),
+        ("time, steadily from a start", "that drifts steadily with time from a start"),
+        ("temperature, from a reference", "that changes with temperature, from a reference"),
         ("time, in 1 jumps", "that changes in 1 jump"),
         ("time, in 3 jumps", "that changes in 3 jumps"),
         ("time, in 512 pieces", "that changes with time, 512 times in the recording"),

@@ -19,6 +19,7 @@ from estimators.gap.report.homogeneity import (
     log_bayes_factor_of_noise,
     log_bayes_factor_of_readings,
     of_cells,
+    of_strengths,
 )
 from estimators.gap.report.p_values import defect_probability
 from rig.arrays import Array
@@ -27,26 +28,43 @@ from rig.effects import EFFECTS
 CELLS, DRAWS = 16, 800
 
 
-def drawn(rng: np.random.Generator, information: Array) -> tuple[bool, Array]:
+#: What is known of the strength in each cell; beside something else that can change steadily from cell to cell, too.
+STEADY = (np.arange(CELLS) - 0.5 * (CELLS - 1)) / np.linalg.norm(np.arange(CELLS) - 0.5 * (CELLS - 1))
+KNOWN = {"alone": 30.0 * np.eye(CELLS), "beside": 30.0 * np.eye(CELLS) - 29.0 * np.outer(STEADY, STEADY)}
+
+
+def drawn(rng: np.random.Generator, known: Array) -> tuple[bool, Array]:
     """Whether it is a cause, and its strength in each cell, as the model has it."""
     apart = np.sqrt(3.0) * np.abs(np.subtract.outer(np.arange(CELLS), np.arange(CELLS))) / CELLS / rng.choice(LENGTHS)
     process = rng.choice(SCATTER) * rng.multivariate_normal(np.zeros(CELLS), (1.0 + apart) * np.exp(-apart))
     cause = bool(rng.random() < 0.5)
-    return cause, cause * rng.standard_normal() + process + rng.standard_normal(CELLS) / np.sqrt(information)
+    error = np.linalg.solve(np.linalg.cholesky(known).T, rng.standard_normal(CELLS))
+    return cause, cause * rng.standard_normal() + process + error
 
 
-def test_of_what_is_said_to_be_a_cause_so_many_are() -> None:
+@pytest.mark.parametrize("beside", KNOWN)
+def test_of_what_is_said_to_be_a_cause_so_many_are(beside: str) -> None:
     """The number of causes less the sum of their probabilities has variance sum p (1 - p); four standard deviations
-    fail by chance once in 16,000, in two classes."""
-    rng = np.random.default_rng(0)
-    information = np.full(CELLS, 30.0)
-    cases = [drawn(rng, information) for _ in range(DRAWS)]
+    fail by chance once in 16,000, in four classes."""
+    rng, known = np.random.default_rng(0), KNOWN[beside]
+    cases = [drawn(rng, known) for _ in range(DRAWS)]
     is_cause = np.array([cause for cause, _ in cases])
-    said = 1.0 / (1.0 + np.exp([-of_cells(strength, information) for _, strength in cases]))
+    said = 1.0 / (1.0 + np.exp([-of_strengths(known, known @ (strength - 1.0)) for _, strength in cases]))
     for chosen in (said > 0.5, said <= 0.5):
         p = said[chosen]
         assert abs(is_cause[chosen].sum() - p.sum()) < 4.0 * np.sqrt(np.sum(p * (1.0 - p)))
     assert (said > 0.95).sum() > 0.1 * DRAWS
+
+
+def test_what_something_else_can_do_as_well_is_no_sign_of_a_cause() -> None:
+    """It takes all that is common to the cells, or what grows from cell to cell: then only the former is told."""
+    common = np.full((CELLS, CELLS), 1.0 / CELLS)
+    information = 1e4 / CELLS
+    taken = information * (np.eye(CELLS) - common)
+    assert abs(of_strengths(taken, taken @ np.linspace(-1.0, 1.0, CELLS))) < 1e-6
+    drift = information * (np.eye(CELLS) - np.outer(STEADY, STEADY))
+    assert of_strengths(drift, drift @ (2.0 * CELLS * STEADY)) > np.log(1e4)
+    assert of_cells(1.0 + 2.0 * CELLS * STEADY, np.full(CELLS, information)) < np.log(10.0)
 
 
 def test_what_grows_along_a_variable_is_no_cause_however_significant() -> None:

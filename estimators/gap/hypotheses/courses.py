@@ -56,7 +56,8 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
     base = data.base
     # a clock knows the time and how warm it is; where only poses are known, an error along their path is one of a clock
     posed = every if base.q_encoder is None else every - {"clock"}
-    yield Course("time, throughout", np.ones((len(base), 1)), np.ones(1)), every - {"offset", "gain"}
+    lasting = every - {"offset", "gain"}  # of these, the calibration takes what is constant
+    yield Course("time, throughout", np.ones((len(base), 1)), np.ones(1)), lasting
     if (q := base.q_encoder) is not None:
         for joint in np.flatnonzero(np.std(np.unwrap(q, axis=0), axis=0) > LOCKED):
             angles = [order * q[:, joint] for order in range(1, ORDERS + 1)]
@@ -89,8 +90,9 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
     yield Course("orientation, to first order", elements, np.ones(9)), posed
     yield Course("orientation", both, np.ones(both.shape[1])), posed
     if np.ptp(base.t) > 0.0:
-        steady = (base.t - base.t.mean()) / np.std(base.t)
-        yield Course("time, steadily", steady[:, None], np.ones(1)), every
+        steady = ((base.t - base.t.mean()) / np.std(base.t))[:, None]
+        yield Course("time, steadily", steady, np.ones(1)), every
+        yield Course("time, steadily from a start", *_beside_constant(steady, np.ones(1))), lasting
     rate, bent = _turning(data)
     if rate.any():
         both = np.column_stack([_of_size_one(each) for each in (rate, bent)])
@@ -111,7 +113,14 @@ def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
             yield Course("position", both, weight), frozenset({"field"})
     if base.temperature is not None and np.ptp(base.temperature) > 0:
         warm = (base.temperature - base.temperature.mean()) / np.std(base.temperature)
-        yield Course("temperature", np.column_stack([warm, warm**2]), np.array([1.0, 0.3])), every
+        both, weight = np.column_stack([warm, warm**2]), np.array([1.0, 0.3])
+        yield Course("temperature", both, weight), every
+        yield Course("temperature, from a reference", *_beside_constant(both, weight)), lasting
+
+
+def _beside_constant(values: Array, weight: Array) -> tuple[Array, Array]:
+    """Functions (n, k) beside a constant: what drifts is zero where it began, seldom on average."""
+    return np.column_stack([np.ones(len(values)), values]), np.concatenate([[1.0], weight])
 
 
 def any_of(size: Array) -> Array:

@@ -19,6 +19,7 @@ from scipy.special import gammaln
 
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.hypotheses.prior import LENGTHS
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, Left
 from estimators.gap.search.explanation import Explanation
@@ -37,12 +38,12 @@ _STILL: Final = 1e-3
 _LEAST: Final = 1e-9
 
 
-def log_bayes_factor(explanation: Explanation, index: int) -> float:
+def log_bayes_factor(explanation: Explanation, index: int, beside: Weighed | None = None) -> float:
     """Log of how much likelier one effect of a set is a cause than an image: the largest that a prior of its strength
     gives; an image may vary along any one of the variables.
 
     Args:
-        index: its number in the set.
+        index: its number in the set. beside: a discrepancy that is there; what it could do as well tells nothing.
     """
     data, along = explanation.data, own_columns(explanation, index)
     channels = len(data.columns)
@@ -51,7 +52,12 @@ def log_bayes_factor(explanation: Explanation, index: int) -> float:
     cells = min(_CELLS, data.count // _SAMPLES)
     if cells < 2 or not information.sum() > 0.0:
         return 0.0
-    return _against_any([of_cells(*_in_cells(information, score, each, cells)) for each in _variables(data)])
+    variables = _variables(data)
+    if beside is None:
+        return _against_any([of_cells(*_in_cells(information, score, each, cells)) for each in variables])
+    return _against_any(
+        [of_strengths(*_in_cells_beside(along, score, each, cells, explanation, beside)) for each in variables]
+    )
 
 
 def own_columns(explanation: Explanation, index: int) -> Array:
@@ -151,6 +157,26 @@ def _in_cells(information: Array, score: Array, variable: Array, cells: int) -> 
     return 1.0 + np.bincount(cell, score, cells) / known, known
 
 
+def _in_cells_beside(
+    along: Array, score: Array, variable: Array, cells: int, explanation: Explanation, beside: Weighed
+) -> tuple[Array, Array]:
+    """(cells, cells) information on the strength in each cell, and (cells,) its score, where a discrepancy is there.
+
+    Args:
+        along: (c n,) what the effect does. score: (n,) products of that with what is left.
+    """
+    data = explanation.data
+    cell, channels = _cells(variable, cells), len(data.columns)
+    apart = np.zeros((channels, data.count, cells))
+    apart[:, np.arange(data.count), cell] = along.reshape(channels, -1)
+    known = np.maximum(np.sum(apart**2, axis=(0, 1)), _LEAST * float(along @ along))
+    taken = beside.term.along(apart.reshape(-1, cells))
+    shrunk = beside.term.shrunk[0][int(np.argmax(beside.gains))]
+    left = beside.term.along(explanation.linear.left[:, None])[:, 0]
+    moment = np.bincount(cell, score, cells) - taken.T @ (shrunk * left)
+    return np.diag(known) - taken.T @ (shrunk[:, None] * taken), moment
+
+
 def _cells(variable: Array, cells: int) -> NDArray[np.intp]:
     """(n,) the cell of each sample, of so many with as many samples each."""
     cell = np.empty(len(variable), dtype=np.intp)
@@ -164,13 +190,27 @@ def of_cells(strength: Array, information: Array) -> float:
     Args:
         strength: (cells,) in each, over the fitted one; along a variable. information: (cells,) 1 / variance of each.
     """
-    place = (np.arange(len(strength)) + 0.5) / len(strength)
-    root = np.sqrt(information)
+    return of_strengths(np.diag(information), information * (strength - 1.0))
+
+
+def of_strengths(gram: Array, moment: Array) -> float:
+    """The same of strengths whose errors depend on each other.
+
+    Args:
+        gram: (cells, cells) information. moment: (cells,) the score at the fitted strength.
+    """
+    cells = len(gram)
+    place = (np.arange(cells) + 0.5) / cells
+    own, vectors = np.linalg.eigh(gram)
+    kept = own > _LEAST * own[-1]
+    root = np.sqrt(own[kept])[:, None] * vectors[:, kept].T
+    whole = root.sum(axis=1)
+    strength = whole + (vectors[:, kept].T @ moment) / np.sqrt(own[kept])
     cause, image = [], []
     for length in LENGTHS:
         apart = np.sqrt(3.0) * np.abs(place[:, None] - place) / length
-        values, vectors = np.linalg.eigh(root[:, None] * (1.0 + apart) * np.exp(-apart) * root)  # Matern 3/2
-        seen, common = vectors.T @ (root * strength), vectors.T @ root
+        values, turned = np.linalg.eigh(root @ ((1.0 + apart) * np.exp(-apart)) @ root.T)  # Matern 3/2
+        seen, common = turned.T @ strength, turned.T @ whole
         variance = 1.0 + SCATTER[:, None] ** 2 * np.maximum(values, 0.0)
         alone = -0.5 * np.sum(np.log(variance) + seen**2 / variance, axis=1)
         size, both = np.sum(common**2 / variance, axis=1), np.sum(seen * common / variance, axis=1)

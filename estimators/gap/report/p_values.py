@@ -9,15 +9,20 @@ import numpy as np
 
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.states import left_of
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.score import Explained
+from estimators.gap.remainder_words import STRENGTH
 from estimators.gap.report import homogeneity, reach
+from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
 
 #: Hypotheses that are looked at, by their probability.
 WAYS: Final = 0.002
+#: Terms of a discrepancy beside which causes are judged, by their share of it.
+_SHARE: Final = 0.1
 
 
 def log_bayes_factor(log_p: float) -> float:
@@ -51,21 +56,27 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
     their explanation, then of each noise effect in the order of their labels: as the catalogue's effects do part of
     what it does, their own evidence is no longer one."""
     found: dict[int, tuple[float, ...]] = {}
-    known: dict[int, list[tuple[float, reach.Gains]]] = {}
+    known: dict[tuple[int, int], list[float]] = {}
+    gained: dict[int, list[reach.Gains]] = {}
     second = any(each.further for each in posterior.hypotheses)
     for number, (each, probability) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
         if not each.other or probability < WAYS:
             continue
         explanation, prior = each.explanation, posterior.prior
-        if id(explanation) not in known:
-            odds = [
-                homogeneity.log_bayes_factor(explanation, index) + prior.log_single(member.drawn)
-                for index, member in enumerate(explanation.members)
-            ]
-            known[id(explanation)] = list(zip(odds, reach.gains(explanation), strict=True))
-        found[number] = tuple(
-            _probability(own - reach.log_prior_of_image(gains, each, second)) for own, gains in known[id(explanation)]
-        )
+        if id(explanation) not in gained:
+            gained[id(explanation)] = reach.gains(explanation)
+        images = [reach.log_prior_of_image(gains, each, second) for gains in gained[id(explanation)]]
+        shares, believed = [], []
+        for beside, share in _besides(each):
+            key = id(explanation), id(beside)
+            if key not in known:
+                known[key] = [
+                    homogeneity.log_bayes_factor(explanation, index, beside) + prior.log_single(member.drawn)
+                    for index, member in enumerate(explanation.members)
+                ]
+            shares.append(share)
+            believed.append([_probability(odds - image) for odds, image in zip(known[key], images, strict=True)])
+        found[number] = tuple(np.average(believed, axis=0, weights=shares).tolist())
         if noises := sorted(each.state.fitted, key=lambda fitted: fitted.label):
             here = explanation.on(posterior.scanner.fine.data)
             data, linear = here.data, here.linear
@@ -79,3 +90,15 @@ def doubts(posterior: Posterior) -> dict[int, tuple[float, ...]]:
                 for fitted in noises
             )
     return found
+
+
+def _besides(hypothesis: Hypothesis) -> list[tuple[Weighed | None, float]]:
+    """What the discrepancy of a hypothesis may be, each with its probability; None without one, and where it is that a
+    cause has another form: a cause in doubt is asked for one strength, not for one beside what that changes with."""
+    if not hypothesis.terms:
+        return [(None, 1.0)]
+    masses = np.array([one.log_mass for one in hypothesis.terms])
+    shares = np.exp(masses - np.logaddexp.reduce(masses))
+    likely = [(one, float(share)) for one, share in zip(hypothesis.terms, shares, strict=True) if share >= _SHARE]
+    every = likely or [(hypothesis.terms[0], 1.0)]
+    return [(None if one.term.source.startswith(STRENGTH) else one, share) for one, share in every]
