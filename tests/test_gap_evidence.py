@@ -23,7 +23,7 @@ from estimators.gap.evidence.repeats import Repeats
 from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.courses import courses
-from estimators.gap.hypotheses.prior import FLOOR_RAISED
+from estimators.gap.hypotheses.prior import FLOOR_RAISED, LENGTHS
 from estimators.gap.hypotheses.shapes import shape_prior
 from estimators.gap.hypotheses.sources import sources
 from rig.arm import Arm
@@ -166,6 +166,27 @@ def test_one_axis_alone_or_all_of_them_are_averaged(fault: tuple[float, ...]) ->
     assert linear.averaged[0] == pytest.approx(expected, abs=allowed)
     all_alike = replace(linear, by_axis=~there).averaged[0]
     assert (linear.averaged[0] > all_alike) == (sum(value != 0.0 for value in fault) == 1)
+
+
+@pytest.mark.parametrize("course", [(4.0, 0.0, 0.0), (2.0, -8.0, 5.0)])
+def test_cosines_of_a_course_are_those_of_a_process_of_any_memory(course: tuple[float, ...]) -> None:
+    """Strengths that do not overlap: each has an evidence of its own, (1 + v)^-1/2 exp(z^2/2 v/(1 + v)), v in
+    proportion to the squares of a Matern process' coefficients."""
+    tangent = np.linalg.qr(np.random.default_rng(3).standard_normal((40, 3)))[0]
+    left = tangent @ np.array(course)
+    owner, there = np.zeros(3, dtype=np.intp), np.ones(3, dtype=bool)
+    linear = Linear(left, tangent, np.zeros(3), there, np.ones(3), owner, orders=np.array([1, 2, 3]))
+    logs = []
+    for scale in linear.grids[0]:
+        for length in LENGTHS:
+            fall = 1.0 / (3.0 / length**2 + (np.pi * np.array([1.0, 2.0, 3.0])) ** 2)
+            variance = float(scale) ** 2 * fall**2 / np.mean(fall**2)
+            own = 0.5 * np.array(course) ** 2 * variance / (1.0 + variance) - 0.5 * np.log1p(variance)
+            logs.append(float(own.sum()))
+    expected = np.logaddexp.reduce(logs) - np.log(len(logs)) - 0.5 * left @ left
+    assert linear.averaged[0] == pytest.approx(expected, abs=1e-9)
+    alike = replace(linear, orders=None).averaged[0]
+    assert (linear.averaged[0] > alike) == (course[1] == 0.0)
 
 
 def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(

@@ -51,7 +51,7 @@ class SupplyRatiometric(Effect):
     stage = Stage.VOLTS
     places = ("supply",)
 
-    waveform: tuple[float, ...] = parameter("relative", 1e-3, lower=-0.5, upper=0.5, size=_COSINES)
+    waveform: tuple[float, ...] = parameter("relative", 1e-3, lower=-0.5, upper=0.5, size=_COSINES, of_cosines=True)
     supply_V: float = parameter("relative", 1.0, lower=-10.0, upper=10.0)
 
     @override

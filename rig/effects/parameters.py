@@ -32,6 +32,8 @@ class Parameter:
         scatter: True where it is the strength of noise that a mean effect has beside the mean (``Effect.response``):
             it does not move the mean.
         by_axis: True where its components are those of single axes, of which one alone may be at fault.
+        of_cosines: True where its components are those of cosines over the recording, from half a wave on: of a course
+            that may be as smooth as any.
         unit_vector: True where only its direction counts, not its length.
         step: change of it, in ``unit``, over which a derivative is taken: small against any curvature, large against
             rounding.
@@ -49,6 +51,7 @@ class Parameter:
     grid: tuple[Value, ...] = ()
     scatter: bool = False
     by_axis: bool = False
+    of_cosines: bool = False
     unit_vector: bool = False
     step: float = 0.0
 
@@ -89,6 +92,7 @@ def parameter(
     grid: Sequence[Value] = (),
     scatter: bool = False,
     by_axis: bool = False,
+    of_cosines: bool = False,
     unit_vector: bool = False,
     step: float | None = None,
 ) -> Any:
@@ -102,7 +106,7 @@ def parameter(
         start = (start,) * size
     meta: dict[str, Any] = {"unit": unit, "typical": typical, "lower": lower, "upper": upper, "size": size}
     meta |= {"strength": strength, "neutral": neutral, "spanned": tuple(spanned), "grid": tuple(grid)}
-    meta |= {"scatter": scatter, "by_axis": by_axis, "unit_vector": unit_vector}
+    meta |= {"scatter": scatter, "by_axis": by_axis, "of_cosines": of_cosines, "unit_vector": unit_vector}
     meta |= {"step": 1e-3 * typical if step is None else step}
     return dataclasses.field(default=start, metadata=meta)
 

@@ -2,8 +2,9 @@
 
 Laplace's approximation about the refit, in whitened coordinates with the calibration's tangent projected out, which is
 the restricted likelihood (Harville, Biometrika 61, 1974). Strengths are normal about zero with a scale of their own for
-each effect, averaged over a grid; of an effect with one strength an axis, all act or one alone. Shapes are normal among
-the values that are searched; where none are, about what was fitted, one typical size wide.
+each effect, averaged over a grid; of an effect with one strength an axis, all act or one alone; of one along cosines
+over the recording they are those of a process with any of a discrepancy's memories. Shapes are normal among the values
+that are searched; where none are, about what was fitted, one typical size wide.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
 from estimators.gap.evidence.refine import Refit
-from estimators.gap.hypotheses.prior import ONE_AXIS, scales
+from estimators.gap.hypotheses.courses import matern
+from estimators.gap.hypotheses.prior import LENGTHS, ONE_AXIS, scales
 from estimators.gap.hypotheses.shapes import shape_prior
 from rig.arrays import Array
 
@@ -33,8 +35,8 @@ _ALONE: Final = 1e6
 _WEAK: Final = 1e-8
 _HUGE: Final = 1e250
 
-#: The scale of an effect's strengths, the number of the one that acts alone (None: all act), and its log prior.
-_Way = tuple[float, int | None, float]
+#: The scale of an effect's strengths, (p,) factors of their prior precisions, and its log prior.
+_Way = tuple[float, Array, float]
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class Linear:
         searched: logarithm of how many fixed shapes were as likely, less those that fit as well.
         by_axis: (p,) True for strengths of which one may act alone.
         away: (p,) prior mean of shapes less the fitted value; None: nothing.
+        orders: (p,) of strengths along cosines over the recording, how many half waves each has; zero of others.
     """
 
     left: Array
@@ -61,6 +64,7 @@ class Linear:
     searched: float = 0.0
     by_axis: NDArray[np.bool_] | None = None
     away: Array | None = None
+    orders: NDArray[np.intp] | None = None
 
     @cached_property
     def gram(self) -> Array:
@@ -116,6 +120,7 @@ class Linear:
         number = 0 if not len(self.owner) else int(self.owner.max()) + 1
         away = np.zeros(len(self.point)) if self.away is None else self.away
         by_axis = np.zeros(len(self.point), dtype=bool) if self.by_axis is None else self.by_axis
+        orders = np.zeros(len(self.point), dtype=np.intp) if self.orders is None else self.orders
         return replace(
             self,
             tangent=np.column_stack([self.tangent, column]),
@@ -125,6 +130,7 @@ class Linear:
             owner=np.append(self.owner, number).astype(np.intp),
             by_axis=np.append(by_axis, False).astype(bool),
             away=np.append(away, expected),
+            orders=np.append(orders, 0),
         )
 
     def log_evidence(self, square: Array | float, gram: Array, moment: Array, precision: Array) -> Array:
@@ -151,19 +157,36 @@ class Linear:
         """What the strengths of each effect may be like before the data."""
         found = []
         for index, grid in enumerate(self.grids):
-            own = [] if self.by_axis is None else np.flatnonzero(self.by_axis & (self.owner == index)).tolist()
-            shares: list[tuple[int | None, float]] = [(None, 1.0 - ONE_AXIS if own else 1.0)]
-            shares += [(axis, ONE_AXIS / len(own)) for axis in own]
-            found.append([(float(c), axis, float(np.log(share / len(grid)))) for axis, share in shares for c in grid])
+            alike = self._alike(self.owner == index)
+            found.append(
+                [(float(c), factors, float(np.log(share / len(grid)))) for factors, share in alike for c in grid]
+            )
         return found
+
+    def _alike(self, own: NDArray[np.bool_]) -> list[tuple[Array, float]]:
+        """Factors (p,) of the prior precisions of an effect's strengths, each with its probability."""
+        every = np.ones(len(self.point))
+        axes = [] if self.by_axis is None else np.flatnonzero(self.by_axis & own).tolist()
+        found = [(every, 1.0 - ONE_AXIS if axes else 1.0)]
+        for axis in axes:
+            others = self.strength & own
+            others[axis] = False
+            found.append((np.where(others, _ALONE, every), ONE_AXIS / len(axes)))
+        cosines = np.zeros(len(every), dtype=bool) if self.orders is None else own & (self.orders > 0)
+        if self.orders is None or not cosines.any():
+            return found
+        falls = []
+        for length in LENGTHS:
+            size = matern(length, int(self.orders.max()) + 1)[self.orders[cosines]]
+            factors = every.copy()
+            factors[cosines] = np.mean(size**2) / size**2  # of the same mean square
+            falls.append(factors)
+        return [(own * factors, share / len(falls)) for own, share in found for factors in falls]
 
     def _precision_of(self, chosen: Sequence[_Way]) -> Array:
         precision = self.precision([scale for scale, *_ in chosen])
-        for index, (_, axis, _) in enumerate(chosen):
-            if axis is not None:
-                others = self.strength & (self.owner == index)
-                others[axis] = False
-                precision[others] *= _ALONE
+        for _, factors, _ in chosen:
+            precision = precision * factors
         return precision
 
     @cached_property
@@ -238,4 +261,18 @@ def linearised(refitted: Refit, searched: float = 0.0) -> Linear:
     away, width = (np.concatenate(each) for each in zip(*shapes, strict=True))
     owner = np.concatenate([np.full(len(fit.values), index, dtype=np.intp) for index, fit in enumerate(fits)])
     by_axis = np.concatenate([np.full(item.size, item.by_axis) for fit in fits for item in fit.free])
-    return Linear(left, tangent, point, strength.astype(bool), width, owner, searched, by_axis.astype(bool), away)
+    orders = [
+        np.arange(1, item.size + 1) if item.of_cosines else np.zeros(item.size) for fit in fits for item in fit.free
+    ]
+    return Linear(
+        left,
+        tangent,
+        point,
+        strength.astype(bool),
+        width,
+        owner,
+        searched,
+        by_axis.astype(bool),
+        away,
+        np.concatenate(orders).astype(np.intp),
+    )
