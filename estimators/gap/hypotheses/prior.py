@@ -59,7 +59,7 @@ ONE_AXIS: Final = 0.5
 #: Signal-to-noise of a discrepancy before the data: these times two to the power 0..7.
 DISCREPANCY_SNR: Final = 5.0
 DISCREPANCY_STEPS: Final = 8
-#: Lengths, as shares of the recording, of a discrepancy's course in time.
+#: Lengths, as shares of the recording, of a discrepancy's course in time, and of a supply's that was not recorded.
 LENGTHS: Final = (0.5, 0.15, 0.05, 0.015)
 
 
