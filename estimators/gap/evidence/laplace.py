@@ -172,8 +172,7 @@ class Linear:
             others = self.strength & own
             others[axis] = False
             found.append((np.where(others, _ALONE, every), ONE_AXIS / len(axes)))
-        cosines = np.zeros(len(every), dtype=bool) if self.orders is None else own & (self.orders > 0)
-        if self.orders is None or not cosines.any():
+        if self.orders is None or not np.any(cosines := own & (self.orders > 0)):
             return found
         falls = []
         for length in LENGTHS:
@@ -272,7 +271,7 @@ def linearised(refitted: Refit, searched: float = 0.0) -> Linear:
         width,
         owner,
         searched,
-        by_axis.astype(bool),
-        away,
-        np.concatenate(orders).astype(np.intp),
+        by_axis=by_axis.astype(bool),
+        away=away,
+        orders=np.concatenate(orders).astype(np.intp),
     )

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.gap.data.projection import project
 from estimators.gap.data.stack import Stack, part_of
 from estimators.gap.diagnosis import Cause
 from estimators.gap.search.hypothesis import Hypothesis
@@ -25,7 +24,7 @@ def of_several(cause: Cause, label: str, index: int, holder: Hypothesis, data: S
     explanation = holder.explanation
     fit = explanation.fits[index]
     whole = explanation.data
-    own = project(whole.absorbed, whole.whiten(explanation.own_change(index, whole)))
+    own = explanation.changes[index]
     gains = own * explanation.linear.left + 0.5 * own**2
     evidence = {name: float(gains[whole.rows(number)].sum()) for number, name in enumerate(data.names)}
     number = part_of(fit.candidate.effect)

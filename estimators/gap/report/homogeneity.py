@@ -17,9 +17,9 @@ from scipy.fft import dct, idct
 from scipy.ndimage import uniform_filter1d
 from scipy.special import gammaln
 
-from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.discrepancy import Weighed
+from estimators.gap.evidence.terms import Term
 from estimators.gap.hypotheses.prior import LENGTHS
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, Left
 from estimators.gap.search.explanation import Explanation
@@ -29,6 +29,8 @@ from rig.arrays import Array
 _CELLS: Final = 64
 _SAMPLES: Final = 4
 _SQUARES: Final = 16
+#: Cells whose products with a discrepancy are made at once: of a long recording all would be large.
+_AT_ONCE: Final = 8
 #: What moves the mean is alike in so many neighbouring readings.
 _NEIGHBOURS: Final = 16
 #: Scatter of the strength over the strength itself.
@@ -45,27 +47,24 @@ def log_bayes_factor(explanation: Explanation, index: int, beside: Weighed | Non
     Args:
         index: its number in the set. beside: a discrepancy that is there; what it could do as well tells nothing.
     """
-    data, along = explanation.data, own_columns(explanation, index)
+    data, along = explanation.data, explanation.own_columns[index]
     channels = len(data.columns)
     information = np.sum(along.reshape(channels, -1) ** 2, axis=0)
     score = np.sum((along * explanation.linear.left).reshape(channels, -1), axis=0)
     cells = min(_CELLS, data.count // _SAMPLES)
     if cells < 2 or not information.sum() > 0.0:
         return 0.0
-    variables = _variables(data)
     if beside is None:
-        return _against_any([of_cells(*_in_cells(information, score, each, cells)) for each in variables])
-    return _against_any(
-        [of_strengths(*_in_cells_beside(along, score, each, cells, explanation, beside)) for each in variables]
-    )
-
-
-def own_columns(explanation: Explanation, index: int) -> Array:
-    """(c n,) what one effect of a set does to whitened readings, less what calibration and other effects can do."""
-    linear, data = explanation.linear, explanation.data
-    along = project(data.absorbed, data.whiten(explanation.own_change(index, data)))
-    beside = linear.tangent[:, linear.owner != index]
-    return np.asarray(along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0] if beside.shape[1] else along)
+        return _against_any([of_cells(*_in_cells(information, score, each, cells)) for each in _variables(data)])
+    shrunk = beside.term.shrunk[0][int(np.argmax(beside.gains))]
+    left = shrunk * beside.term.along(explanation.linear.left[:, None])[:, 0]
+    found = []
+    for variable in _variables(data):
+        strength, known = _in_cells(information, score, variable, cells)
+        taken = _taken(beside.term, along, _cells(variable, cells), cells)
+        moment = known * (strength - 1.0) - taken.T @ left
+        found.append(of_strengths(np.diag(known) - taken.T @ (shrunk[:, None] * taken), moment))
+    return _against_any(found)
 
 
 def log_bayes_factor_of_noise(fitted: FittedNoise, lefts: Sequence[Left]) -> float:
@@ -157,24 +156,13 @@ def _in_cells(information: Array, score: Array, variable: Array, cells: int) -> 
     return 1.0 + np.bincount(cell, score, cells) / known, known
 
 
-def _in_cells_beside(
-    along: Array, score: Array, variable: Array, cells: int, explanation: Explanation, beside: Weighed
-) -> tuple[Array, Array]:
-    """(cells, cells) information on the strength in each cell, and (cells,) its score, where a discrepancy is there.
-
-    Args:
-        along: (c n,) what the effect does. score: (n,) products of that with what is left.
-    """
-    data = explanation.data
-    cell, channels = _cells(variable, cells), len(data.columns)
-    apart = np.zeros((channels, data.count, cells))
-    apart[:, np.arange(data.count), cell] = along.reshape(channels, -1)
-    known = np.maximum(np.sum(apart**2, axis=(0, 1)), _LEAST * float(along @ along))
-    taken = beside.term.along(apart.reshape(-1, cells))
-    shrunk = beside.term.shrunk[0][int(np.argmax(beside.gains))]
-    left = beside.term.along(explanation.linear.left[:, None])[:, 0]
-    moment = np.bincount(cell, score, cells) - taken.T @ (shrunk * left)
-    return np.diag(known) - taken.T @ (shrunk[:, None] * taken), moment
+def _taken(term: Term, along: Array, cell: NDArray[np.intp], cells: int) -> Array:
+    """(r, cells) products of a discrepancy with what an effect (c n,) does in each cell."""
+    found = []
+    for some in np.array_split(np.arange(cells), max(cells // _AT_ONCE, 1)):
+        there = cell[:, None] == some
+        found.append(term.along((along.reshape(-1, len(cell), 1) * there).reshape(-1, len(some))))
+    return np.hstack(found)
 
 
 def _cells(variable: Array, cells: int) -> NDArray[np.intp]:

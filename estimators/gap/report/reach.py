@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from estimators.gap.data.projection import project
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.hypotheses.stochastic import FittedNoise
-from estimators.gap.report.homogeneity import own_columns
 from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.further_unknowns import SECOND
 from estimators.gap.search.hypothesis import Hypothesis
@@ -33,12 +32,11 @@ def gains(explanation: Explanation) -> list[Gains]:
     """Of each effect of a set."""
     data, left = explanation.data, explanation.linear.left
     every = project(data.absorbed, data.whiten(data.change([fit.effect for fit in explanation.fits])))
-    found = []
-    for index in range(len(explanation.members)):
-        alone = project(data.absorbed, data.whiten(explanation.own_change(index, data)))
-        beside_others = _gained(own_columns(explanation, index), left, len(data.columns))
-        found.append(Gains(beside_others, _gained(alone, left + every - alone, len(data.columns))))
-    return found
+    channels = len(data.columns)
+    return [
+        Gains(_gained(own, left, channels), _gained(alone, left + every - alone, channels))
+        for own, alone in zip(explanation.own_columns, explanation.changes, strict=True)
+    ]
 
 
 def gains_of_noise(fitted: FittedNoise, columns: Sequence[int]) -> Gains:

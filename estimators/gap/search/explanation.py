@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear, linearised
 from estimators.gap.evidence.refine import Fitted, Refit, at, refit
@@ -137,6 +138,21 @@ class Explanation:
     def whitened_change(self, index: int) -> tuple[Array, Array]:
         """(c n,) the same in its own data, and (c n, p) its derivatives by the effect's parameters."""
         return self.data.whiten(self.own_change(index, self.data)), self.linear.tangent[:, self.linear.owner == index]
+
+    @cached_property
+    def changes(self) -> list[Array]:
+        """(c n,) what each effect does to whitened readings beside the others, less what the calibration takes."""
+        every = range(len(self.members))
+        return [project(self.data.absorbed, self.data.whiten(self.own_change(index, self.data))) for index in every]
+
+    @cached_property
+    def own_columns(self) -> list[Array]:
+        """The same, less what the other effects can do."""
+        found = []
+        for index, along in enumerate(self.changes):
+            beside = self.linear.tangent[:, self.linear.owner != index]
+            found.append(along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0] if beside.shape[1] else along)
+        return found
 
     def moved(self, by: float) -> list[list[Effect]]:
         """The effects with one shape that a fit keeps moved by so many standard deviations, for each such shape."""
