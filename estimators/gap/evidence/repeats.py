@@ -194,15 +194,32 @@ def _ways(clock: Clock, own: Array, inverse: Array) -> list[tuple[float, int, fl
 def _polished(clock: Clock, series: Array, own: Array, harmonics: int, frequency: float) -> tuple[float, float]:
     """The most that a fundamental near one of the grid's explains, and that fundamental [cycles].
 
+    Products of two waves are waves of the sum and the difference of their orders: one transform of the source's Gram
+    matrix at each order makes that of all harmonics.
+
     Args:
         series: (f, c, n) of the source. own: (f, n) products of it with the residual.
     """
-    both = np.einsum("icn,jcn->ijn", series, series)
+    first, second = np.triu_indices(len(own))
+    pairs = np.zeros((len(own), len(own)), dtype=np.intp)
+    pairs[first, second] = pairs[second, first] = np.arange(len(first))
+    rows = np.vstack([np.einsum("pcn,pcn->pn", series[first], series[second]), own])
+    order = np.arange(1, harmonics + 1)
+    apart, both = order - order[:, None], order + order[:, None]
+    powers = np.empty((clock.x.size, 2 * harmonics + 1), dtype=complex)
 
     def lost(near: float) -> float:
-        waves = clock.course(near, harmonics).values
-        gram = np.einsum("ijn,nk,nl->ikjl", both, waves, waves, optimize=True).reshape((len(own) * waves.shape[1],) * 2)
-        moment = (own @ waves).ravel()
+        powers[:, 0] = 1.0
+        powers[:, 1:] = np.exp(2j * np.pi * near * clock.x)[:, None]
+        np.cumprod(powers, axis=1, out=powers)
+        sums = (rows @ powers.view(float)).view(complex)
+        waves, seen = sums[: len(first)], sums[len(first) :, order]
+        less, more = waves[:, np.abs(apart)], waves[:, both]
+        crossed = more.imag + np.sign(apart) * less.imag
+        rows_of = [[less.real + more.real, crossed], [crossed.transpose(0, 2, 1), less.real - more.real]]
+        size = len(own) * 2 * harmonics
+        gram = 0.5 * np.block(rows_of)[pairs].transpose(0, 2, 1, 3).reshape(size, size)
+        moment = np.hstack([seen.real, seen.imag]).ravel()
         return -float(moment @ np.linalg.pinv(gram, hermitian=True) @ moment)
 
     step = clock.cell / harmonics / _NEAR

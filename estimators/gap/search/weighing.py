@@ -38,6 +38,8 @@ _UNKNOWN: Final = float(np.log(OTHER * (1.0 - OTHER_NOISE)))
 _OUTWARDS: Final = 2
 #: So many explanations of a state are weighed beside discrepancies, and beside other noise.
 _BESIDE: Final = 4
+#: Discrepancies are kept of so many readings: they are large.
+_READINGS: Final = 160_000
 #: Terms of a discrepancy that are kept of each, for what is left.
 KEPT: Final = 12
 
@@ -53,7 +55,8 @@ class Weighing:
         discrepancies: under the floor as it was learned. hypotheses: the likeliest of each kind.
         overtaken: states of the noise whose search ended as another is far likelier, and the log mass under that.
         gains: what a discrepancy makes of the log mass of a set under a state.
-        _under: discrepancies under the state that was asked for last. _shared: common noise under its steps.
+        _under: discrepancies under the states that were asked for last. _shared: common noise under the steps of
+            the last one.
     """
 
     scanner: Scanner
@@ -65,7 +68,7 @@ class Weighing:
     hypotheses: dict[tuple[tuple[str, ...], str, bool, bool, bool], Hypothesis] = field(default_factory=dict)
     overtaken: list[tuple[NoiseState, float]] = field(default_factory=list)
     gains: list[tuple[NoiseState, Key, float]] = field(default_factory=list)
-    _under: tuple[NoiseState, Discrepancies] | None = None
+    _under: list[tuple[NoiseState, Discrepancies]] = field(default_factory=list)
     _shared: tuple[tuple[Step, ...], Sequence[CommonNoise]] | None = None
 
     @property
@@ -219,10 +222,12 @@ class Weighing:
         """Discrepancies under a state of the noise."""
         if self.discrepancies is not None and not state.steps:
             return self.discrepancies
-        if self._under is None or self._under[0] is not state:
-            self._under = None  # one of them at a time: they are large
-            self._under = state, Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without)
-        return self._under[1].without_forms
+        known = next((own for under, own in self._under if under is state), None)
+        if known is None:
+            del self._under[: max(len(self._under) + 1 - max(_READINGS // scanner.fine.data.size, 1), 0)]
+            known = Discrepancies.of(scanner.fine.data, scanner.rough.data, self.noises.without)
+            self._under.append((state, known))
+        return known.without_forms
 
     def _without_effects(self, state: NoiseState, search: Search) -> float:
         """Log mass of the likeliest without effects, beyond that of nothing at all: so far sets are followed."""
