@@ -13,6 +13,7 @@ from rig.progress import Progress, unheard
 from scenarios.studies.store import StudyFolder
 from scenarios.studies.table_files import fitting_together, rows_of
 from scenarios.workers import Trial, Workers
+from validation.markdown import page_of
 
 Row = TypeVar("Row")
 Settings = TypeVar("Settings")
@@ -25,14 +26,14 @@ def make_page(
     trial: Trial[Settings, pa.Table],
     count: int,
     row: type[Row],
-    lines: Callable[[Settings, tuple[Row, ...]], Iterable[str]],
+    blocks: Callable[[Settings, tuple[Row, ...]], Iterable[str]],
     workers: Workers,
     progress: Progress = unheard,
 ) -> tuple[Path, tuple[Row, ...]]:
     """Write NAME.md, and NAME/study with the table behind it; an ended study goes on. The page and all rows.
 
     Args:
-        trial, count: of the study. row: what its table has rows of. lines: of the page.
+        trial, count: of the study. row: what its table has rows of. blocks: of the page.
 
     Raises:
         RigError: the folder holds another study or cannot be written to, or as of ``Workers.completed``.
@@ -43,5 +44,5 @@ def make_page(
         with fitting_together(study.path):
             rows = tuple(rows_of(row, table))
     page = folder / f"{name}.md"
-    write_text(page, "\n".join(lines(settings, rows)) + "\n")
+    write_text(page, page_of(blocks(settings, rows)))
     return page, rows

@@ -12,7 +12,7 @@ from validation.blind.laboratories import LABORATORIES
 from validation.blind.probability import Claim, Proper, calibration_error, reliability
 from validation.blind.score import CaseScore
 from validation.blind.strata import MECHANICS, STRATA, WITHHELD
-from validation.blind.table import Table
+from validation.markdown import Table
 
 Scores = Sequence[CaseScore]
 

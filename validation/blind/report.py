@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +21,6 @@ from validation.blind.proper_tables import (
 )
 from validation.blind.score import CaseScore, is_right
 from validation.blind.strata import MECHANICS
-from validation.blind.table import Table
 from validation.blind.tables import (
     baseline_table,
     closure_table,
@@ -35,6 +34,7 @@ from validation.blind.tables import (
     strength_table,
     withheld_table,
 )
+from validation.markdown import Table, list_of, page_of
 
 _INTRODUCTION: Final = """\
 # The blind check
@@ -74,8 +74,7 @@ how often it was so, over ten bins. Means stand with their standard errors.
 Intervals of proportions are Wilson's, 95 %. Signal-to-noise is ||M Z phi||/sigma: Z phi is what effects with the
 parameters phi change in the readings, division by sigma is whitening by the floor, and M projects out what the
 calibration takes up. Noise has no such change: its signal-to-noise is the square root of twice the Kullback-Leibler
-divergence between the noise with it and without.
-"""
+divergence between the noise with it and without."""
 
 
 def write_report(
@@ -105,12 +104,6 @@ def page(
         f"rig blind make DIR --seed {order['seed']} --cases {order['cases']} --mechanics {order['mechanics']} "
         f"--samples {order['samples']} --scenario {order['scenario']}"
     )
-    parts = [
-        _INTRODUCTION,
-        f"## The set\n\nMade by `{command}`; the diagnosis' sources have SHA-256 `{solver[:16]}`.\n",
-    ]
-    parts.append(_table(contents_table(scores)))
-    parts.append(f"## Results\n\n![Right and wrong by stratum and signal-to-noise]({picture})\n")
     tables = [
         proper_table(scores),
         reliability_table(scores),
@@ -130,44 +123,45 @@ def page(
         missed_table(scores),
         time_table(scores),
     ]
-    parts += [_table(table) for table in tables if table.rows]
-    if power is not None:
-        parts.append(_power(power))
-    parts.append(_failures(scores))
-    return "\n".join(parts)
+    return page_of(
+        (
+            _INTRODUCTION,
+            "## The set",
+            f"Made by `{command}`; the diagnosis' sources have SHA-256 `{solver[:16]}`.",
+            *contents_table(scores).blocks,
+            "## Results",
+            f"![Right and wrong by stratum and signal-to-noise]({picture})",
+            *(block for table in tables if table.rows for block in table.blocks),
+            *(() if power is None else _power(power)),
+            *_failures(scores),
+        )
+    )
 
 
-def _table(table: Table) -> str:
-    lines = [f"### {table.heading}", "", "| " + " | ".join(table.columns) + " |"]
-    lines.append("|" + " --- |" * len(table.columns))
-    lines += ["| " + " | ".join(row) + " |" for row in table.rows]
-    return "\n".join(lines) + "\n"
-
-
-def _power(power: Power) -> str:
+def _power(power: Power) -> Iterator[str]:
     study = power.study
     rows = tuple(
         (f"{strength:g}", str(found), f"{100 * ideal:.0f} %")
         for strength, found, ideal in zip(study.strengths, power.found, power.ideal, strict=True)
     )
     heading = f"Detection power: {study.effect} at {study.where}, white floor"
-    table = _table(Table(heading, ("signal-to-noise", "diagnosis", "ideal test"), rows))
-    return table + (
-        f"\nThe ideal test knows the effect's family (chi-square, {power.rank} degrees of freedom) and has a "
+    yield from Table(heading, ("signal-to-noise", "diagnosis", "ideal test"), rows).blocks
+    yield (
+        f"The ideal test knows the effect's family (chi-square, {power.rank} degrees of freedom) and has a "
         f"false-alarm rate of {study.false_alarm:.1e} a candidate. To find half, the diagnosis needs "
-        f"{power.loss_dB:+.1f} dB of signal-to-noise beside it.\n"
+        f"{power.loss_dB:+.1f} dB of signal-to-noise beside it."
     )
 
 
-def _failures(scores: Sequence[CaseScore]) -> str:
+def _failures(scores: Sequence[CaseScore]) -> Iterator[str]:
     wrong = [score for score in scores if not is_right(score)]
-    lines = ["## Failures", "", f"{len(wrong)} of {len(scores)} cases are not what their stratum asks for:", ""]
-    lines += [f"- {_line(score)}" for score in wrong]
+    yield "## Failures"
+    yield f"{len(wrong)} of {len(scores)} cases are not what their stratum asks for:"
+    yield list_of(_line(score) for score in wrong)
     astray = [score for score in scores if score.withheld is not None and score.withheld[1].confidently_wrong]
     if astray:
-        lines += ["", "With the truth's name withheld, confidently wrong:", ""]
-        lines += [f"- {_line(score, score.withheld[0])}" for score in astray if score.withheld is not None]
-    return "\n".join(lines) + "\n"
+        yield "With the truth's name withheld, confidently wrong:"
+        yield list_of(_line(score, score.withheld[0]) for score in astray if score.withheld is not None)
 
 
 def _line(score: CaseScore, answer: Mapping[str, Any] | None = None) -> str:

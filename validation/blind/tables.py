@@ -12,7 +12,7 @@ from validation.blind.intervals import Rate
 from validation.blind.outcome import Outcome
 from validation.blind.score import CaseScore
 from validation.blind.strata import FURTHER, MECHANICS, STRATA, STRENGTHS
-from validation.blind.table import Table
+from validation.markdown import Table
 
 Scores = Sequence[CaseScore]
 

@@ -18,7 +18,7 @@ from scenarios.workers import Workers
 from validation.blind.intervals import Rate
 from validation.gate.forced import LEFT, forced_rig
 from validation.loop.rigs import STRENGTHS
-from validation.paper.markdown import markdown
+from validation.markdown import list_of, table_of
 from validation.study_page import make_page
 
 
@@ -97,32 +97,34 @@ def make_gate(
     Raises:
         RigError: the folder holds another study or cannot be written to, or as of ``Workers.completed``.
     """
-    return make_page(folder, "gate", settings, trial, settings.rigs, Row, _lines, workers, progress)
+    return make_page(folder, "gate", settings, trial, settings.rigs, Row, _blocks, workers, progress)
 
 
-def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
+def _blocks(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
     command = f"--rigs {settings.rigs} --samples {settings.samples} --seed {settings.seed}"
     refused = Rate(sum(not row.passed for row in rows), len(rows))
     right = [row for row in rows if row.found]
     better = Rate(sum(row.better for row in right), len(right))
     shares = [row.share for row in right if np.isfinite(row.share)]
-    yield f"<!-- Written by `python -m validation gate -o docs {command}`; do not edit. -->"
-    yield "# The gate: is a fitted rig called better only where it is?"
-    yield ""
+    yield (
+        f"<!-- Written by `python -m validation gate -o docs {command}`; do not edit. -->\n"
+        "# The gate: is a fitted rig called better only where it is?"
+    )
     yield (
         f"{settings.rigs} rigs with one cause each, at a signal-to-noise of {STRENGTHS[0]:g} to {STRENGTHS[1]:g}, each "
         f"recorded twice ({settings.samples:,} samples at 4 Hz). A wrong cause is forced into the model: of all others "
         f"the one that leaves the least above a signal-to-noise of {LEFT:g}, at its best strength. The second recording"
         ", which chose nothing, judges that rig, and the rig with what the first recording was diagnosed with."
     )
-    yield ""
-    yield f"- The rig with the wrong cause is refused in {refused}."
-    yield f"- Where the diagnosis led with the truth, the rig with it is called better in {better}" + (
-        f"; it leaves {100.0 * float(np.median(shares)):.2g} % of the squared gap at the median." if shares else "."
+    left = f"; it leaves {100.0 * float(np.median(shares)):.2g} % of the squared gap at the median" if shares else ""
+    yield list_of(
+        (
+            f"The rig with the wrong cause is refused in {refused}.",
+            f"Where the diagnosis led with the truth, the rig with it is called better in {better}{left}.",
+        )
     )
-    yield ""
     columns = ("rig", "cause", "signal-to-noise", "wrong cause", "leaves", "refused", "own diagnosis", "called better")
-    yield from markdown(columns, [_row(row) for row in rows])
+    yield table_of(columns, [_row(row) for row in rows])
 
 
 def _row(row: Row) -> tuple[str, ...]:

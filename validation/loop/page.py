@@ -13,7 +13,7 @@ from validation.blind.intervals import Rate
 from validation.loop.play import MOST, Settings, Step
 from validation.loop.rigs import STRENGTHS
 from validation.loop.summary import Summary
-from validation.paper.markdown import markdown
+from validation.markdown import list_of, page_of, table_of
 
 PICTURE: Final = "loop.png"
 _WORDS: Final = {
@@ -25,15 +25,16 @@ _WORDS: Final = {
 
 def page(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], folder: str) -> str:
     """Markdown; ``folder`` holds the picture and the table."""
-    return "\n".join(_lines(settings, steps, found, folder)) + "\n"
+    return page_of(_blocks(settings, steps, found, folder))
 
 
-def _lines(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], folder: str) -> Iterator[str]:
+def _blocks(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], folder: str) -> Iterator[str]:
     minutes = steps[0].minutes
     command = f"rig study loop -o docs --rigs {settings.rigs} --samples {settings.samples} --seed {settings.seed}"
-    yield f"<!-- Written by `{command}`; do not edit. -->"
-    yield "# The loop: diagnose, record what tells most, diagnose together"
-    yield ""
+    yield (
+        f"<!-- Written by `{command}`; do not edit. -->\n"
+        "# The loop: diagnose, record what tells most, diagnose together"
+    )
     yield (
         f"{settings.rigs} hidden rigs with one cause each, drawn so that the first sweep takes the cause for another: "
         "at least one other cause of the catalogue leaves less than 2.5 standard deviations of what it does. That is "
@@ -44,14 +45,10 @@ def _lines(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], 
         "until one cause by one name is left. The next maneuver is the one that the diagnosis proposes, stops at "
         "random poses of all joints, or another torus sweep of joints 1, 5 and 6, each as long as the first."
     )
-    yield ""
     yield f"![How many rigs are named rightly after how many minutes]({folder}/{PICTURE})"
-    yield ""
-    yield from _headline(found)
-    yield ""
+    yield list_of(map(_headline, found))
     columns = ("next", "named rightly", "wrongly", "no maneuver", "given up", "of open rigs", "minutes a name")
-    yield from markdown(columns, [_row(each) for each in found])
-    yield ""
+    yield table_of(columns, [_row(each) for each in found])
     yield (
         "Named rightly: of all rigs, with Wilson's 95 % interval. Wrongly: named by another cause. No maneuver: the "
         "diagnosis has none to propose, as it is of a verdict that needs another answer, or no maneuver that was tried "
@@ -60,25 +57,21 @@ def _lines(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], 
         "name; minutes a name is the arm time after the first recording, of all open rigs, for each of them that ends "
         "rightly."
     )
-    yield ""
     yield "## Every rig"
-    yield ""
     header = ("rig", "cause", "signal-to-noise", "alike at first", "next", "maneuvers", "minutes", "ends", "as")
-    yield from markdown(header, [_rig(each) for summary in found for each in summary.last])
-    yield ""
+    yield table_of(header, [_rig(each) for summary in found for each in summary.last])
     yield f"The table of all steps is `{folder}/study/table.parquet`."
 
 
-def _headline(found: Sequence[Summary]) -> Iterator[str]:
-    for each in found:
-        median = ""
-        if not np.isnan(each.added_maneuvers):
-            minutes = np.median([last.minutes for last in each.open if last.rightly])
-            median = f", after {each.added_maneuvers:g} more at the median, {minutes:.0f} minutes of arm time in all"
-        yield (
-            f"- With {_WORDS[each.strategy]}, {_share(each.rightly_open)} of the rigs that the first recording left "
-            f"open end with the right name{median}."
-        )
+def _headline(found: Summary) -> str:
+    median = ""
+    if not np.isnan(found.added_maneuvers):
+        minutes = np.median([last.minutes for last in found.open if last.rightly])
+        median = f", after {found.added_maneuvers:g} more at the median, {minutes:.0f} minutes of arm time in all"
+    return (
+        f"With {_WORDS[found.strategy]}, {_share(found.rightly_open)} of the rigs that the first recording left open"
+        f" end with the right name{median}."
+    )
 
 
 def _share(rate: Rate) -> str:

@@ -23,9 +23,9 @@ from validation.blind.outside import OUTSIDE
 from validation.blind.settings import Setting
 from validation.blind.strength import strength_for
 from validation.loop.rigs import rigs_with_a_cause
+from validation.markdown import list_of, table_of
 from validation.numbers.listed import ROOMS, Number, numbers
 from validation.numbers.swayed import with_number
-from validation.paper.markdown import markdown
 from validation.study_page import make_page
 
 #: Each number is doubled.
@@ -84,7 +84,7 @@ def make_numbers(
     Raises:
         RigError: the folder holds another study or cannot be written to, or as of ``Workers.completed``.
     """
-    return make_page(folder, "numbers", settings, trial, 1 + len(numbers()), Row, _lines, workers, progress)
+    return make_page(folder, "numbers", settings, trial, 1 + len(numbers()), Row, _blocks, workers, progress)
 
 
 @lru_cache(maxsize=1)
@@ -123,7 +123,7 @@ def _told(gap: Any, settings: Settings) -> str:
     return json.dumps(every)
 
 
-def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
+def _blocks(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
     base = json.loads(rows[0].told)
     doubled = {(row.module, row.name): row.told for row in rows}
     every = numbers()
@@ -133,10 +133,8 @@ def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
     other = [each for each in every if sways[each][1] and each not in fixed]
     yield (
         f"<!-- Written by `python -m validation numbers -o docs --samples {settings.samples} --seed {settings.seed}`; "
-        "do not edit. -->"
+        "do not edit. -->\n# The numbers that a diagnosis rests on"
     )
-    yield "# The numbers that a diagnosis rests on"
-    yield ""
     yield (
         f"The {len(every)} constants of the diagnosis, from its source, with their reasons. Each was "
         "doubled (of a share the odds were, a count stays a count) and "
@@ -145,22 +143,20 @@ def _lines(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
         "a probability of nothing, of something unknown, or of any cause moved. Where a number moves none, these "
         "recordings did not come to it, or only time depends on it."
     )
-    yield ""
     calm = len(every) - len(strong) - len(fixed)
-    yield f"- {calm} of {len(every)} move no probability by more than {_SWAYED:g}; {len(other)} change a verdict."
+    told = [f"{calm} of {len(every)} move no probability by more than {_SWAYED:g}; {len(other)} change a verdict."]
     if strong:
-        yield f"- More sway {_named(strong)}."
+        told.append(f"More sway {_named(strong)}.")
     if other:
-        yield f"- A verdict changes with {_named(other)}."
+        told.append(f"A verdict changes with {_named(other)}.")
     if fixed:
-        yield f"- Nothing is diagnosed with another {_named(fixed)}: that is no matter of choice."
-    yield ""
+        told.append(f"Nothing is diagnosed with another {_named(fixed)}: that is no matter of choice.")
+    yield list_of(told)
     for room in ROOMS:
         own = [each for each in every if each.room == room]
         if own:
             yield f"## {room}"
-            yield ""
-            yield from markdown(("number", "value", "reason", "doubled"), [_row(each, *sways[each]) for each in own])
+            yield table_of(("number", "value", "reason", "doubled"), [_row(each, *sways[each]) for each in own])
 
 
 def _named(some: Sequence[Number]) -> str:

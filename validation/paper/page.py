@@ -7,15 +7,15 @@ from typing import Final
 
 from scenarios.studies.error_summary import Summary
 from scenarios.studies.verdict import verdicts
+from validation.markdown import list_of, page_of, table_of
 from validation.paper.compare import BASES, Comparison, early_stop_words, findings
 from validation.paper.dip import ALLOWED, EXCLUDED, dip_words
 from validation.paper.figures_text import OneDraw
-from validation.paper.markdown import markdown, published_rows
 from validation.paper.page_camps import camps_section
 from validation.paper.published import angle_table as angles_of
 from validation.paper.published import camps, renk, spread_table
 from validation.paper.published import parameter_table as parameters_of
-from validation.paper.rows import Statement
+from validation.paper.rows import Statement, published_rows
 
 #: The pictures, beside the page in this folder.
 FOLDER: Final = "paper"
@@ -35,30 +35,21 @@ _SHOWN_COUNTS: Final = 6
 
 def page(comparison: Comparison, summary: Summary) -> str:
     """The Markdown text of docs/paper.md."""
-    return "\n".join(_lines(comparison, summary)) + "\n"
+    return page_of(_blocks(comparison, summary))
 
 
-def _lines(comparison: Comparison, summary: Summary) -> Iterator[str]:
+def _blocks(comparison: Comparison, summary: Summary) -> Iterator[str]:
     yield "<!-- Written by `rig study paper -o docs`; do not edit. -->"
-    yield ""
     yield "# Both papers, table by table"
-    yield ""
-    yield f"[1] {renk()['citation']}  "
-    yield f"[2] {camps()['citation']}"
-    yield ""
+    yield f"[1] {renk()['citation']}  \n[2] {camps()['citation']}"
     yield (
         "Every published table stands here beside what the rig gives under the same conditions, in the papers' frames"
         " and units. The verdicts and the findings are computed from the numbers by `rig study paper`; nothing on this"
         " page is typed by hand but the explanations around it."
     )
-    yield ""
     yield "## What comes out"
-    yield ""
-    for finding in findings(comparison):
-        yield f"- {finding}"
-    for verdict in verdicts(summary):
-        yield f"- Is the estimator consistent? {verdict.title}."
-    yield ""
+    consistent = (f"Is the estimator consistent? {verdict.title}." for verdict in verdicts(summary))
+    yield list_of((*findings(comparison), *consistent))
     yield from _agreement(comparison)
     yield from _maneuver()
     yield from _consistency(comparison, summary)
@@ -80,64 +71,51 @@ def _agreement(comparison: Comparison) -> Iterator[str]:
         " scatter; only how evenly the parameters scatter is tested there, below). *Arithmetic*: it is held against"
         " other published rows alone (Tables 4, 6, 9 and 11 of [1])."
     )
-    yield ""
     words = ("agrees", "differs", "cannot be told", "is the rig's truth")
     rows = [
         (basis, *(str(sum(row.basis == basis and row.word == word for row in comparison.rows)) for word in words))
         for basis in BASES
     ]
-    yield from markdown(("rests on", "agrees", "differs", "cannot be told", "is the rig's truth"), rows)
+    yield table_of(("rests on", "agrees", "differs", "cannot be told", "is the rig's truth"), rows)
 
 
 def _maneuver() -> Iterator[str]:
     yield "## The maneuver: Figures 1 and 2 of [1]"
-    yield ""
     yield (
         "The same sweep with the rig's arm: 15 passes of joint 1, seven of joint 5, joint 6 rolling on; every bristle"
         " of the torus is the way from the wrist to the sensor at one instant. (The picture at the top of the README"
         " is the arm in it.)"
     )
-    yield ""
     yield f"![Joint angles, and the torus of bristles]({FOLDER}/maneuver.png)"
-    yield ""
 
 
 def _consistency(comparison: Comparison, summary: Summary) -> Iterator[str]:
     draws = summary.cells[0].draws
     counts = sorted({cell.count for cell in summary.cells})
     yield "## Is the estimator consistent? Figures 3 and 4 of [1]"
-    yield ""
     yield (
         "The paper draws the noise once and finds that the estimator might be slightly inconsistent. Here it is drawn"
         f" {draws:,} times, for {len(counts)} numbers of samples from {counts[0]:,} to {counts[-1]:,}, taken as in the"
         " paper (the first n), spread evenly (every k-th) and at random."
     )
-    yield ""
     yield (
         "One draw on a linear axis, as the paper prints it, with the noise ×1 and ×10; in red, how near the text says"
         " that its estimates end. Before some 700 samples the sweep has not turned the sensor enough, so that the bound"
         " itself is wide: that is what looks like a slow convergence."
     )
-    yield ""
     yield f"![Estimates of one draw on a linear axis]({FOLDER}/growing.png)"
-    yield ""
     for method in ("separate", "simultaneous"):
         yield f"![{method.capitalize()} fit: estimates, RMSE and bound]({FOLDER}/{method}.png)"
-        yield ""
     for verdict in verdicts(summary):
         yield f"**{verdict.title.capitalize()}.**"
-        yield ""
-        for sentence in verdict.sentences:
-            yield f"- {sentence}"
-        yield ""
+        yield list_of(verdict.sentences)
     yield from _cells(summary)
     yield (
         "What the text reads off the end of its curves is what an efficient estimate does. Errors at n and at m > n"
         " samples of one growing data set are correlated by sqrt(n / m): a draw that is off at 2,500 samples is likely"
         " to be off at 6,656, and looks like a bias."
     )
-    yield ""
-    yield from markdown(
+    yield table_of(
         ("figure", "fit", "noise", "samples", "parameter", "off by at most", "bound there", "as close as that in"),
         [_one_draw(draw) for draw in comparison.one_draws],
     )
@@ -161,8 +139,7 @@ def _cells(summary: Summary) -> Iterator[str]:
         if cell.order == "every-kth" and cell.parameter in ("sensitivity1", "offset1") and cell.count in chosen
     ]
     yield "Every k-th sample:"
-    yield ""
-    yield from markdown(
+    yield table_of(
         ("fit", "noise", "parameter", "samples", "bias / its error", "bound", "RMSE / bound", "coverage of 95 %"),
         rows,
     )
@@ -183,21 +160,17 @@ def _one_draw(draw: OneDraw) -> tuple[str, ...]:
 
 def _renk(comparison: Comparison) -> Iterator[str]:
     yield "## Tables 2 to 12 of [1]"
-    yield ""
     yield (
         "The rig's truth are Tables 5 and 10, with the stated noise and the converter's steps; its numbers are mean ±"
         " standard deviation of 1,000 simulated experiments, of Tables 7 and 12 those of 25 subsets of one. Separate"
         " and simultaneous fits of one data set differ by far less than either scatters: Tables 3 and 8 are held"
         " against that."
     )
-    yield ""
     for table in comparison.tables("renk"):
         yield f"### Table {table}: {_title(table)}"
-        yield ""
         if table == "7":
             yield f"![Standard deviations over the bound]({FOLDER}/scatter.png)"
-            yield ""
-        yield from published_rows(comparison.table("renk", table))
+        yield published_rows(comparison.table("renk", table))
 
 
 def _title(table: str) -> str:
@@ -208,17 +181,14 @@ def _title(table: str) -> str:
 
 def _misfits(comparison: Comparison) -> Iterator[str]:
     yield "## Noise-like or systematic"
-    yield ""
     yield (
         "Neighbouring samples see nearly the same pose, so what the model misses is the same in all 25 subsets: it is"
         " in the fit error, but not in the scatter of the estimates. The scatter of Tables 7 and 12 over the bound,"
         " times the noise, is therefore the noise-like part of the fit error. `rig study subsets` does the same with"
         " any recording."
     )
-    yield ""
     yield f"![Fit errors and their noise-like part]({FOLDER}/misfit.png)"
-    yield ""
-    yield from markdown(
+    yield table_of(
         ("channel", "noise, arm locked", "fit error", "noise-like [95 %]", "systematic", "noise-like share"),
         [
             (
@@ -237,9 +207,7 @@ def _misfits(comparison: Comparison) -> Iterator[str]:
 def _dip(comparison: Comparison) -> Iterator[str]:
     dip = comparison.dip
     yield "## The dip of the magnetic field"
-    yield ""
     yield dip_words(dip)
-    yield ""
     rows = [
         (
             "phi of the magnetic field, Table 10",
@@ -251,29 +219,24 @@ def _dip(comparison: Comparison) -> Iterator[str]:
         ("difference", f"{dip.turned_deg:.2f}°", f"{dip.turned_std_deg:.2f}°"),
         ("weakest stray field over the Earth's, sin", f"{dip.least:.3f}", f"95 %: {dip.low:.3f} to {dip.high:.3f}"),
     ]
-    yield from markdown(("", "value", "standard deviation"), rows)
+    yield table_of(("", "value", "standard deviation"), rows)
     yield (
         "The unit of the sensitivities does not matter, nor does the base's heading: only the direction is used. It"
         " is a bound: a stray field that also lengthens or shortens the Earth's is stronger. It excludes"
     )
-    yield ""
-    yield from (f"- {line};" for line in EXCLUDED)
-    yield ""
+    yield list_of(f"{line};" for line in EXCLUDED)
     yield f"and leaves {'; '.join(ALLOWED)}."
-    yield ""
 
 
 def _early_stops(comparison: Comparison) -> Iterator[str]:
     published = spread_table("7").std
     yield "## Would an optimiser that stops early explain Tables 3 and 7?"
-    yield ""
     yield (
         "Gravity's phi scatters four times the bound in Table 7, and the separate fits of Table 3 lie far apart. Both"
         " could come from searches that ended before the minimum. Here are 25 data sets, with the noise that the"
         " scatter of Table 7 shows, fitted as in the paper (BFGS, numerical gradients, its start) and ended by the"
         " relative fall of the cost."
     )
-    yield ""
     rows = [
         (
             "the gradient" if one.tolerance is None else f"a fall below {one.tolerance:g}",
@@ -310,16 +273,14 @@ def _early_stops(comparison: Comparison) -> Iterator[str]:
         "fit error",
         "both as in Table 7",
     )
-    yield from markdown((*titles, "separate fields apart", "as in Table 3"), rows)
+    yield table_of((*titles, "separate fields apart", "as in Table 3"), rows)
     yield early_stop_words(comparison.early_stops)
-    yield ""
 
 
 def _text(title: str, statements: Iterable[Statement]) -> Iterator[str]:
     yield f"## {title}"
-    yield ""
     rows = [(one.about, one.says, one.finds, "yes" if one.holds else "**no**") for one in statements]
-    yield from markdown(("about", "it says", "the numbers say", "holds"), rows)
+    yield table_of(("about", "it says", "the numbers say", "holds"), rows)
 
 
 def _of(statements: Iterable[Statement], paper: str) -> list[Statement]:

@@ -5,51 +5,42 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from validation.markdown import table_of
 from validation.paper.camps_rotations import told
 from validation.paper.compare import Comparison
-from validation.paper.markdown import markdown, published_rows
 from validation.paper.published import ellipsoid_table
+from validation.paper.rows import published_rows
 
 
 def camps_section(comparison: Comparison, folder: str) -> Iterator[str]:
-    """Its lines; the pictures are in ``folder``, beside the page."""
+    """Its blocks; the pictures are in ``folder``, beside the page."""
     yield "## Tables 1 to 4 of [2]"
-    yield ""
     yield (
         "The rig's truth is the mean of the three nine-parameter tests; the estimator and its start are the paper's,"
         " with 600 readings of a tumble by hand each. The paper does not state its noise: it is set so that the median"
         " parameter scatters as in the three tests. Gains are named by row and column of the symmetric matrix of (6)."
     )
-    yield ""
     yield f"![The three tests beside the rig]({folder}/camps.png)"
-    yield ""
     for table in comparison.tables("camps"):
         yield f"### Table {table}: {ellipsoid_table(table).title}"
-        yield ""
-        yield from published_rows(comparison.table("camps", table))
+        yield published_rows(comparison.table("camps", table))
     yield "### Figures 4 to 7: the directions seen, and the ellipsoids"
-    yield ""
     yield (
         "One tumble of the rig. Left the directions on the sphere, right by the angles of (3), with what is not yet"
         " seen shaded. Below, the readings with the ellipsoid that fits them, and corrected."
     )
-    yield ""
     yield f"![Directions of one tumble]({folder}/coverage.png)"
-    yield ""
     yield f"![Readings with their ellipsoid, raw and corrected]({folder}/ellipsoids.png)"
-    yield ""
     yield from _rotations()
 
 
 def _rotations() -> Iterator[str]:
     yield "## The least procedure of [2], Figure 3: turns about three axes"
-    yield ""
     yield (
         "A full turn about each of the sensor's axes (`axis-rotations`; the scenario is `camps2009-rotations`), 600"
         " readings with the noise above, beside a tumble by hand. The worst standard deviation of nine parameters, by"
         " the Cramer-Rao bound; `rig bound camps2009-rotations` has them all."
     )
-    yield ""
     rows = [
         (
             one.maneuver,
@@ -69,4 +60,4 @@ def _rotations() -> Iterator[str]:
         "condition",
         "cannot be told",
     )
-    yield from markdown(titles, rows)
+    yield table_of(titles, rows)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
+
+from validation.markdown import table_of
 
 Word = Literal["agrees", "differs", "cannot be told", "is the rig's truth"]
 
@@ -75,3 +78,34 @@ def number(value: float, std: float) -> str:
         return f"{value:.6g}"
     decimals = min(max(1 - math.floor(math.log10(std)), 0), 12)
     return f"{value:.{decimals}f} ± {std:.{decimals}f}"
+
+
+_SYMBOLS: Final = {
+    "beta": "β",
+    "gamma": "γ",
+    "sensitivity": "S",
+    "offset": "δ",
+    "phi": "φ",
+    "psi": "ψ",
+    "phi, psi": "φ, ψ",
+    "angle between": "angle",
+    "three tests": "",
+}
+
+
+def published_rows(rows: Sequence[Row]) -> str:
+    """Rows of one published table beside the rig."""
+    return table_of(
+        ("", "unit", "published", "the rig", "rests on", "verdict"),
+        [
+            (
+                f"{_SYMBOLS.get(row.quantity, row.quantity)} {row.item}".strip(),
+                row.unit,
+                row.published,
+                number(row.rig, row.rig_std),
+                row.basis,
+                row.verdict,
+            )
+            for row in rows
+        ],
+    )
