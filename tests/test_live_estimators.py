@@ -69,7 +69,7 @@ def test_a_sliding_window_says_what_its_own_samples_say(sweep: Recording) -> Non
 
 
 def test_old_parts_are_dropped_and_never_subtracted() -> None:
-    window: SlidingSum[Statistics] = SlidingSum(1.0)
+    window = SlidingSum(1.0)
     large, small = (Statistics(0, np.full((10, 10), size), np.zeros((10, 3)), np.zeros((3, 3))) for size in (1e30, 1.0))
     window.add(0.0, large)
     for step in range(1, 300):

@@ -9,7 +9,6 @@ derivative of |A^-1 (V - b)| and v the variance that the noise gives it: that of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike
 from estimators.coverage.attitude_free_information import design_rows
 from estimators.design.prediction import Prediction
 from estimators.ellipsoid.likelihood import parameter_names
-from estimators.ellipsoid.monomials import PAIRS
+from estimators.ellipsoid.monomials import PAIRS, packed
 from estimators.known_angle.identifiability import Told, is_open
 from estimators.known_angle.refusal import UNCERTAINTY_LIMIT
 from rig.arrays import Array
@@ -44,8 +43,8 @@ class FreeSensor:
         left, sizes, right = np.linalg.svd(np.asarray(gain, dtype=float))
         return cls((left * sizes) @ left.T, np.asarray(offset, dtype=float), left @ right, magnitude)
 
-    def information(self, directions: ArrayLike, noise: ArrayLike, parameters: Literal[6, 9] = 9) -> Array:
-        """(p, p) of readings with the field along unit vectors (n, 3), frame 6, and noise (3,) [recorded unit].
+    def information(self, directions: ArrayLike, noise: ArrayLike) -> Array:
+        """(9, 9) of readings with the field along unit vectors (n, 3), frame 6, and noise (3,) [recorded unit].
 
         The parameters are taken in their natural sizes: the gain relative to its largest diagonal element, the offset
         to what the field adds to a reading along that axis.
@@ -55,8 +54,7 @@ class FreeSensor:
         variance = np.square(pull * np.asarray(noise, dtype=float)).sum(axis=1)
         rows = design_rows(u, 9) * (self.magnitude / np.sqrt(variance))[:, None]
         change = self._change()
-        kept = np.r_[: parameters - 3, 6:9]
-        return np.asarray((change.T @ (rows.T @ rows) @ change)[np.ix_(kept, kept)])
+        return np.asarray(change.T @ (rows.T @ rows) @ change)
 
     def _change(self) -> Array:
         """(9, 9) what a step of each parameter is in those of ``design_rows``: dA makes E = -A^-1 dA, db the shift
@@ -72,14 +70,12 @@ class FreeSensor:
         change[6:, 6:] = size * inverse
         return change
 
-    def predict(
-        self, information: ArrayLike, count: int, noise: ArrayLike, parameters: Literal[6, 9] = 9
-    ) -> Prediction:
+    def predict(self, information: ArrayLike, count: int, noise: ArrayLike) -> Prediction:
         """The bound that an ``information`` of ``count`` samples leaves."""
         matrix = np.asarray(information, dtype=float)
         told = Told.of(matrix)
         open_ = is_open(told.null)
-        names = parameter_names(parameters)
+        names = parameter_names(9)
         std = np.sqrt(told.covariance.diagonal())
         untold = {name: "left open by these directions" for name, is_open in zip(names, open_, strict=True) if is_open}
         problem = None
@@ -94,13 +90,12 @@ class FreeSensor:
         size = float(self.gain.diagonal().max())
         sizes = np.full(len(names), size)
         sizes[-3:] *= self.magnitude
-        entries = [self.gain[i, j] for i, j in PAIRS[: parameters - 3]]
         return Prediction(
             "ellipsoid",
             count,
             np.broadcast_to(np.asarray(noise, dtype=float), (3,)),
             names,
-            np.array([*entries, *self.offset]),
+            np.concatenate([packed(self.gain), self.offset]),
             std * sizes,
             untold,
             told.condition,

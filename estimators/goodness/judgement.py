@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -65,13 +65,15 @@ def is_it_good(
         if sensor in calibration.sensors:
             own = calibration[sensor]
             still = None if own.axes or sensor != ACCELEROMETER else at_rest(run, own)
-            data = Data(
+            found[sensor] = _judge(
                 recording.readings(sensor),
                 recording if still is None else still,
+                sensor,
+                own,
+                used,
                 recording.name == calibration.recording,
                 None if limits is None else limits.get(sensor),
             )
-            found[sensor] = _judge(data, sensor, own, used)
     return found
 
 
@@ -105,25 +107,23 @@ def judged(
     return replace(calibration, sensors=sensors)
 
 
-@dataclass(frozen=True, eq=False)
-class Data:
-    """What a sensor's calibration is held against.
+def _judge(
+    readings: Array,
+    recording: Recording,
+    sensor: str,
+    calibration: SensorCalibration,
+    arm: Arm | None,
+    own: bool,
+    limits: tuple[float, float] | None,
+) -> Goodness:
+    """Hold a sensor's calibration against its readings (n, 3) as they were recorded.
 
-    Attributes:
-        readings: (n, 3) as they were recorded.
-        recording: whose residuals count: the same, or means over the poses in which an accelerometer was at rest.
+    Args:
+        recording: whose residuals count: of these readings, or of means over the poses in which an accelerometer was
+            at rest.
         own: whether the calibration seems to come from it, by its name.
         limits: of a reading, where they are known [recorded unit].
     """
-
-    readings: Array
-    recording: Recording
-    own: bool
-    limits: tuple[float, float] | None
-
-
-def _judge(data: Data, sensor: str, calibration: SensorCalibration, arm: Arm | None) -> Goodness:
-    recording = data.recording
     if calibration.axes and recording.tool_quaternion is not None and recording.q is not None and arm is None:
         recording = replace(recording, q=None)
     given = residuals_of(recording, sensor, calibration, arm)
@@ -138,13 +138,13 @@ def _judge(data: Data, sensor: str, calibration: SensorCalibration, arm: Arm | N
         rest = np.ones(len(recording), dtype=bool)
         rest[odd.rows] = False
         given = residuals_of(selected(recording, rest), sensor, calibration, arm)
-    without_cross_terms = data.own and not calibration.axes and len(calibration.vector_parameters) == SIX
+    without_cross_terms = own and not calibration.axes and len(calibration.vector_parameters) == SIX
     residuals, transfer = at_optimum(given, calibration.samples)
     goodness = Goodness(
         sensor,
         (),
         (),
-        _against_floor(given, calibration, data.own),
+        _against_floor(given, calibration, own),
         calibration.quality.condition,
         transfer,
         coverage(residuals.directions),
@@ -152,12 +152,12 @@ def _judge(data: Data, sensor: str, calibration: SensorCalibration, arm: Arm | N
         cross_terms(given, calibration.reference_magnitude) if without_cross_terms else None,
         hold_out(residuals),
         whiteness(residuals),
-        repeats(data.readings, calibration.noise),
-        clipped(data.readings, calibration.noise, data.limits),
+        repeats(readings, calibration.noise),
+        clipped(readings, calibration.noise, limits),
         odd,
-        copies(data.readings),
+        copies(readings),
         left_out,
-        len(data.readings),
+        len(readings),
     )
     return replace(goodness, reasons=tuple(reasons(goodness, calibration)), remarks=tuple(remarks(goodness)))
 

@@ -106,7 +106,7 @@ class AttitudeKnown:
     def __init__(self, sensor: str, magnitude: float, span_s: float | None, field_points: Array) -> None:
         """Args as of ``SensorStream``."""
         self.sensor, self._magnitude, self._points = sensor, magnitude, field_points
-        self.sums: SlidingSum[Statistics] = SlidingSum(span_s)
+        self.sums = SlidingSum(span_s)
         self.cloud = Cloud(span_s)
 
     def add(self, t_s: float, statistics: Statistics, readings: Array) -> None:

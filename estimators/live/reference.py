@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -13,9 +13,8 @@ from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.goodness.residuals import by_magnitude, fitted_parameters, noise_of
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.model import SensorParameters
-from estimators.live.by_row import ByRow
 from estimators.live.estimate import SensorEstimate
-from rig.arrays import Array
+from rig.arrays import Array, Mask
 from rig.recording import Recording
 from rig.threads import one_blas_thread
 
@@ -28,6 +27,30 @@ if TYPE_CHECKING:
 _SELDOM_SEEN = 4.0
 #: The variance of the prediction is worked out for every so many samples: the field does not turn far in between.
 _THINNED = 8
+
+
+@dataclass(frozen=True, eq=False)
+class ByRow:
+    """Rows in the order of time; a class of its own adds further arrays.
+
+    Attributes:
+        t: (n,) time of each row [s].
+    """
+
+    t: Array
+
+    def __len__(self) -> int:
+        """How many rows."""
+        return len(self.t)
+
+    def pick(self, rows: slice | Mask) -> Self:
+        """Some of them."""
+        return replace(self, **{name: values[rows] for name, values in vars(self).items()})
+
+    def then(self, *others: Self) -> Self:
+        """These and the ones after them."""
+        parts = (self, *others)
+        return replace(self, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(self)})
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import chdtri
 
-from estimators.live.by_row import ByRow
-from estimators.live.reference import Residuals
+from estimators.live.reference import ByRow, Residuals
 from rig.arrays import Array, Mask
 
 #: Samples of a block from which on its noise is seen about its own mean.
