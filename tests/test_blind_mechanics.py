@@ -16,13 +16,15 @@ from rig.effects import EFFECTS
 from rig.maneuver import TorusSweep
 from validation.blind.mechanics import MECHANISMS, Mechanism
 from validation.blind.mechanics.drive import Driven, built, drive
-from validation.blind.mechanics.lash import LashJoint
-from validation.blind.mechanics.lever import OffCentreSensor
-from validation.blind.mechanics.magnet import MagnetOnLink
-from validation.blind.mechanics.rocking import RockingBase
+from validation.blind.mechanics.mechanisms import (
+    LashJoint,
+    MagnetOnLink,
+    OffCentreSensor,
+    RockingBase,
+    SpringJoint,
+    VibratingTable,
+)
 from validation.blind.mechanics.seen import see
-from validation.blind.mechanics.spring import SpringJoint
-from validation.blind.mechanics.table import VibratingTable
 from validation.blind.settings import draw_setting
 
 DOWN = np.array([0.0, 0.0, -9.8])

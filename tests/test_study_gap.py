@@ -14,8 +14,9 @@ from rig.channels import SENSORS
 from rig.errors import RigError
 from scenarios.plots.style import save
 from validation.paper.dip import dip_argument
+from validation.paper.renk import spread_limits
 from validation.paper.renk_text import misfits
-from validation.paper.twin import SCENARIO, settled, spread_limits, spread_ratios, stray_fields, subsets_of_twin
+from validation.paper.twin import SCENARIO, settled, spread_ratios, stray_fields, subsets_of_twin
 from validation.paper.twin_page import (
     DIAGNOSIS,
     FOLDER,

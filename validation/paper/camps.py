@@ -161,21 +161,8 @@ def _rows(table: EllipsoidTable) -> Iterator[Row]:
             word, why = "differs", f"{abs(sigmas):.1f}σ from the rig's mean"
         unit = gain_unit if name.startswith("gain") else "V"
         text = ", ".join(one.text for one in tests)
-        mean, std = float(own.mean()), float(own.std())
-        yield Row(
-            "camps",
-            table.number,
-            name,
-            "three tests",
-            unit,
-            text,
-            mean,
-            std,
-            sigmas,
-            word,
-            "by construction",
-            why,
-        )
+        place = ("camps", table.number, name, "three tests", unit)
+        yield Row.of_draws(place, text, own, sigmas, word, "by construction", why)
 
 
 def two_sided(ratio: float) -> float:

@@ -186,16 +186,19 @@ def _azimuth() -> Statement:
     )
 
 
-def _problem() -> tuple[Array, Array, float, Function]:
-    """Readings (n, 3) [V] of the magnetometer without noise; p0, H, and e of (p) with six parameters."""
+def _problem(noisy: bool = False) -> tuple[Array, Array, Function]:
+    """Readings (n, 3) [V] of the magnetometer, without noise or with the experiments', for what a search does at its
+    end; p0, and e of (p) with six parameters."""
     gain, offset, field = truth(MAGNETOMETER)
     volts = (readings(MAGNETOMETER, 0) - offset) @ np.linalg.inv(gain).T * gain.diagonal() + offset
+    if noisy:
+        volts = volts + tumbles(MAGNETOMETER).noise * np.random.default_rng(2009).standard_normal(volts.shape)
     start = np.concatenate([np.full(3, 1.0 / float(camps()[MAGNETOMETER]["nominal_gain"])), np.zeros(3)])
 
     def error(p: Array) -> Array:
         return np.asarray(np.square((volts - p[3:]) * p[:3]).sum(axis=1) - field**2)
 
-    return volts, start, field, error
+    return volts, start, error
 
 
 def _jacobian(volts: Array, p: Array, printed: bool) -> Array:
@@ -207,7 +210,7 @@ def _jacobian(volts: Array, p: Array, printed: bool) -> Array:
 
 def _quadratic() -> Statement:
     """Along a line a quadratic function has one second derivative."""
-    _, start, _, error = _problem()
+    _, start, error = _problem()
     gain, offset, _ = truth(MAGNETOMETER)
     end = np.concatenate([1.0 / gain.diagonal(), offset])
     steps = np.linspace(0.0, 1.0, 21)
@@ -224,7 +227,7 @@ def _quadratic() -> Statement:
 
 def _derivative() -> Statement:
     """(5): the derivative of e by an offset, against a central difference."""
-    volts, start, _, error = _problem()
+    volts, start, error = _problem()
     step = np.zeros(6)
     step[3] = 1e-5
     numerical = (error(start + step) - error(start - step)) / 2e-5
@@ -243,7 +246,7 @@ def _derivative() -> Statement:
 
 def _step() -> Statement:
     """The step of section 4: whether the sum of squares falls along it."""
-    volts, start, _, error = _problem()
+    volts, start, error = _problem()
     e, jacobian = error(start), _jacobian(volts, start, printed=False)
     q = np.linalg.solve(jacobian.T @ jacobian, jacobian.T @ e)
     before = float(e @ e)
@@ -257,19 +260,8 @@ def _step() -> Statement:
     )
 
 
-def _noisy() -> tuple[Array, Array, Function]:
-    """The same with the experiments' noise, for what a search does at its end."""
-    volts, start, field, _ = _problem()
-    noisy = volts + tumbles(MAGNETOMETER).noise * np.random.default_rng(2009).standard_normal(volts.shape)
-
-    def error(p: Array) -> Array:
-        return np.asarray(np.square((noisy - p[3:]) * p[:3]).sum(axis=1) - field**2)
-
-    return noisy, start, error
-
-
 def _iterations() -> Statement:
-    noisy, start, error = _noisy()
+    noisy, start, error = _problem(noisy=True)
     by_formula = least_squares(error, start, lambda p: _jacobian(noisy, p, False), method="lm", max_nfev=_EVALUATIONS)
     evaluations = 0
 
@@ -291,7 +283,7 @@ def _iterations() -> Statement:
 
 def _misprint_in_the_code() -> Statement:
     """A search with (5) as it is printed."""
-    noisy, start, error = _noisy()
+    noisy, start, error = _problem(noisy=True)
     with one_blas_thread():
         mended, printed = (
             least_squares(

@@ -8,7 +8,6 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from estimators.known_angle.model import Method
 from estimators.known_angle.quasi_newton import FIELD_START, QuasiNewton, quasi_newton
@@ -19,6 +18,7 @@ from rig.directions import angles_from_direction
 from scenarios.studies.increments import Increments
 from scenarios.studies.settings import Settings, expected
 from validation.paper.published import parameter_table, renk, spread_table
+from validation.paper.renk import spread_limits
 from validation.paper.renk_text import misfits
 from validation.paper.simulated import displacement_deg, scenario_of
 
@@ -65,7 +65,7 @@ def early_stops() -> tuple[EarlyStop, ...]:
     sums = Increments.of(poses.rotations, poses.readings[ACCELEROMETER], np.arange(count), [count])
     cross, square = sums.draw(np.random.default_rng(_SEED), noise, sets)
     published = spread_table("7").std
-    low, high = np.sqrt(f_distribution.ppf([0.025, 0.975], sets - 1, sets - 1))
+    low, high = spread_limits()
     data = [Statistics(count, sums.gram[0], cross[0][k], np.diag(square[0][k])) for k in range(sets)]
     there = _largest_apart(parameter_table("3").fields)
     found = []

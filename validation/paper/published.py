@@ -11,10 +11,14 @@ from typing import Any, Final, Self
 import numpy as np
 
 from rig.arrays import Array
-from rig.channels import ACCELEROMETER
+from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.directions import direction_from_angles
 from rig.errors import RigError, unknown_name
 
+#: The tables of the separate and of the simultaneous fit of each sensor, and of the spread over subsets.
+SEPARATE: Final = {ACCELEROMETER: "3", MAGNETOMETER: "8"}
+SIMULTANEOUS: Final = {ACCELEROMETER: "5", MAGNETOMETER: "10"}
+SPREADS: Final = {ACCELEROMETER: "7", MAGNETOMETER: "12"}
 #: The columns of a table of parameters, and the stems of their names in a calibration.
 STEMS: Final = {
     "beta": "beta{}_deg",
@@ -188,7 +192,7 @@ def ellipsoid_table(number: str) -> EllipsoidTable:
 
 def unit_of(parameter: str, sensor: str) -> str:
     """The unit in which the papers print a parameter."""
-    if parameter.endswith("_deg") or parameter in ("beta", "gamma", "phi", "psi"):
+    if parameter.endswith("_deg") or parameter in ("beta", "gamma", "phi", "psi", "phi, psi"):
         return "deg"
     if parameter.startswith("offset"):
         return "V"

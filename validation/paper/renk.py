@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from rig.arrays import Array
 from rig.directions import elevation_azimuth_basis
 from scenarios.studies.coordinates import RADIAN_DEG
 from validation.paper.published import (
+    SEPARATE,
+    SIMULTANEOUS,
     STEMS,
     ParameterTable,
     Printed,
@@ -21,12 +24,11 @@ from validation.paper.published import (
     spread_table,
     unit_of,
 )
-from validation.paper.rows import SIGMAS, Basis, Row, Word
+from validation.paper.rows import SIGMAS, Row, Word
 from validation.paper.simulated import Drawn, displacement_deg, drawn, noiseless, subsets
 
 #: A ratio of standard deviations is held against chi-square at the level of ``SIGMAS``.
 _TAIL: Final = 0.5 * 4.65e-4
-_PARAMETER_TABLES: Final = {"accelerometer": ("3", "5"), "magnetometer": ("8", "10")}
 _PAIRS: Final = {"1-2": (0, 1), "1-3": (0, 2), "2-3": (1, 2)}
 
 
@@ -58,9 +60,9 @@ def _truth(number: str) -> Iterator[Row]:
             difference = (value - printed.value + 180.0) % 360.0 - 180.0 if angle else value - printed.value
             word: Word = "agrees" if abs(difference) < 1e-9 * max(abs(printed.value), 1.0) else "differs"
             why = "found again without noise to nine digits" if word == "agrees" else f"off by {difference:.1g}"
-            yield _row(
-                table, k, column, printed, printed.value + difference, np.nan, np.nan, word, "by construction", why
-            )
+            place = _place(table, column, f"{k + 1}")
+            rig = printed.value + difference
+            yield Row(*place, printed.text, rig, np.nan, np.nan, word, "by construction", why)
 
 
 def _separate(number: str) -> Iterator[Row]:
@@ -81,7 +83,7 @@ def _separate(number: str) -> Iterator[Row]:
             sigmas = float(difference / np.hypot(apart[column] / factor, rounding))
             word: Word = "agrees" if abs(sigmas) <= SIGMAS else "differs"
             why = f"{abs(sigmas):.1f}σ from Table {other.number}, for two fits to the same data"
-            yield _row(table, k, column, printed, float(own.mean()), float(own.std()), sigmas, word, "tested", why)
+            yield Row.of_draws(_place(table, column, f"{k + 1}"), printed.text, own, sigmas, word, "tested", why)
         yield _direction(table, other, many, k)
 
 
@@ -104,20 +106,7 @@ def _direction(table: ParameterTable, other: ParameterTable, many: Drawn, k: int
         why = f"its field lies {apart:.3f}° from the common one, uncertain by {spread:.3f}°"
     text = f"{table.column('phi')[k].text}, {table.column('psi')[k].text}"
     own = many.values("separate")[f"phi{k + 1}_deg"]
-    return Row(
-        "renk",
-        table.number,
-        f"{k + 1}",
-        "phi, psi",
-        "deg",
-        text,
-        float(own.mean()),
-        float(own.std()),
-        sigmas,
-        word,
-        "tested",
-        why,
-    )
+    return Row.of_draws(_place(table, "phi, psi", f"{k + 1}"), text, own, sigmas, word, "tested", why)
 
 
 def _normal_sigmas(distance: float) -> float:
@@ -141,25 +130,14 @@ def _simultaneous(number: str) -> Iterator[Row]:
     folded = Printed(phi.text, 180.0 - phi.value, phi.half_unit) if phi.value > 90.0 else phi
     spread = many.bound("simultaneous")["field_phi_deg"]
     if displacement_deg(table.fields[0], np.array([0.0, 0.0, -1.0])) < 2.0 * spread:
+        place = _place(table, "phi", "all")
         own = values["phi_deg"]
+        yield Row.of_draws(place, folded.text, own, np.nan, "is the rig's truth", "by construction", "")
         why = "gravity lies along joint 1 within its uncertainty, so psi means nothing"
-        yield _row(
-            table,
-            0,
-            "phi",
-            folded,
-            float(own.mean()),
-            float(own.std()),
-            np.nan,
-            "is the rig's truth",
-            "by construction",
-            "",
-            "all",
+        untold = Row.of_draws(
+            _place(table, "psi", "all"), psi.text, values["psi_deg"], np.nan, "cannot be told", "by construction", why
         )
-        around = values["psi_deg"]
-        yield _row(
-            table, 0, "psi", psi, np.nan, float(around.std()), np.nan, "cannot be told", "by construction", why, "all"
-        )
+        yield replace(untold, rig=np.nan)
         return
     for column, printed in (("phi", phi), ("psi", psi)):
         yield _found_again(table, "all", column, printed, values[f"{column}_deg"])
@@ -169,10 +147,7 @@ def _found_again(table: ParameterTable, item: str, column: str, printed: Printed
     sigmas = float((own.mean() - printed.value) / (own.std() / np.sqrt(len(own))))
     word: Word = "is the rig's truth" if abs(sigmas) <= SIGMAS else "differs"
     why = "" if word != "differs" else f"the mean of {len(own)} experiments is off by {sigmas:.1f} standard errors"
-    k = 0 if item == "all" else int(item) - 1
-    return _row(
-        table, k, column, printed, float(own.mean()), float(own.std()), sigmas, word, "by construction", why, item
-    )
+    return Row.of_draws(_place(table, column, item), printed.text, own, sigmas, word, "by construction", why)
 
 
 def _angles(number: str) -> Iterator[Row]:
@@ -186,25 +161,14 @@ def _angles(number: str) -> Iterator[Row]:
         why = f"beta and gamma of Table {source.number} give {value:.4f}"
         if word == "differs":
             why += f" (their rounding moves it by {slack:.1g} at most)"
-            others = [one for one in _PARAMETER_TABLES[table.sensor] if one != source.number]
+            others = {SEPARATE[table.sensor], SIMULTANEOUS[table.sensor]} - {source.number}
             fits = [
                 one for one in others if printed.rounds_from(*recomputed_angle(parameter_table(one), *_PAIRS[pair]))
             ]
             why += "".join(f"; it does follow from Table {one}" for one in fits)
-        yield Row(
-            "renk",
-            number,
-            pair,
-            "angle between",
-            "deg",
-            printed.text,
-            float(own[pair].mean()),
-            float(own[pair].std()),
-            float((printed.value - own[pair].mean()) / own[pair].std()),
-            word,
-            "arithmetic",
-            why,
-        )
+        sigmas = float((printed.value - own[pair].mean()) / own[pair].std())
+        place = ("renk", number, pair, "angle between", "deg")
+        yield Row.of_draws(place, printed.text, own[pair], sigmas, word, "arithmetic", why)
 
 
 def recomputed_angle(table: ParameterTable, i: int, j: int) -> tuple[float, float]:
@@ -225,19 +189,17 @@ def _spread(number: str) -> Iterator[Row]:
     simulated = {row.parameter: row for row in subsets(table.sensor).parameters}
     bounds = printed_bounds(table.sensor)
     for name, std in table.std.items():
-        mean, unit = table.mean[name], unit_of(name, table.sensor)
         quantity, item = _named(name)
+        place = ("renk", number, item, quantity, unit_of(name, table.sensor))
         one = simulated[name]
-        text = f"{mean.text} ± {std.text}"
+        text = f"{table.mean[name].text} ± {std.text}"
         bound = bounds[name]
         if not np.isfinite(bound):
             why = f"gravity lies along joint 1; the rig's 25 subsets scatter by {one.std:.0f}° as well"
-            yield Row(
-                "renk", number, item, quantity, unit, text, np.nan, one.std, np.nan, "cannot be told", "tested", why
-            )
+            yield Row(*place, text, np.nan, one.std, np.nan, "cannot be told", "tested", why)
             continue
         word, why = on_spread(std.value / bound, name)
-        yield Row("renk", number, item, quantity, unit, text, one.mean, one.std, np.nan, word, "tested", why)
+        yield Row(*place, text, one.mean, one.std, np.nan, word, "tested", why)
 
 
 def printed_bounds(sensor: str) -> dict[str, float]:
@@ -268,6 +230,13 @@ def ratio_limits(count: int) -> tuple[float, float]:
     return float(np.sqrt(low / freedom)), float(np.sqrt(high / freedom))
 
 
+def spread_limits() -> tuple[float, float]:
+    """95 % of the ratios of two standard deviations over the subsets, of one distribution."""
+    freedom = renk()["subsets"] - 1
+    low, high = np.sqrt(f.ppf([0.025, 0.975], freedom, freedom))
+    return float(low), float(high)
+
+
 def on_spread(ratio: float, name: str) -> tuple[Word, str]:
     """The verdict on a standard deviation over its bound."""
     low, high = ratio_limits(renk()["subsets"])
@@ -291,19 +260,6 @@ def _named(name: str) -> tuple[str, str]:
     return quantity, stem[len(quantity) :] or "all"
 
 
-def _row(
-    table: ParameterTable,
-    k: int,
-    column: str,
-    printed: Printed,
-    rig: float,
-    rig_std: float,
-    sigmas: float,
-    word: Word,
-    basis: Basis,
-    why: str,
-    item: str | None = None,
-) -> Row:
-    unit = unit_of(column, table.sensor)
-    name = item or str(k + 1)
-    return Row("renk", table.number, name, column, unit, printed.text, rig, rig_std, sigmas, word, basis, why)
+def _place(table: ParameterTable, column: str, item: str) -> tuple[str, str, str, str, str]:
+    """Where a number stands, and its unit: what a ``Row`` begins with."""
+    return "renk", table.number, item, column, unit_of(column, table.sensor)

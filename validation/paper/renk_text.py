@@ -20,6 +20,9 @@ from rig.channels import SENSORS
 from rig.maneuver import TorusSweep
 from scenarios.studies.coordinates import RADIAN_DEG
 from validation.paper.published import (
+    SEPARATE,
+    SIMULTANEOUS,
+    SPREADS,
     ParameterTable,
     Printed,
     angle_table,
@@ -32,9 +35,6 @@ from validation.paper.rows import Statement
 from validation.paper.simulated import drawn
 
 LEVEL: Final = 0.95
-_SEPARATE: Final = {"accelerometer": "3", "magnetometer": "8"}
-_SIMULTANEOUS: Final = {"accelerometer": "5", "magnetometer": "10"}
-_SPREAD: Final = {"accelerometer": "7", "magnetometer": "12"}
 
 
 def statements() -> tuple[Statement, ...]:
@@ -165,7 +165,7 @@ def _root_sum_square(sensor: str) -> Statement:
 
 def _one_standard_deviation(sensor: str) -> Statement:
     """One subset's estimates against the means of 25."""
-    table, spread = parameter_table(_SIMULTANEOUS[sensor]), spread_table(_SPREAD[sensor])
+    table, spread = parameter_table(SIMULTANEOUS[sensor]), spread_table(SPREADS[sensor])
     beyond: list[str] = []
     for name, mean in spread.mean.items():
         std, bound = spread.std[name].value, printed_bounds(sensor)[name]
@@ -220,7 +220,7 @@ class PublishedMisfit:
 
 def misfits(sensor: str) -> tuple[PublishedMisfit, ...]:
     """How much of the published fit errors is noise-like, channel by channel."""
-    numbers, spread, bounds = renk()[sensor], spread_table(_SPREAD[sensor]), printed_bounds(sensor)
+    numbers, spread, bounds = renk()[sensor], spread_table(SPREADS[sensor]), printed_bounds(sensor)
     many = drawn(sensor)
     covariance = Information.of(many.gram, many.truth, many.noise).covariance
     found = []
@@ -256,7 +256,7 @@ def _fields_agree(sensor: str) -> Statement:
     """The paper's own check, as a chi-square test: at the stated noise, and at what the subsets' scatter shows."""
     at_noise = field_chi_square(sensor, [float(text) for text in renk()[sensor]["noise"]])
     at_scatter = field_chi_square(sensor, [row.noise_like for row in misfits(sensor)])
-    table = parameter_table(_SEPARATE[sensor])
+    table = parameter_table(SEPARATE[sensor])
     apart = max(float(np.linalg.norm(table.fields[i] - table.fields[j])) for i, j in ((0, 1), (0, 2), (1, 2)))
     p_value = float(chdtrc(4, at_scatter))
     probability = f"p = {p_value:.1g}" if p_value > 1e-99 else "p < 1e-99"
@@ -279,7 +279,7 @@ def field_chi_square(sensor: str, noise: Sequence[float]) -> float:
         sensor: which.
         noise: (3,) of a reading [V].
     """
-    table = parameter_table(_SEPARATE[sensor])
+    table = parameter_table(SEPARATE[sensor])
     many = drawn(sensor)
     parameters = _parameters(table, many.truth.reference_magnitude)
     covariance = Information.of(many.gram, parameters, np.asarray(noise), "separate").covariance

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, Self
 
+from rig.arrays import Array
 from validation.markdown import table_of
 
 Word = Literal["agrees", "differs", "cannot be told", "is the rig's truth"]
@@ -47,6 +48,15 @@ class Row:
     word: Word
     basis: Basis
     why: str = ""
+
+    @classmethod
+    def of_draws(
+        cls, place: Sequence[str], published: str, own: Array, sigmas: float, word: Word, basis: Basis, why: str
+    ) -> Self:
+        """With mean and scatter of the rig's experiments (m,); ``place`` is paper, table, item, quantity and unit."""
+        paper, table, item, quantity, unit = place
+        mean, std = float(own.mean()), float(own.std())
+        return cls(paper, table, item, quantity, unit, published, mean, std, sigmas, word, basis, why)
 
     @property
     def verdict(self) -> str:

@@ -13,12 +13,11 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from scipy.stats import f
 
 from estimators import Calibration, calibrate
 from estimators.known_angle.model import Method
 from rig.arrays import Array
-from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
+from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.directions import angles_from_direction, direction_from_angles
 from rig.effects import Effect, make_effect
 from rig.maneuver import TorusSweep
@@ -27,13 +26,17 @@ from scenarios.loader import load
 from scenarios.scenario import Scenario
 from scenarios.studies.subset_results import SubsetStudy
 from scenarios.studies.subsets import study
-from validation.paper.published import ParameterTable, parameter_table, renk, spread_table
+from validation.paper.published import (
+    SEPARATE,
+    SIMULTANEOUS,
+    SPREADS,
+    ParameterTable,
+    parameter_table,
+    renk,
+    spread_table,
+)
 
 SCENARIO: Final = "renk2005-gap"
-#: The tables of the separate and of the simultaneous fit of each sensor.
-SEPARATE: Final = {ACCELEROMETER: "3", MAGNETOMETER: "8"}
-SIMULTANEOUS: Final = {ACCELEROMETER: "5", MAGNETOMETER: "10"}
-SPREADS: Final = dict(zip(SENSORS, ("7", "12"), strict=True))
 #: Spreads of the paper that no noise makes: a slip of the unit, and an angle that cannot be told.
 SLIPS: Final = {("12", "phi_deg"), ("12", "psi_deg"), ("7", "psi_deg")}
 #: Steps of the fixed point, which gains a digit in each.
@@ -198,11 +201,6 @@ def _noise_squared(scenario: Scenario) -> Array:
         if effect.name == "noise_excess" and effect.where.startswith("mag"):
             squared[int(effect.where[-1]) - 1] += effect.extra_sigma**2  # type: ignore[attr-defined]
     return np.asarray(squared)
-
-
-def spread_limits() -> tuple[float, float]:
-    """95 % of the ratios of two standard deviations of 25 values each, of one distribution."""
-    return float(np.sqrt(f.ppf(0.025, 24, 24))), float(np.sqrt(f.ppf(0.975, 24, 24)))
 
 
 def spread_ratios(found: SubsetStudy) -> dict[tuple[str, str], float]:

@@ -23,15 +23,14 @@ from validation.markdown import list_of, page_of, table_of
 from validation.paper.compare import early_stop_words
 from validation.paper.dip import ALLOWED, EXCLUDED, dip_argument, dip_words
 from validation.paper.early_stop import early_stops
-from validation.paper.published import spread_table
+from validation.paper.published import SPREADS, spread_table
+from validation.paper.renk import spread_limits
 from validation.paper.renk_text import misfits
 from validation.paper.twin import (
     SCENARIO,
     SLIPS,
-    SPREADS,
     StrayField,
     published_apart,
-    spread_limits,
     spread_ratios,
     stray_fields,
     subsets_of_twin,

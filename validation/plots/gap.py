@@ -10,8 +10,9 @@ from rig.channels import SENSORS
 from scenarios.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from scenarios.plots.style import new_figure, style
 from scenarios.studies.subset_results import SubsetStudy
+from validation.paper.renk import spread_limits
 from validation.paper.renk_text import misfits
-from validation.paper.twin import spread_limits, spread_ratios
+from validation.paper.twin import spread_ratios
 
 
 def gap_figure(found: SubsetStudy) -> Figure:
