@@ -5,10 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import yourdfpy
 
+from rig.arm import Arm
 from rig.arrays import Array
 
 PI = np.pi
+ROUNDING = 1e-12
+
+#: The A465, models/a465/README.md, table "Kinematics": a [m], d [m], alpha [rad]; what is added to the joints' angles.
+A465 = [
+    (0.0, 0.3302, PI / 2),
+    (0.3048, 0.0, 0.0),
+    (0.0, 0.0, PI / 2),
+    (0.0, 0.3302, -PI / 2),
+    (0.0, 0.0, PI / 2),
+    (0.0, 0.0762, 0.0),
+]
+A465_OFFSET = np.array([0.0, 0.0, PI / 2, 0.0, 0.0, 0.0])
+IMU_M = 0.030  # along z6
 
 #: Universal Robots, "DH parameters for calculations of kinematics and dynamics": a [m], d [m], alpha [rad].
 UR5E = [
@@ -58,15 +73,30 @@ def random_angles(count: int, joints: int = 6, seed: int = 1, reach: float = 3.0
     return np.random.default_rng(seed).uniform(-reach, reach, (count, joints))
 
 
-def dh_pose(table: list[tuple[float, float, float]], q: Array) -> Array:
-    """(4, 4) of the last frame, by the product of the standard convention's matrices."""
-    pose = np.eye(4)
+def dh_frames(table: list[tuple[float, float, float]], q: Array) -> list[Array]:
+    """(4, 4) of each frame in the base, by the product of the standard convention's matrices."""
+    poses = [np.eye(4)]
     for (a, d, alpha), angle in zip(table, q, strict=True):
         c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
-        pose = pose @ np.array(
-            [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]]
+        poses.append(
+            poses[-1]
+            @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]])
         )
-    return pose
+    return poses[1:]
+
+
+def as_yourdfpy_has_it(arm: Arm, base: str, q: Array | None = None) -> Arm:
+    """An arm whose poses (n, N) [rad, m] are those of another program, which reads its URDF too."""
+    oracle = yourdfpy.URDF.load(str(arm.urdf), load_meshes=False)
+    q = random_angles(100, arm.dof) if q is None else q
+    poses, rotations = arm.poses(q), arm.rotation_map.rotations(q).reshape(-1, 3, 3)
+    for row, angles in enumerate(q):
+        oracle.update_cfg(dict(zip(arm.joint_names, angles.tolist(), strict=True)))
+        expected = oracle.get_transform(arm.tip, base)
+        np.testing.assert_allclose(poses.R_base_tool[row], expected[:3, :3], rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(rotations[row], expected[:3, :3], rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(poses.position[row], expected[:3, 3], rtol=0, atol=ROUNDING)
+    return arm
 
 
 def dh_urdf(

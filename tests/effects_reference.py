@@ -7,14 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from arm_files import A465, A465_OFFSET, IMU_M
 
 from rig.arrays import Array
-
-D = (0.3302, 0.0, 0.0, 0.3302, 0.0, 0.0762)
-A = (0.0, 0.3048, 0.0, 0.0, 0.0, 0.0)
-ALPHA = np.radians([90.0, 0.0, 90.0, -90.0, 90.0, 0.0])
-THETA = np.radians([0.0, 0.0, 90.0, 0.0, 0.0, 0.0])
-SENSOR_Z = 0.03
 
 GRAVITY = 9.8 * np.array([0.02, -0.01, -1.0]) / np.sqrt(0.02**2 + 0.01**2 + 1.0)
 FIELD = 1.3 * np.array([0.4, -0.1, -0.9]) / np.sqrt(0.16 + 0.01 + 0.81)  # a magnitude other than one
@@ -87,10 +82,10 @@ def frames(q: Array, twist: tuple[int, float] = (0, 0.0)) -> list[Array]:
     """The transforms (4, 4) base<-frame j, j = 0 to 6, by Denavit-Hartenberg; ``twist`` adds to alpha of one joint."""
     poses = [np.eye(4)]
     for joint in range(6):
-        theta, alpha = q[joint] + THETA[joint], ALPHA[joint] + (twist[1] if twist[0] == joint + 1 else 0.0)
+        a, d, alpha = A465[joint]
         turn, lean = np.eye(4), np.eye(4)
-        turn[:3, :3], turn[2, 3] = about_z(theta), D[joint]
-        lean[:3, :3], lean[0, 3] = about_x(alpha), A[joint]
+        turn[:3, :3], turn[2, 3] = about_z(q[joint] + A465_OFFSET[joint]), d
+        lean[:3, :3], lean[0, 3] = about_x(alpha + (twist[1] if twist[0] == joint + 1 else 0.0)), a
         poses.append(poses[-1] @ turn @ lean)
     return poses
 
@@ -139,7 +134,7 @@ def readings(
         q = sample.q if joints is None else joints(sample)
         sample.frames = frames(q, twist)
         sample.R = sample.frames[6][:3, :3]
-        sample.p = sample.frames[6][:3, 3] + SENSOR_Z * sample.R[:, 2]
+        sample.p = sample.frames[6][:3, 3] + IMU_M * sample.R[:, 2]
         if pose is not None:
             pose(sample)
         felt = np.repeat([sample.R.T @ (GRAVITY - sample.a), sample.R.T @ sample.B], 3, axis=0)

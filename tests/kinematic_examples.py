@@ -7,11 +7,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from directions import unit_vectors
 from scipy.spatial.transform import Rotation
 
 from estimators.known_angle.fit import SensorFit
-from estimators.known_angle.model import Method, SensorParameters, columns_of_channels
+from estimators.known_angle.model import METHODS, Method, SensorParameters, columns_of_channels
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.arrays import Array
@@ -39,6 +40,10 @@ TRUTHS = {
     "table5": (SensorParameters.of(TABLE_5, GRAVITY), ACCELEROMETER_NOISE),
     "table10": (SensorParameters.of(TABLE_10, FIELD), MAGNETOMETER_NOISE),
 }
+
+
+#: Of a test of either method.
+BOTH = pytest.mark.parametrize("method", METHODS)
 
 
 @cache

@@ -12,7 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from arm_files import random_angles
+from arm_files import A465, A465_OFFSET, IMU_M, dh_frames, random_angles
 
 from rig.arm import Arm
 from rig.arrays import Array
@@ -20,22 +20,6 @@ from rig.assets import model_path
 from rig.errors import RigError
 
 ROUNDING = 1e-12
-
-D = (0.3302, 0.0, 0.0, 0.3302, 0.0, 0.0762)
-A = (0.0, 0.3048, 0.0, 0.0, 0.0, 0.0)
-ALPHA = np.radians([90, 0, 90, -90, 90, 0])
-OFFSET = np.radians([0, 0, 90, 0, 0, 0])
-IMU_M = 0.030  # along z6
-
-
-def denavit_hartenberg(q: Array) -> tuple[Array, Array]:
-    """R_base_tool (3, 3) and the sensor's position (3,) at one configuration, written without MuJoCo."""
-    rotation, position = np.eye(3), np.zeros(3)
-    for angle, offset, d, a, alpha in zip(q, OFFSET, D, A, ALPHA, strict=True):
-        c, s, ca, sa = np.cos(angle + offset), np.sin(angle + offset), np.cos(alpha), np.sin(alpha)
-        position = position + rotation @ [a * c, a * s, d]
-        rotation = rotation @ [[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0, sa, ca]]
-    return rotation, position + rotation @ [0, 0, IMU_M]
 
 
 def smooth_motion(t: Array, joints: int = 6) -> tuple[Array, Array, Array]:
@@ -52,9 +36,9 @@ def test_a465_is_the_denavit_hartenberg_chain(arm: Arm) -> None:
     q = random_angles(200)
     poses = arm.poses(q)
     for angles, rotation, position in zip(q, poses.R_base_tool, poses.position, strict=True):
-        expected = denavit_hartenberg(angles)
-        np.testing.assert_allclose(rotation, expected[0], rtol=0, atol=ROUNDING)
-        np.testing.assert_allclose(position, expected[1], rtol=0, atol=ROUNDING)
+        last = dh_frames(A465, angles + A465_OFFSET)[-1]
+        np.testing.assert_allclose(rotation, last[:3, :3], rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(position, last[:3, 3] + IMU_M * last[:3, 2], rtol=0, atol=ROUNDING)
 
 
 def test_a465_names_limits_and_identity(arm: Arm) -> None:

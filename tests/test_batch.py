@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kinematic_examples import POSE_SETS, TRUTHS, random_truth, readings, sweep_statistics
+from kinematic_examples import BOTH, POSE_SETS, TRUTHS, random_truth, readings, sweep_statistics
 from scipy.special import chdtr
 from statistics_draws import draw_many
 
 from estimators.batch import ManyFits, ManyParameters, fit_many
 from estimators.known_angle.fit import fit_sensor
-from estimators.known_angle.model import METHODS, Method
+from estimators.known_angle.model import Method
 from estimators.known_angle.statistics import Statistics
 from rig.errors import RigError
-
-BOTH = pytest.mark.parametrize("method", METHODS)
 
 
 def agrees(fits: ManyFits, index: int, single: object) -> bool:

@@ -52,16 +52,15 @@ def test_poses_at_a_limit_are_left_out_where_others_are_not(beyond: float, top: 
     assert np.array_equal(np.concatenate(segments), values[cut != LABELS])
 
 
-def test_limits_on_both_sides_leave_the_pose_between() -> None:
+@pytest.mark.parametrize(
+    ("limits", "left"),
+    [((MEANS.min() - 0.4, MEANS.max() + 0.4), LABELS == 0), ((-np.inf, 20.0), LABELS != 1)],
+    ids=["on both sides leave the pose between", "that a whole pose is at leave the others"],
+)
+def test_limits(limits: tuple[float, float], left: np.ndarray) -> None:
     values = drawn(3)
-    segments, _ = sound(np.clip(values, MEANS.min() - 0.4, MEANS.max() + 0.4), LABELS, 0.0)
-    assert np.array_equal(np.concatenate(segments), values[LABELS == 0])
-
-
-def test_a_pose_that_is_all_at_the_limit_tells_nothing() -> None:
-    values = drawn(4)
-    segments, _ = sound(np.minimum(values, 20.0), LABELS, 0.0)
-    assert np.array_equal(np.concatenate(segments), values[LABELS != 1])
+    segments, _ = sound(np.clip(values, *limits), LABELS, 0.0)
+    assert np.array_equal(np.concatenate(segments), values[left])
 
 
 @pytest.mark.parametrize("beyond", [-0.5, 0.43, 1.5])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosed_recordings import scenario as small
+from whitened_examples import SHAKING
 
 import estimators
 from estimators.gap.data.basefit import posed, set_up
@@ -24,9 +25,6 @@ from validation.blind.outside import ThermalBending
 
 FEW = ("vibration", "scale_temperature", "supply_ratiometric", "joint_scale", "field_gradient", "backlash")
 WITHOUT = [name for name in EFFECTS if name not in FEW]
-SHAKING = make_effect(
-    "vibration", {"where": "accelerometer", "amplitude_m_s2": 0.12, "freq_Hz": 37.3, "direction": (1.0, 1.0, 0.0)}
-)
 
 
 def wandering(run: Recording) -> Recording:

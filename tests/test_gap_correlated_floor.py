@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosed_recordings import scenario
-from whitened_examples import data  # noqa: F401
+from whitened_examples import data, louder, noise_of  # noqa: F401
 
 import estimators
 from estimators.gap.data.whitened import WhitenedData
@@ -23,12 +23,7 @@ CORRELATION = np.outer(SHARED, SHARED) + 0.65 * np.eye(6)
 def with_reference(run: Recording, rest: Recording, seed: int) -> Recording:
     """The readings with noise of a reference beside their own, three quarters as large as that is at rest."""
     noise = np.random.default_rng(seed).standard_normal((len(run), 1)) * np.sign(SHARED)
-    assert rest.accelerometer is not None
-    assert rest.magnetometer is not None
-    noise *= 0.75 * np.diff(np.hstack([rest.accelerometer, rest.magnetometer]), axis=0).std(axis=0) / np.sqrt(2.0)
-    assert run.accelerometer is not None
-    assert run.magnetometer is not None
-    return replace(run, accelerometer=run.accelerometer + noise[:, :3], magnetometer=run.magnetometer + noise[:, 3:])
+    return louder(run, 0.75 * noise * noise_of(rest))
 
 
 @pytest.mark.parametrize("held", [1, 5])

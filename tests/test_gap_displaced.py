@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from diagnosed_recordings import scenario as small
+from whitened_examples import SHAKING
 
 from estimators.gap.data.basefit import posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
@@ -19,9 +20,6 @@ from estimators.gap.search.displaced import displaced
 from estimators.gap.search.explanation import Key
 from rig.effects import Effect, make_effect
 
-SHAKING = make_effect(
-    "vibration", {"where": "accelerometer", "amplitude_m_s2": 0.12, "freq_Hz": 37.3, "direction": (1.0, 1.0, 0.0)}
-)
 SLIP, TONE = "mounting_slip@mount", "vibration@accelerometer/tool"
 
 

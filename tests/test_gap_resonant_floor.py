@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from whitened_examples import louder
 
 import estimators
 import scenarios
@@ -107,11 +106,7 @@ def test_noise_is_no_tone(kind: str) -> None:
 def ringing(run: Recording, seed: int) -> Recording:
     """The readings with noise that rings at .14 cycles a reading, six times as large as their own."""
     noise = lfilter([1.0], KINDS["resonance"], np.random.default_rng(seed).standard_normal((len(run), 6)), axis=0)
-    assert run.accelerometer is not None
-    assert run.magnetometer is not None
-    return replace(
-        run, accelerometer=run.accelerometer + 0.05 * noise[:, :3], magnetometer=run.magnetometer + 0.05 * noise[:, 3:]
-    )
+    return louder(run, 0.05 * noise)
 
 
 def test_noise_that_rings_at_rest_and_in_the_sweep_is_no_cause() -> None:

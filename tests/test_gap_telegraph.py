@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import pytest
 from whitened_examples import data, discrepancies, unexplained  # noqa: F401
 
 from estimators.gap.data.projection import project
@@ -84,29 +85,22 @@ def test_white_noise_does_not_switch() -> None:
     assert np.mean(np.array(gains) > 3.0) < 0.15
 
 
-def test_an_offset_between_two_levels_is_told_as_that(data: WhitenedData, discrepancies: Discrepancies) -> None:
-    """Thirty standard deviations over 24 switches: found, at the right channel, and more evident than any smooth
-    course by the evidence that two levels have over those."""
-    rng = np.random.default_rng(3)
+@pytest.mark.parametrize(("scaled", "size"), [(False, 30.0), (True, 60.0)])
+def test_what_switches_is_told_as_that(
+    data: WhitenedData, discrepancies: Discrepancies, scaled: bool, size: float
+) -> None:
+    """An offset, by thirty standard deviations over 24 switches: found, at the right channel, and more evident than any
+    smooth course by the evidence that two levels have over those. An amplifier scales the offset too: neither that
+    alone nor the gain of the field alone leaves nothing, each misses part of sixty standard deviations, as the field is
+    a part of the reading."""
+    rng = np.random.default_rng(5 if scaled else 3)
+    channel, source = (5, "the whole reading of mag3") if scaled else (2, "the offset of accel3")
     change = np.zeros((data.count, 6))
-    change[:, 2] = switching(rng, data.count, 24)
+    change[:, channel] = switching(rng, data.count, 24) * (data.modelled[:, channel] if scaled else 1.0)
     change = project(data.absorbed, data.whiten(change))
     noise = project(data.absorbed, rng.standard_normal(data.size))
-    found = weighed(unexplained(noise + 30.0 * change / np.linalg.norm(change)), discrepancies)
-    assert (found[0].term.source, found[0].term.course) == ("the offset of accel3", telegraph.NAME)
-    smooth = max(each.log_mass for each in found if each.term.course == "time")
-    assert found[0].log_mass > smooth + 5.0
-
-
-def test_an_amplifier_that_switches_scales_the_offset_too(data: WhitenedData, discrepancies: Discrepancies) -> None:
-    """Neither the offset alone nor the gain of the field alone leaves nothing: each misses part of sixty standard
-    deviations, as the field is a part of the reading."""
-    rng = np.random.default_rng(5)
-    change = np.zeros((data.count, 6))
-    change[:, 5] = switching(rng, data.count, 24) * data.modelled[:, 5]
-    change = project(data.absorbed, data.whiten(change))
-    noise = project(data.absorbed, rng.standard_normal(data.size))
-    found = weighed(unexplained(noise + 60.0 * change / np.linalg.norm(change)), discrepancies)
-    assert (found[0].term.source, found[0].term.course) == ("the whole reading of mag3", telegraph.NAME)
-    others = max(each.log_mass for each in found if each.term.source in ("the offset of mag3", "the gain of mag3"))
-    assert found[0].log_mass > others + 5.0
+    found = weighed(unexplained(noise + size * change / np.linalg.norm(change)), discrepancies)
+    assert (found[0].term.source, found[0].term.course) == (source, telegraph.NAME)
+    parts = ("the offset of mag3", "the gain of mag3")
+    others = [each for each in found if (each.term.source in parts if scaled else each.term.course == "time")]
+    assert found[0].log_mass > max(each.log_mass for each in others) + 5.0

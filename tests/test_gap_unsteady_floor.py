@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from whitened_examples import data  # noqa: F401
+from whitened_examples import data, louder, noise_of  # noqa: F401
 
 import estimators
 import scenarios
@@ -109,12 +109,7 @@ def swelling(run: Recording, rest: Recording, seed: int) -> Recording:
     rate_Hz = 1.0 / float(np.median(np.diff(run.t)))
     noise = np.random.default_rng(seed).standard_normal((len(run), 6))
     noise *= 6.0 * loudness(len(run), seed, int(40.0 * rate_Hz))[:, None]
-    assert rest.accelerometer is not None
-    assert rest.magnetometer is not None
-    noise *= np.diff(np.hstack([rest.accelerometer, rest.magnetometer]), axis=0).std(axis=0) / np.sqrt(2.0)
-    assert run.accelerometer is not None
-    assert run.magnetometer is not None
-    return replace(run, accelerometer=run.accelerometer + noise[:, :3], magnetometer=run.magnetometer + noise[:, 3:])
+    return louder(run, noise * noise_of(rest))
 
 
 def test_noise_that_swells_at_rest_and_in_the_sweep_is_no_cause() -> None:

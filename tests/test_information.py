@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import SMALL, Rig
-from kinematic_examples import TRUTHS, noiseless, random_truth, sweep_rotations, sweep_statistics
+from kinematic_examples import BOTH, TRUTHS, noiseless, random_truth, sweep_rotations, sweep_statistics
 from matplotlib.image import imread
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
@@ -19,7 +19,7 @@ import scenarios
 from estimators.design.attitude_free_bound import FreeSensor
 from estimators.design.maneuver_bound import growth, predict
 from estimators.known_angle.fit import fit_sensor
-from estimators.known_angle.model import METHODS, Method, parameter_names
+from estimators.known_angle.model import Method, parameter_names
 from estimators.known_angle.statistics import Statistics
 from rig.directions import angles_from_direction, direction_from_angles
 from rig.errors import RigError
@@ -27,8 +27,6 @@ from rig.maneuver import HandTumble, LockedPoses
 from scenarios.bound import bound_of, noise_of
 from scenarios.loader import from_toml
 from scenarios.plots.bound import bound_figure
-
-BOTH = pytest.mark.parametrize("method", METHODS)
 
 
 @BOTH

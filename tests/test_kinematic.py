@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from directions import unit_vectors
 from kinematic_examples import (
+    BOTH,
     POSE_SETS,
     TABLE_5,
     TRUTHS,
@@ -25,13 +26,10 @@ from statistics_draws import draw
 from estimators.batch.global_minima import Problems, descend
 from estimators.batch.optimum import Centred
 from estimators.known_angle.fit import fit_sensor
-from estimators.known_angle.model import METHODS, Method, SensorParameters, parameter_names
+from estimators.known_angle.model import Method, SensorParameters, parameter_names
 from estimators.known_angle.statistics import Statistics
 from rig.directions import angles_from_direction, direction_from_angles, tangent_basis
 from rig.errors import RefusedFit, RigError
-
-BOTH = pytest.mark.parametrize("method", METHODS)
-
 
 # --- the model -------------------------------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from kinematic_examples import (
+    BOTH,
     TRUTHS,
     errors,
     sweep_statistics,
@@ -14,11 +15,9 @@ from statistics_draws import draw
 
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.identifiability import Information, bound
-from estimators.known_angle.model import METHODS, Method, parameter_names
+from estimators.known_angle.model import Method, parameter_names
 from estimators.known_angle.reported import report
 from rig.directions import angles_from_direction
-
-BOTH = pytest.mark.parametrize("method", METHODS)
 
 
 def trials(

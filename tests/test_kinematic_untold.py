@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from kinematic_examples import (
+    BOTH,
     GRAVITY,
     TABLE_5,
     TRUTHS,
@@ -19,14 +20,12 @@ from statistics_draws import draw
 
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.identifiability import Information, bound
-from estimators.known_angle.model import METHODS, WEIGHTINGS, Method, SensorParameters
+from estimators.known_angle.model import WEIGHTINGS, Method, SensorParameters
 from estimators.known_angle.reported import report
 from estimators.known_angle.statistics import Statistics
 from rig.arm import Arm
 from rig.directions import direction_from_angles
 from rig.errors import RefusedFit, RigError
-
-BOTH = pytest.mark.parametrize("method", METHODS)
 
 
 def moving(*joints: int, count: int = 300) -> np.ndarray:

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 from directions import unit_vectors
-from kinematic_examples import TRUTHS, sweep_statistics
+from kinematic_examples import BOTH, TRUTHS, sweep_statistics
 from scipy.special import bdtr, chdtr, chdtrc, stdtrit
 from statistics_draws import draw_many
 
@@ -35,7 +35,6 @@ FACTORS = (1.0, 10.0)
 RATIO = (0.93, 1.07)
 COVERAGE = (0.94, 0.96)
 
-BOTH = pytest.mark.parametrize("method", METHODS)
 CASES = pytest.mark.parametrize(
     ("name", "count", "factor"), [(name, count, factor) for name in TRUTHS for count in COUNTS for factor in FACTORS]
 )

@@ -33,11 +33,6 @@ def calibration() -> Calibration:
     return estimators.calibrate(scenarios.load("ann-arbor").simulate(seed=1))
 
 
-@pytest.fixture(scope="module")
-def sweep() -> Recording:
-    return scenarios.load("ann-arbor").simulate(seed=2)
-
-
 def watched(run: Recording, calibration: Calibration | None, alarms: float = 1.0, piece: int = 25) -> list[Alarm]:
     watch = Watch.of(run, calibration, None, alarms)
     found = []
@@ -53,9 +48,9 @@ def changed(run: Recording, sensor: str, change: Callable[[Array], Array]) -> Re
     return replace(run, **{sensor: readings})
 
 
-def test_nothing_is_said_where_nothing_changes(sweep: Recording, calibration: Calibration) -> None:
+def test_nothing_is_said_where_nothing_changes(recording: Recording, calibration: Calibration) -> None:
     # 28 minutes at one false alarm a day: one run in 50 would say something; at one in 100 days, one in 5,000
-    assert watched(sweep, calibration, alarms=0.01) == []
+    assert watched(recording, calibration, alarms=0.01) == []
 
 
 NOISE = np.random.default_rng(0)
@@ -72,7 +67,7 @@ NOISE = np.random.default_rng(0)
     ],
 )
 def test_a_change_is_noticed_at_once_named_and_its_end_too(
-    sweep: Recording,
+    recording: Recording,
     calibration: Calibration,
     sensor: str,
     change: Callable[[Array], Array],
@@ -80,7 +75,7 @@ def test_a_change_is_noticed_at_once_named_and_its_end_too(
     where: str,
 ) -> None:
     """Changes of four sigma and more: eight samples at 4 Hz, two seconds, show them with a chi-square above 100."""
-    found = watched(changed(sweep, sensor, change), calibration, alarms=0.01)
+    found = watched(changed(recording, sensor, change), calibration, alarms=0.01)
     first = found[0]
     assert first.begins
     assert first.sensor == sensor
@@ -93,11 +88,13 @@ def test_a_change_is_noticed_at_once_named_and_its_end_too(
     assert OVER_S <= found[-1].t_s <= OVER_S + 4.0
 
 
-def test_a_motion_is_noticed_and_not_named(sweep: Recording, calibration: Calibration) -> None:
+def test_a_motion_is_noticed_and_not_named(recording: Recording, calibration: Calibration) -> None:
     """Five seconds of an acceleration that swells and fades, forty sigma at most: no effect leaves noise of it."""
-    moving = np.where((sweep.t > CHANGE_S) & (sweep.t < OVER_S), np.sin(1.3 * sweep.t) * np.sin(0.2 * sweep.t), 0.0)
-    readings = sweep.readings("accelerometer") + 0.5 * moving[:, None] * np.array([1.0, 0.4, -0.6])
-    found = watched(replace(sweep, accelerometer=readings), calibration, alarms=0.01)
+    moving = np.where(
+        (recording.t > CHANGE_S) & (recording.t < OVER_S), np.sin(1.3 * recording.t) * np.sin(0.2 * recording.t), 0.0
+    )
+    readings = recording.readings("accelerometer") + 0.5 * moving[:, None] * np.array([1.0, 0.4, -0.6])
+    found = watched(replace(recording, accelerometer=readings), calibration, alarms=0.01)
     assert found[0].begins
     assert [alarm.names for alarm in found if alarm.kind == "named"] == [()] * sum(alarm.begins for alarm in found)
     assert "unknown" in found[1].looks_like
@@ -138,10 +135,10 @@ def test_what_changes_on_an_accelerometer_turned_by_hand_is_named_from_its_rests
 
 @pytest.mark.parametrize("attitude", [True, False])
 def test_a_calibration_that_never_held_is_noticed_at_once(
-    sweep: Recording, calibration: Calibration, attitude: bool
+    recording: Recording, calibration: Calibration, attitude: bool
 ) -> None:
     """Thirty sigma from the first sample on: no memory of the noise makes as much, though none of it is known yet."""
-    run = replace(sweep, magnetometer=sweep.readings("magnetometer") + 0.3 * np.array([0.6, -0.6, 0.5]))
+    run = replace(recording, magnetometer=recording.readings("magnetometer") + 0.3 * np.array([0.6, -0.6, 0.5]))
     if not attitude:
         run = replace(run, q=None, metadata=replace(run.metadata, arm="none"))
     found = [alarm for alarm in watched(run.select(slice(0, 400)), calibration, alarms=0.01) if alarm.begins]
@@ -246,15 +243,15 @@ def test_a_converters_steps_are_no_stuck_channel() -> None:
     assert "repeat" in found.test
 
 
-def test_a_calibration_of_something_else_is_refused(sweep: Recording, calibration: Calibration) -> None:
-    volts = replace(sweep, units={"accelerometer": "mV", "magnetometer": "V"})
+def test_a_calibration_of_something_else_is_refused(recording: Recording, calibration: Calibration) -> None:
+    volts = replace(recording, units={"accelerometer": "mV", "magnetometer": "V"})
     with pytest.raises(RigError, match="comes in mV"):
         Watch.of(volts, calibration, None)
     only = replace(calibration, sensors={"magnetometer": calibration["magnetometer"]})
     with pytest.raises(RigError, match="expected a sensor that was calibrated"):
-        Watch.of(replace(sweep, magnetometer=None, units={"accelerometer": "V"}), only, None)
+        Watch.of(replace(recording, magnetometer=None, units={"accelerometer": "V"}), only, None)
     with pytest.raises(RigError, match="alarms a day"):
-        Watch.of(sweep, calibration, None, alarms_a_day=0.0)
+        Watch.of(recording, calibration, None, alarms_a_day=0.0)
 
 
 def test_a_change_hardly_passes_for_noise_however_early_it_comes() -> None:

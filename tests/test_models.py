@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import math
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +16,13 @@ import mujoco
 import numpy as np
 import pytest
 import yourdfpy
+from arm_files import A465, A465_OFFSET, IMU_M, dh_frames
 
 from rig.arrays import Array
 
 MODELS = Path(__file__).parents[1] / "models"
 ROUNDING = 1e-12
 
-# models/a465/README.md, table "Kinematics"
-D = (0.3302, 0.0, 0.0, 0.3302, 0.0, 0.0762)
-A = (0.0, 0.3048, 0.0, 0.0, 0.0, 0.0)
-ALPHA = tuple(math.radians(angle) for angle in (90, 0, 90, -90, 90, 0))
-OFFSET = tuple(math.radians(angle) for angle in (0, 0, 90, 0, 0, 0))
 LIMITS_DEG = ((-175, 175), (0, 180), (-110, 110), (-180, 180), (-105, 105))
 LINKS = ("link1", "link2", "link3", "link4", "link5", "link6")
 JOINTS = ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6")
@@ -77,16 +72,6 @@ def renk_rotation(theta: float, alpha: float) -> Array:
     return np.array([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0.0, sa, ca]])
 
 
-def denavit_hartenberg(q: Array) -> Iterator[Array]:
-    """Poses (4, 4) of frames 1 to 6 in the base frame, written independently of MuJoCo."""
-    transform = np.eye(4)
-    for value, offset, d, a, alpha in zip(q, OFFSET, D, A, ALPHA, strict=True):
-        theta = value + offset
-        position = np.array([a * math.cos(theta), a * math.sin(theta), d])
-        transform = transform @ pose(renk_rotation(theta, alpha), position)
-        yield transform
-
-
 # --- frames ----------------------------------------------------------------------------------------------------------
 
 
@@ -111,16 +96,16 @@ def test_table_1_of_the_paper_is_the_arm_in_its_sweep(model: mujoco.MjModel) -> 
 def test_bodies_are_the_denavit_hartenberg_frames(model: mujoco.MjModel) -> None:
     for q in random_joints(200, seed=2):
         data = posed(model, q)
-        frames = list(denavit_hartenberg(q))
+        frames = dh_frames(A465, q + A465_OFFSET)
         for number, (link, frame) in enumerate(zip(LINKS, frames, strict=True), start=1):
             body = data.body(link)
             # link2 stays on the axis of joint 2: a_2 short of frame 2 along x2
-            origin = frame[:3, 3] - (A[1] * frame[:3, 0] if number == 2 else 0.0)
+            origin = frame[:3, 3] - (A465[1][0] * frame[:3, 0] if number == 2 else 0.0)
             np.testing.assert_allclose(body.xmat.reshape(3, 3), frame[:3, :3], rtol=0, atol=ROUNDING)
             np.testing.assert_allclose(body.xpos, origin, rtol=0, atol=ROUNDING)
         site = data.site("imu")
         np.testing.assert_allclose(site.xmat.reshape(3, 3), frames[5][:3, :3], rtol=0, atol=ROUNDING)
-        expected = frames[5][:3, 3] + 0.030 * frames[5][:3, 2]
+        expected = frames[5][:3, 3] + IMU_M * frames[5][:3, 2]
         np.testing.assert_allclose(site.xpos, expected, rtol=0, atol=ROUNDING)
 
 
@@ -139,7 +124,7 @@ def test_upper_arm_up_and_forearm_forward_at_sweep_home(model: mujoco.MjModel) -
 
 def test_straight_up_at_q2_90_q3_0(model: mujoco.MjModel) -> None:
     data = posed(model, np.radians([0.0, 90.0, 0.0, 0.0, 0.0, 0.0]))
-    height = sum(D) + sum(A) + 0.030
+    height = sum(a + d for a, d, _ in A465) + IMU_M
     np.testing.assert_allclose(data.site("imu").xpos, [0.0, 0.0, height], atol=ROUNDING)
 
 

@@ -12,8 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-import yourdfpy
-from arm_files import random_angles
+from arm_files import as_yourdfpy_has_it, random_angles
 
 from rig.arm import Arm
 from rig.errors import RigError
@@ -57,30 +56,16 @@ def write_urdf(folder: Path, content: str) -> Path:
     return path
 
 
-def check_against_yourdfpy(path: Path, tip: str, base: str, count: int = 100) -> Arm:
-    arm, oracle = Arm.from_urdf(path, tip), yourdfpy.URDF.load(str(path), load_meshes=False)
-    q = random_angles(count, arm.dof)
-    poses = arm.poses(q)
-    rotations = arm.rotation_map.rotations(q).reshape(-1, 3, 3)
-    for row, angles in enumerate(q):
-        oracle.update_cfg(dict(zip(arm.joint_names, angles.tolist(), strict=True)))
-        transform = oracle.get_transform(tip, base)
-        np.testing.assert_allclose(poses.R_base_tool[row], transform[:3, :3], rtol=0, atol=ROUNDING)
-        np.testing.assert_allclose(rotations[row], transform[:3, :3], rtol=0, atol=ROUNDING)
-        np.testing.assert_allclose(poses.position[row], transform[:3, 3], rtol=0, atol=ROUNDING)
-    return arm
-
-
 def test_the_a465s_urdf_is_the_same_arm(arm: Arm) -> None:
     assert arm.urdf is not None
-    read = check_against_yourdfpy(arm.urdf, "imu", "base")
+    read = as_yourdfpy_has_it(Arm.from_urdf(arm.urdf, "imu"), "base")
     q = random_angles(50)
     np.testing.assert_allclose(read.poses(q).R_base_tool, arm.poses(q).R_base_tool, rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(read.poses(q).position, arm.poses(q).position, rtol=0, atol=ROUNDING)
 
 
 def test_urdf_with_fixed_joints_and_skew_axes(tmp_path: Path) -> None:
-    arm = check_against_yourdfpy(write_urdf(tmp_path, ODD), "tip", "root")
+    arm = as_yourdfpy_has_it(Arm.from_urdf(write_urdf(tmp_path, ODD), "tip"), "root")
     assert (arm.name, arm.joint_names) == ("odd", ("one", "two"))
     np.testing.assert_allclose(arm.lower, [-1.5, -np.inf])
     np.testing.assert_allclose(arm.upper, [2.5, np.inf])
@@ -88,7 +73,7 @@ def test_urdf_with_fixed_joints_and_skew_axes(tmp_path: Path) -> None:
 
 
 def test_urdf_tip_may_be_a_moving_link(tmp_path: Path) -> None:
-    assert check_against_yourdfpy(write_urdf(tmp_path, ODD), "a", "root").dof == 1
+    assert as_yourdfpy_has_it(Arm.from_urdf(write_urdf(tmp_path, ODD), "a"), "root").dof == 1
 
 
 def test_urdf_masses_load_the_joints_as_in_mujocos_own_reader(tmp_path: Path) -> None:
