@@ -1,4 +1,4 @@
-"""A noise floor that is louder than the readings it is held against."""
+"""Residuals held against a noise floor, and a floor that is louder than they are."""
 
 from __future__ import annotations
 
@@ -6,11 +6,30 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import chdtrc
 
 #: Residuals that are below their floor by chance once in so many calibrations.
 P_VALUE_LIMIT: Final = 1e-4
 #: Standard deviations that are too large by less than this do no harm.
 HARMLESS: Final = 1.02
+
+
+def against_floor(value: float, freedom: float, ratios: ArrayLike, widening: float = 1.0) -> dict[str, Any]:
+    """Chi-square of residuals against a given floor, as of ``Quality``.
+
+    Args:
+        value: sum of squared residuals over their variances. freedom: what it is expected to be.
+        ratios: (3,) of residuals over the floor, channel by channel.
+        widening: the floor was measured too: its own uncertainty makes the variance so many times that of chi-square;
+            a scaled chi-square with the same mean and variance matches it (Satterthwaite).
+    """
+    return {
+        "value": value,
+        "degrees_of_freedom": freedom,
+        "p_value": float(chdtrc(freedom / widening, value / widening)) if freedom else 1.0,
+        "residual_over_floor": [float(ratio) for ratio in np.asarray(ratios)],
+    }
 
 
 def times_too_loud(chi_square: Mapping[str, Any] | None) -> float | None:

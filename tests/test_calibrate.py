@@ -112,7 +112,7 @@ def test_a_short_locked_recording_is_not_trusted_beyond_its_length() -> None:
         assert floor is not None
         statistics = draw(base, rng, truth.coefficients, BOTH_NOISES[1])
         fit = estimators.known_angle.fit.fit_sensor(statistics, 1.0, noise=floor[0])
-        values.append(estimators.known_angle.assemble.against_floor(fit, floor[1])["p_value"])
+        values.append(estimators.known_angle.assemble.chi_square_of(fit, floor[1])["p_value"])
     uniform = np.sort(values)
     assert np.abs(uniform - (np.arange(150) + 0.5) / 150).max() < 2.2 / np.sqrt(150)
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimators.batch.optimum import Centred, Optimum, parameters_of, separate, simultaneous
+from estimators.batch.optimum import Centred, parameters_of, separate, simultaneous
 from estimators.batch.parameters import ManyParameters, Uncertainty
 from estimators.known_angle.model import (
     PARAMETERS_AT_ONCE,
@@ -17,12 +17,10 @@ from estimators.known_angle.model import (
     SensorParameters,
     Weighting,
     check_options,
-    columns_by_name,
-    columns_of_channels,
+    sizes_by_name,
 )
-from estimators.known_angle.refusal import AMBIGUOUS_CHI_SQUARE, SAME_SIGMAS, UNCERTAINTY_LIMIT
+from estimators.known_angle.refusal import UNCERTAINTY_LIMIT
 from rig.arrays import Array, Mask
-from rig.directions import tangent_basis
 from rig.errors import RigError
 from rig.threads import one_blas_thread
 
@@ -171,31 +169,9 @@ def _fit(table: _Table, method: Method, weighting: Weighting, magnitude: float) 
     channels = 3 if method == "simultaneous" else 1
     told = uncertainty.determined & (np.sqrt(data.variance) > 2.0 * data.rounding).all(axis=1)
     told &= channels * (data.rank + 1) >= PARAMETERS_AT_ONCE[method] + channels
-    told &= ~_uncertain(covariance, method)
-    told &= ~_ambiguous(optimum, parameters.fields, covariance, noise, table.count, method)
-    return ManyFits(method, parameters, residual, noise, covariance, optimum.converged, told)
-
-
-def _uncertain(covariance: Array, method: Method) -> Mask:
-    """(m,) whether any S, delta, axis or field is less certain than ``UNCERTAINTY_LIMIT``."""
-    variance = np.einsum("mii->mi", covariance)
-    beyond = [variance[:, own].sum(axis=1) > UNCERTAINTY_LIMIT**2 for own in columns_by_name(method).values()]
-    return np.asarray(np.any(beyond, axis=0))
-
-
-def _ambiguous(optimum: Optimum, fields: Array, covariance: Array, noise: Array, count: Array, method: Method) -> Mask:
-    """(m,) whether another minimum fits alike, in a direction that the covariance does not cover."""
-    found = np.zeros(len(fields), dtype=bool)
-    columns = [of_field for _, _, of_field in columns_of_channels(method)]
+    for size in sizes_by_name(np.einsum("mii->mi", covariance), method).values():
+        told &= size <= UNCERTAINTY_LIMIT
     for rivals in optimum.rivals:
-        k, row = rivals.channel or 0, rivals.row
-        scale = noise[row] if rivals.channel is None else noise[row, k : k + 1]
-        close = count[row] * (rivals.excess / scale**2).sum(axis=1) < AMBIGUOUS_CHI_SQUARE
-        row, other = row[close], rivals.field[close]
-        best = fields[row, k]
-        side = np.where((best * other).sum(axis=1) > 0.0, 1.0, -1.0)
-        error = side[:, None] * np.einsum("mai,mi->ma", tangent_basis(best), other)
-        block = covariance[row, columns[k], columns[k]]
-        distance = (error * np.linalg.solve(block, error[:, :, None])[:, :, 0]).sum(axis=1)
-        found[row[distance > SAME_SIGMAS**2]] = True
-    return found
+        alike, _ = rivals.alike(parameters.fields, covariance, noise, table.count, method)
+        told[rivals.row[alike]] = False
+    return ManyFits(method, parameters, residual, noise, covariance, optimum.converged, told)

@@ -9,8 +9,10 @@ import numpy as np
 
 from estimators.batch.global_minima import RANK_TOLERANCE, Minima, Problems, descend, local_minima
 from estimators.batch.parameters import ManyParameters
-from estimators.known_angle.model import PARAMETERS_OF, Weighting
+from estimators.known_angle.model import PARAMETERS_OF, Method, Weighting, columns_of_channels
+from estimators.known_angle.refusal import AMBIGUOUS_CHI_SQUARE, SAME_SIGMAS
 from rig.arrays import Array, Mask, Rows
+from rig.directions import tangent_basis
 
 #: Relative change of the weights that ends their iteration: it moves the estimate by a millionth of its standard
 #: deviation.
@@ -87,6 +89,31 @@ class Rivals:
     row: Rows
     field: Array
     excess: Array
+
+    def alike(self, fields: Array, covariance: Array, noise: Array, count: Array, method: Method) -> tuple[Rows, Array]:
+        """Those that the data cannot choose against, in a direction that the covariance does not cover.
+
+        Args:
+            fields: (m, 3, 3) of the best. covariance: (m, p, p) in the coordinates of ``SensorParameters.jacobian``.
+            noise: (m, 3) standard deviation of a reading [recorded unit]. count: (m,) n.
+            method: whose coordinates.
+
+        Returns:
+            Which of the L, and how much larger their chi-square is.
+        """
+        k = self.channel or 0
+        own_noise = noise[self.row] if self.channel is None else noise[self.row, k : k + 1]
+        chi_square = count[self.row] * (self.excess / own_noise**2).sum(axis=1)
+        close = np.flatnonzero(chi_square < AMBIGUOUS_CHI_SQUARE)
+        row, other = self.row[close], self.field[close]
+        best = fields[row, k]
+        side = np.where((best * other).sum(axis=1) > 0.0, 1.0, -1.0)
+        error = side[:, None] * np.einsum("mai,mi->ma", tangent_basis(best), other)
+        columns = [of_field for _, _, of_field in columns_of_channels(method)][k]
+        block = covariance[row, columns, columns]
+        distance = (error * np.linalg.solve(block, error[:, :, None])[:, :, 0]).sum(axis=1)
+        found = close[distance > SAME_SIGMAS**2]
+        return found, chi_square[found]
 
 
 @dataclass(frozen=True, eq=False)

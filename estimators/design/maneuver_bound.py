@@ -17,7 +17,7 @@ from estimators.design.prediction import KnownAnglePrediction
 from estimators.known_angle.agreement import angles_between
 from estimators.known_angle.fit import fit_sensor
 from estimators.known_angle.identifiability import Information
-from estimators.known_angle.model import Method, SensorParameters, columns_by_name
+from estimators.known_angle.model import Method, SensorParameters, columns_by_name, sizes_by_name
 from estimators.known_angle.reported import report
 from estimators.known_angle.statistics import Statistics
 from rig.arrays import Array
@@ -47,16 +47,12 @@ def predict(
         problem = _problem(poses, count, truth, sigma, method)
     lost = information.undetermined()
     untold = dict(reported.untold)
-    columns = columns_by_name(method)
     for name in lost:
-        untold |= dict.fromkeys(reported.names[columns[name]], f"{name} is left open by these poses")
+        untold |= dict.fromkeys(reported.names[columns_by_name(method)[name]], f"{name} is left open by these poses")
     std = np.sqrt(reported.covariance.diagonal())
     std[[name in untold for name in reported.names]] = np.nan
-    variance = covariance.diagonal()
-    spread_deg = {
-        name: np.nan if name in lost else float(np.degrees(np.sqrt(variance[own].sum())))
-        for name, own in columns.items()
-    }
+    sizes = sizes_by_name(covariance.diagonal(), method)
+    spread_deg = {name: np.nan if name in lost else float(np.degrees(size)) for name, size in sizes.items()}
     return KnownAnglePrediction(
         method=method,
         samples=count,
@@ -136,12 +132,11 @@ def growth(grams: ArrayLike, truth: SensorParameters, noise: ArrayLike, method: 
         ]
     variance = np.where(found.determined[:, None], np.einsum("bii->bi", found.covariance), np.nan)
     share = np.sum(paid, axis=0) / variance.shape[1]
-    columns = columns_by_name(method)
+    sizes = sizes_by_name(variance, method)
 
     def spread(stem: str) -> Array:
-        """(b, c) root of the summed variances of what begins with ``stem``."""
-        parts = [variance[:, own].sum(axis=1) for name, own in columns.items() if name.startswith(stem)]
-        return np.asarray(np.sqrt(np.stack(parts, axis=1)))
+        """(b, c) of what begins with ``stem``."""
+        return np.stack([size for name, size in sizes.items() if name.startswith(stem)], axis=1)
 
     return Growth(
         sensitivity=spread("sensitivity"),

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from scipy.special import chdtrc
 
 from estimators.calibration import SensorCalibration
 from estimators.calibration.parts import CONDITION_LIMIT, P_VALUE_LIMIT, Quality
 from estimators.ellipsoid.fit import EllipsoidFit
 from estimators.ellipsoid.monomials import PAIRS
+from estimators.loud_floor import against_floor
 from estimators.p_words import p_words
 from rig.arrays import Array
 
@@ -53,7 +53,11 @@ def assemble(
     used = readings if fit.used is None else readings[fit.used]
     number = None if counts is None else counts if fit.used is None else counts[fit.used]
     by_channel, ratio = _channel_residuals(fit, used, number)
-    chi_square = _against_floor(fit, ratio, floor_std) if fit.noise_given else None
+    chi_square = None
+    if fit.noise_given:
+        relative = np.zeros(3) if floor_std is None else floor_std / fit.noise
+        widening = 1.0 + 2.0 * fit.degrees_of_freedom * float(np.mean(np.square(relative)))
+        chi_square = against_floor(fit.chi_square, float(fit.degrees_of_freedom), ratio, widening)
     outliers = fit.dropped.outliers
     quality = Quality(
         chi_square=chi_square,
@@ -143,19 +147,6 @@ def _channel_residuals(fit: EllipsoidFit, readings: Array, counts: Array | None)
     freedom = max(fit.degrees_of_freedom, 1) / len(readings)
     ratio = np.sqrt(squares / np.maximum(freedom * expected.sum(axis=0), np.finfo(float).tiny))
     return np.sqrt(np.square(shift).mean(axis=0)), ratio
-
-
-def _against_floor(fit: EllipsoidFit, ratio: Array, floor_std: Array | None) -> dict[str, Any]:
-    """Chi-square against a given floor, whose own uncertainty widens it (Satterthwaite)."""
-    freedom = float(fit.degrees_of_freedom)
-    relative = 0.0 if floor_std is None else float(np.sqrt(np.mean(np.square(floor_std / fit.noise))))
-    scale = 1.0 + 2.0 * freedom * relative**2
-    return {
-        "value": fit.chi_square,
-        "degrees_of_freedom": freedom,
-        "p_value": float(chdtrc(freedom / scale, fit.chi_square / scale)) if freedom else 1.0,
-        "residual_over_floor": ratio.tolist(),
-    }
 
 
 def _warnings(fit: EllipsoidFit, chi_square: dict[str, Any] | None, given: int, values: dict[str, float]) -> list[str]:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from scipy.special import chdtrc
 
 from estimators.calibration import Calibration, SensorCalibration
 from estimators.coverage.seen import coverage
@@ -23,6 +22,7 @@ from estimators.goodness.residuals import Residuals, residuals_of, selected
 from estimators.goodness.whiteness import whiteness
 from estimators.goodness.words import Goodness, reasons, remarks
 from estimators.known_angle.from_recording import arm_or_named
+from estimators.loud_floor import against_floor
 from estimators.stillness import still_poses
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER
@@ -193,21 +193,10 @@ def _against_floor(residuals: Residuals, calibration: SensorCalibration, own: bo
     known = calibration.quality.chi_square
     if not residuals.sigma_given:
         return known if own else None
-    found = _chi_square(residuals)
+    per_channel = np.square(residuals.standardised).sum(axis=0)
+    freedom = float(residuals.values.size - residuals.parameters)
+    found = against_floor(float(per_channel.sum()), freedom, np.sqrt(per_channel * len(per_channel) / freedom))
     if known is None or not own:
         return found
     thinner = residuals.readings < calibration.samples
     return known if thinner or abs(known["value"] / found["value"] - 1.0) < _SAME else found
-
-
-def _chi_square(residuals: Residuals) -> dict[str, Any]:
-    """Of the residuals against a given noise, where the estimator has not done it."""
-    per_channel = np.square(residuals.standardised).sum(axis=0)
-    freedom = float(residuals.values.size - residuals.parameters)
-    each = freedom / len(per_channel)
-    return {
-        "value": float(per_channel.sum()),
-        "degrees_of_freedom": freedom,
-        "p_value": float(chdtrc(freedom, float(per_channel.sum()))),
-        "residual_over_floor": [float(ratio) for ratio in np.sqrt(per_channel / each)],
-    }

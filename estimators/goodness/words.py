@@ -45,7 +45,7 @@ class Goodness:
         coverage, by_direction, hold_out, whiteness, repeats, clipped, outliers: each test's result; None where the
             recording is too short for it.
         cross_terms: of a fit of six parameters without attitude; None of others.
-        copies: channels that are another one's readings, as of ``readings.copies``.
+        copies: channels that are another one's readings, as of ``raw_readings.copies``.
         left_out: outliers that the estimator says it has left out.
         samples: that were looked at.
     """

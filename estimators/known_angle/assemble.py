@@ -13,6 +13,7 @@ from estimators.calibration.parts import CONDITION_LIMIT, P_VALUE_LIMIT, AxisCal
 from estimators.known_angle.agreement import angles_between, common_field
 from estimators.known_angle.fit import SensorFit
 from estimators.known_angle.reported import Reported, report
+from estimators.loud_floor import against_floor
 from estimators.p_words import p_words
 from rig.arrays import Array
 from rig.directions import angles_from_direction
@@ -58,7 +59,7 @@ def assemble(
         }
     else:
         direction = _field(reported, parameters.fields[0], "field")
-    chi_square = against_floor(fit, floor_std) if fit.noise_given else None
+    chi_square = chi_square_of(fit, floor_std) if fit.noise_given else None
     quality = Quality(
         chi_square=chi_square,
         condition=fit.information.condition,
@@ -96,24 +97,14 @@ def assemble(
     )
 
 
-def against_floor(fit: SensorFit, floor_std: ArrayLike) -> dict[str, Any]:
-    """Chi-square of the residuals against a given floor.
-
-    The floor was measured too: its own uncertainty widens the distribution, which is matched by a scaled chi-square
-    with the same mean and variance (Satterthwaite).
-    """
+def chi_square_of(fit: SensorFit, floor_std: ArrayLike) -> dict[str, Any]:
+    """Of the residuals against a given floor, which is itself known to ``floor_std`` (3,) [recorded unit]."""
     per_channel = fit.residual_square / fit.noise**2
     freedom = float(fit.degrees_of_freedom.sum())
     relative = np.broadcast_to(np.asarray(floor_std, dtype=float), 3) / fit.noise
-    variance = 2.0 * freedom + float(np.square(2.0 * relative * fit.degrees_of_freedom).sum())
-    scale = variance / (2.0 * freedom)
-    value = float(per_channel.sum())
-    return {
-        "value": value,
-        "degrees_of_freedom": freedom,
-        "p_value": float(chdtrc(freedom / scale, value / scale)),
-        "residual_over_floor": [float(ratio) for ratio in np.sqrt(per_channel / fit.degrees_of_freedom)],
-    }
+    widening = 1.0 + 2.0 * float(np.square(relative * fit.degrees_of_freedom).sum()) / freedom
+    ratios = np.sqrt(per_channel / fit.degrees_of_freedom)
+    return against_floor(float(per_channel.sum()), freedom, ratios, widening)
 
 
 def _field(reported: Reported, vector: Array, name: str) -> FieldDirection:

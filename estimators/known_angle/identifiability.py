@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimators._small import eigh
-from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, columns_by_name
+from estimators.known_angle.model import PARAMETERS_OF, Method, SensorParameters, sizes_by_name
 from rig.arrays import Array, Mask
 
 #: Eigenvalues of the scaled information (unit diagonal) below this are null. The Gram matrix is good to some 1e-15 of
@@ -127,17 +127,14 @@ class Information:
     def undetermined(self) -> tuple[str, ...]:
         """The vectors and numbers that the poses leave open: ``sensitivity1``, ``offset1``, ``axis1``, ..,
         ``field``."""
-        return _beyond(self.method, (self.null * self.null).sum(axis=1), NULL_SHARE)
+        return self._beyond((self.null * self.null).sum(axis=1), NULL_SHARE)
 
     def uncertain(self, covariance: Array, limit: float) -> tuple[str, ...]:
         """Those whose standard deviation by a covariance (p, p) exceeds ``limit`` (share of S_k, of S_k |f|, rad)."""
-        return _beyond(self.method, covariance.diagonal(), limit)
+        return self._beyond(covariance.diagonal(), limit)
 
-
-def _beyond(method: Method, squares: Array, limit: float) -> tuple[str, ...]:
-    """The numbers and vectors whose length, by the squares (p,) of their coordinates, exceeds ``limit``."""
-    columns = columns_by_name(method)
-    return tuple(name for name, own in columns.items() if squares[own].sum() > limit**2)
+    def _beyond(self, squares: Array, limit: float) -> tuple[str, ...]:
+        return tuple(name for name, size in sizes_by_name(squares, self.method).items() if size > limit)
 
 
 def bound(gram: Array, parameters: SensorParameters, noise: ArrayLike, method: Method = "simultaneous") -> Array:

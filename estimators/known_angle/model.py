@@ -182,6 +182,11 @@ def columns_by_name(method: Method) -> Mapping[str, slice]:
     return found if method == "separate" else {**found, "field": of_field}
 
 
+def sizes_by_name(squares: Array, method: Method) -> dict[str, Array]:
+    """Number or vector of ``columns_by_name`` -> (..,) its length, by the squares (.., p) of its coordinates."""
+    return {name: np.sqrt(squares[..., own].sum(axis=-1)) for name, own in columns_by_name(method).items()}
+
+
 @cache
 def parameter_names(method: Method) -> tuple[str, ...]:
     """The names in the order of the Jacobian's columns, with angles in place of tangent coordinates."""

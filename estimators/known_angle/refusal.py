@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.known_angle.identifiability import Information
-from estimators.known_angle.model import PARAMETERS_AT_ONCE, SensorParameters, columns_of_channels
+from estimators.known_angle.model import PARAMETERS_AT_ONCE, SensorParameters
 from rig.arrays import Array
-from rig.directions import tangent_basis
 
 if TYPE_CHECKING:
     from estimators.batch.optimum import Rivals
@@ -46,9 +45,10 @@ def why_not(
         noise: (3,) standard deviation of a reading [recorded unit].
         count: n.
     """
-    channels = 3 if information.method == "simultaneous" else 1
+    method = information.method
+    channels = 3 if method == "simultaneous" else 1
     equations = channels * (rank + 1)
-    parameters_at_once = PARAMETERS_AT_ONCE[information.method]
+    parameters_at_once = PARAMETERS_AT_ONCE[method]
     undetermined = information.undetermined()
     if undetermined:
         return (
@@ -65,27 +65,16 @@ def why_not(
             f"these poses and this noise leave {listed(uncertain)} uncertain by more than a tenth of itself or 0.1 rad"
             f" (condition {information.condition:.1e}): {_seen(parameters, spread, rank, 1e-2)}; {_REMEDY}"
         )
-    columns = [of_field for _, _, of_field in columns_of_channels(information.method)]
     for rival in rivals:
-        k = rival.channel or 0
-        own_noise = noise if rival.channel is None else noise[k]
-        for field, excess in zip(rival.field, rival.excess, strict=True):
-            chi_square = count * float((excess / np.square(own_noise)).sum())
-            if chi_square < AMBIGUOUS_CHI_SQUARE and _apart(
-                parameters.fields[k], field, covariance[columns[k], columns[k]]
-            ):
-                angle = np.degrees(np.arccos(min(1.0, abs(float(parameters.fields[k] @ field)))))
-                return (
-                    f"two solutions whose fields lie {angle:.2g} deg apart fit alike (chi-square differs by"
-                    f" {chi_square:.1f}, expected {AMBIGUOUS_CHI_SQUARE:g} or more); {_REMEDY}"
-                )
+        alike, excess = rival.alike(parameters.fields[None], covariance[None], noise[None], np.array([count]), method)
+        if len(alike):
+            best, other = parameters.fields[rival.channel or 0], rival.field[alike[0]]
+            angle = np.degrees(np.arccos(min(1.0, abs(float(best @ other)))))
+            return (
+                f"two solutions whose fields lie {angle:.2g} deg apart fit alike (chi-square differs by"
+                f" {excess[0]:.1f}, expected {AMBIGUOUS_CHI_SQUARE:g} or more); {_REMEDY}"
+            )
     return None
-
-
-def _apart(field: Array, other: Array, covariance: Array) -> bool:
-    """Whether two directions, up to their sign, are farther apart than the covariance (2, 2) of the first explains."""
-    error = tangent_basis(field) @ (other if float(field @ other) > 0.0 else -other)
-    return bool(error @ np.linalg.solve(covariance, error) > SAME_SIGMAS**2)
 
 
 def _seen(parameters: SensorParameters, covariance: Array, rank: int, limit: float) -> str:

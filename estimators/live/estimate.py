@@ -80,6 +80,11 @@ class SensorEstimate:
         length = np.sqrt(np.square(field).sum(axis=1))
         return np.asarray(field / np.where(length > 0.0, length, 1.0)[:, None])
 
+    @property
+    def relative_noise(self) -> Array:
+        """(3,) standard deviation of a reading as a share of the field."""
+        return np.asarray(self.noise * np.sqrt(np.square(self.matrix).sum(axis=0)) / self.magnitude)
+
     def enough(self, to: float) -> Enough:
         """Whether every parameter's interval is within +-``to``.
 
@@ -91,8 +96,7 @@ class SensorEstimate:
         if isinstance(self.fit, SensorFit):
             targets = Targets(share, share, float(np.degrees(share)), float(np.degrees(share)))
             return enough_known_angles(self.fit.information, self.directions, targets)
-        relative = self.noise * np.sqrt(np.square(self.matrix).sum(axis=0)) / self.magnitude
-        return enough_attitude_free(self.directions, relative, targets, self.counts, self.fit.parameters)
+        return enough_attitude_free(self.directions, self.relative_noise, targets, self.counts, self.fit.parameters)
 
     @property
     def told(self) -> bool:

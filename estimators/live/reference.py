@@ -119,8 +119,7 @@ class Reference:
             return cls(
                 found.matrix, found.bias, found.magnitude, found.noise, fit.parameters, fit.covariance, jacobian, 0.0
             )
-        relative = found.noise * np.sqrt(np.square(found.matrix).sum(axis=0)) / found.magnitude
-        information = AttitudeFreeInformation.of(found.directions, relative, found.counts, fit.parameters)
+        information = AttitudeFreeInformation.of(found.directions, found.relative_noise, found.counts, fit.parameters)
         assert isinstance(fit, EllipsoidFit)
         return cls(found.matrix, found.bias, found.magnitude, found.noise, None, information.covariance, None, 0.0)
 
