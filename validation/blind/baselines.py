@@ -7,7 +7,7 @@ what the calibration takes up (raw correlation), of colour, of searches, or of e
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,10 +24,9 @@ from rig.recording import Recording, read_recording
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals
 from validation.blind.floors import Floor
-from validation.blind.likeness import candidates
+from validation.blind.likeness import candidates, small_steps
 from validation.blind.projection import Projection
 
-_STEP: Final = 1e-3
 _THINNED: Final = 4  # every so many samples: the simple judges need not be slow as well
 _MOST: Final = 4  # causes
 _CORRELATED: Final = 5.0  # standard deviations of a correlation that count as one
@@ -80,16 +79,10 @@ class _Desk:
         """(n, 6, k) [V] derivatives by the strengths at zero."""
         found = []
         for span in effect.spanning():
-            for each in (each for each in effect.parameters() if each.strength):
-                for part in range(each.size):
-                    step = np.zeros(each.size)
-                    step[part] = _STEP * each.typical
-                    value: Any = float(step[0]) if each.size == 1 else tuple(float(x) for x in step)
-                    made = effect.from_mapping({**span, **fixed, each.name: value})
-                    changed = Pipeline(
-                        self.pipeline.environment, self.pipeline.accelerometer, self.pipeline.magnetometer, (made,)
-                    ).expected(self.signals, np.random.default_rng(0), effect.stage)
-                    found.append(changed.volts - self.signals.volts)
+            for step, _ in small_steps(effect):
+                pipeline = replace(self.pipeline, effects=(effect.from_mapping({**span, **fixed, **step}),))
+                changed = pipeline.expected(self.signals, np.random.default_rng(0), effect.stage)
+                found.append(changed.volts - self.signals.volts)
         return np.stack(found, axis=2)
 
     def shapes(self, effect: type[Effect]) -> list[dict[str, Any]]:

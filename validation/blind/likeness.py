@@ -7,7 +7,7 @@ no shape of the candidate explains. Below one standard deviation nobody can tell
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -43,16 +43,29 @@ class Likeness:
     left: float
 
 
-def candidates(signals: Signals, without: Sequence[str] = ()) -> Iterator[tuple[type[Effect], dict[str, str]]]:
+def candidates(signals: Signals) -> Iterator[tuple[type[Effect], dict[str, str]]]:
     """Every mean effect at every place that a recording can show, with its names; none of the log."""
     for effect in EFFECTS.values():
-        if effect.kind is not Kind.MEAN or effect.of_log or effect.name in without or effect.lacking(signals):
+        if effect.kind is not Kind.MEAN or effect.of_log or effect.lacking(signals):
             continue
         choices = effect.choices()
         for where, *names in itertools.product(effect.places_on(signals), *choices.values()):
             on_links = any(name.startswith("link") for name in names)
             if where not in names and not (on_links and signals.q_encoder is None):
                 yield effect, {"where": where, **dict(zip(choices, names, strict=True))}
+
+
+def small_steps(effect: type[Effect]) -> Iterator[tuple[dict[str, Any], float]]:
+    """Each number of an effect's strengths at a thousandth of its typical size, those beside it zero; and that size."""
+    for each in effect.parameters():
+        size = _STEP * each.typical
+        for part in range(each.size) if each.strength else ():
+            yield {each.name: size if each.size == 1 else tuple(size * (k == part) for k in range(each.size))}, size
+
+
+def at_zero(effect: type[Effect]) -> dict[str, Any]:
+    """All strengths of an effect, zero."""
+    return {each.name: 0.0 if each.size == 1 else (0.0,) * each.size for each in effect.parameters() if each.strength}
 
 
 @dataclass(frozen=True)
@@ -84,16 +97,12 @@ class _Thinned:
         found = []
         for span in effect.spanning():
             shape = {**span, **fixed}
-            base = self.change(effect.from_mapping(_at_zero(effect) | shape)) if effect.acts_at_zero else None
+            base = self.change(effect.from_mapping(at_zero(effect) | shape)) if effect.acts_at_zero else None
             if base is not None:
                 found.append(base)
-            for each in (each for each in effect.parameters() if each.strength):
-                for part in range(each.size):
-                    step = np.zeros(each.size)
-                    step[part] = _STEP * each.typical
-                    value: Any = float(step[0]) if each.size == 1 else tuple(float(x) for x in step)
-                    change = self.change(effect.from_mapping({**shape, each.name: value}))
-                    found.append(change if base is None else change - base)
+            for step, _ in small_steps(effect):
+                change = self.change(effect.from_mapping(shape | step))
+                found.append(change if base is None else change - base)
         return np.stack(found, axis=2)
 
     def left(self, effect: type[Effect], fixed: dict[str, Any], target: Array) -> float:
@@ -185,8 +194,3 @@ def in_band(effect: type[Effect], frequency_Hz: float) -> bool:
     grid = np.concatenate([np.linspace(low, high, 101) for low, high in effect.bands])
     near = np.abs(np.abs((grid + 0.5 * RATE_HZ) % RATE_HZ - 0.5 * RATE_HZ) - folded)
     return bool(near.min() < 0.01)
-
-
-def _at_zero(effect: type[Effect]) -> dict[str, Any]:
-    zero = {each.name: 0.0 if each.size == 1 else (0.0,) * each.size for each in effect.parameters() if each.strength}
-    return dict(zero)

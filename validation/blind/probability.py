@@ -71,16 +71,16 @@ def proper(truth: Truth, answer: Mapping[str, Any], withheld: str = "") -> Prope
     return Proper(mass, -float(np.log(max(mass, LEAST))), (1.0 - mass) ** 2)
 
 
-def claims(truth: Truth, answer: Mapping[str, Any], withheld: str = "") -> Iterator[Claim]:
+def claims(truth: Truth, answer: Mapping[str, Any]) -> Iterator[Claim]:
     """All that an answer says with a probability, but about another form of an effect: that is both known and other."""
     if "posterior" not in answer:
         return
     posterior = answer["posterior"]
     yield Claim(float(posterior["nothing"]), not truth.visible, "nothing")
     if truth.stratum != "form":
-        unnamed = any(not _names(each.right, withheld) for each in truth.visible)
+        unnamed = any(not each.right for each in truth.visible)
         yield Claim(float(posterior["other"]), unnamed, "other")
-    there = set().union(*(_names(each.likely, withheld) for each in truth.causes)) if truth.causes else set()
+    there = set().union(*(each.likely for each in truth.causes)) if truth.causes else set()
     for cause in answer["causes"]:
         if cause.get("probability") is not None:
             names = {(cause["effect"], cause["where"]), *_equivalents(cause)}

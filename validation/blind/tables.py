@@ -17,6 +17,8 @@ from validation.markdown import Table
 Scores = Sequence[CaseScore]
 
 _LISTED: Final = 4  # equivalents that are written out
+#: The strata that hold something to be found.
+_HOLDING: Final = (*(each for each in STRATA if each not in ("none", "absorbed")), MECHANICS)
 
 
 def floor_name(score: CaseScore) -> str:
@@ -36,6 +38,10 @@ def quiet(score: CaseScore) -> bool:
 def in_strata(scores: Scores, *strata: str) -> list[CaseScore]:
     """The cases of some strata."""
     return [score for score in scores if score.truth.stratum in strata]
+
+
+def _visible(scores: Scores, *strata: str) -> list[CaseScore]:
+    return [score for score in in_strata(scores, *strata) if score.truth.visible]
 
 
 def rate(scores: Iterable[CaseScore], value: Callable[[Outcome], float]) -> Rate:
@@ -59,12 +65,8 @@ def quiet_table(scores: Scores) -> Table:
 
 def strata_table(scores: Scores) -> Table:
     """All strata that hold something, in one table."""
-    rows = []
-    for stratum in (*(each for each in STRATA if each not in ("none", "absorbed")), MECHANICS):
-        found = [score for score in in_strata(scores, stratum) if score.truth.visible]
-        if found:
-            rows.append((stratum, *_row(found)))
-    return Table("What was found", ("stratum", *_COLUMNS), tuple(rows))
+    groups = {stratum: _visible(scores, stratum) for stratum in _HOLDING}
+    return Table("What was found", ("stratum", *_COLUMNS), _rows(groups))
 
 
 def mechanics_table(scores: Scores) -> Table:
@@ -90,22 +92,16 @@ def said(answer: Mapping[str, Any]) -> str:
 
 def strength_table(scores: Scores, *strata: str) -> Table:
     """The same by wanted strength."""
-    rows = []
-    for strength in STRENGTHS:
-        found = [score for score in in_strata(scores, *strata) if strength in score.truth.wanted[:1]]
-        if found:
-            rows.append((f"{strength:g}", *_row(found)))
-    return Table(f"By signal-to-noise: {', '.join(strata)}", ("signal-to-noise", *_COLUMNS), tuple(rows))
+    cases = in_strata(scores, *strata)
+    groups = {f"{each:g}": [score for score in cases if each in score.truth.wanted[:1]] for each in STRENGTHS}
+    return Table(f"By signal-to-noise: {', '.join(strata)}", ("signal-to-noise", *_COLUMNS), _rows(groups))
 
 
 def floor_table(scores: Scores, *strata: str) -> Table:
     """The same by floor."""
-    rows = []
-    for floor in _floors(scores):
-        found = [score for score in in_strata(scores, *strata) if score.truth.visible and floor_name(score) == floor]
-        if found:
-            rows.append((floor, *_row(found)))
-    return Table(f"By floor: {', '.join(strata)}", ("floor", *_COLUMNS), tuple(rows))
+    cases = _visible(scores, *strata)
+    groups = {floor: [score for score in cases if floor_name(score) == floor] for floor in _floors(scores)}
+    return Table(f"By floor: {', '.join(strata)}", ("floor", *_COLUMNS), _rows(groups))
 
 
 def withheld_table(scores: Scores) -> Table:
@@ -127,8 +123,8 @@ def withheld_table(scores: Scores) -> Table:
 def closure_table(scores: Scores) -> Table:
     """Errors of gap and closure against the truth."""
     rows = []
-    for stratum in (*(each for each in STRATA if each not in ("none", "absorbed")), MECHANICS):
-        found = [score for score in in_strata(scores, stratum) if score.truth.visible]
+    for stratum in _HOLDING:
+        found = _visible(scores, stratum)
         gaps = [abs(each.closure.gap_error) for each in found if each.closure.gap_error is not None]
         answered = [each.closure for each in found if each.outcome.verdict in ("named", "ambiguous")]
         left = [each.left**2 for each in answered if each.left is not None]
@@ -184,6 +180,11 @@ _COLUMNS: Final = (
     "unknown",
     "confidently wrong",
 )
+
+
+def _rows(groups: Mapping[str, list[CaseScore]]) -> tuple[tuple[str, ...], ...]:
+    """A row of each group that has cases."""
+    return tuple((name, *_row(found)) for name, found in groups.items() if found)
 
 
 def _row(found: list[CaseScore]) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
 from typing import Any, Final
 
 import click
@@ -17,26 +18,23 @@ MOST: Final = 10_000
 MOST_SAMPLES: Final = 1_000_000
 
 
+def options(*every: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Several options as one, in the order of the help."""
+    return lambda command: reduce(lambda made, option: option(made), reversed(every), command)
+
+
 def hidden_rigs_options(rigs: int) -> Callable[[Command], Command]:
     """Of a study of hidden rigs: how many, ``rigs`` by default, their recordings, the seed, workers and --json."""
-
-    def added(command: Command) -> Command:
-        for option in (
-            json_option,
-            workers_options,
-            click.option(
-                "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of everything random."
-            ),
-            click.option(
-                "--samples",
-                type=click.IntRange(400, MOST_SAMPLES),
-                default=1664,
-                show_default=True,
-                help="Of each recording.",
-            ),
-            click.option("--rigs", type=click.IntRange(1, MOST), default=rigs, show_default=True, help="Hidden rigs."),
-        ):
-            command = option(command)
-        return command
-
-    return added
+    return options(
+        click.option("--rigs", type=click.IntRange(1, MOST), default=rigs, show_default=True, help="Hidden rigs."),
+        click.option(
+            "--samples",
+            type=click.IntRange(400, MOST_SAMPLES),
+            default=1664,
+            show_default=True,
+            help="Of each recording.",
+        ),
+        click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of everything random."),
+        workers_options,
+        json_option,
+    )

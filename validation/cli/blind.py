@@ -7,15 +7,16 @@ from pathlib import Path
 
 import click
 
-from scenarios.cli._options import PATH, Command, check_output, json_option, print_json, processes_option, progress_bar
-from validation.cli._options import MOST, MOST_SAMPLES
+from scenarios.cli._options import PATH, check_output, json_option, print_json, processes_option, progress_bar
+from validation.cli._options import MOST, MOST_SAMPLES, options
 
 _JOBS = processes_option("jobs", 0, "Processes; one for each processor.")
 _SEALED = click.option(
     "--truth", "sealed", type=PATH, metavar="DIR", help="The sealed folder; FOLDER.sealed by default."
 )
 
-_OF_A_SET = (
+#: What a set is made of.
+_set_options = options(
     click.option("--cases", type=click.IntRange(16, MOST), default=100, help="Beside those of mechanics."),
     click.option(
         "--mechanics", type=click.IntRange(0, MOST), default=0, help="Cases stepped by MuJoCo; a minute each."
@@ -24,13 +25,6 @@ _OF_A_SET = (
     click.option("--scenario", default="ann-arbor", help="What the rigs are drawn around: a name or a TOML file."),
     click.option("--seed", type=click.IntRange(min=0), help="Of everything random; drawn and sealed by default."),
 )
-
-
-def _set_options(command: Command) -> Command:
-    """What a set is made of."""
-    for option in reversed(_OF_A_SET):
-        command = option(command)
-    return command
 
 
 @click.group(short_help="The check on sealed recordings: make, solve, score.")

@@ -11,14 +11,13 @@ import numpy as np
 from rig.effects import Effect
 from rig.effects.parameters import Value
 from rig.errors import RigError
-from validation.blind.likeness import candidates
+from validation.blind.likeness import at_zero, candidates, small_steps
 from validation.blind.settings import Setting
 from validation.loop.rigs import DRAWS, rigs_with_a_cause
 
 #: Signal-to-noise that a wrong cause leaves at least, and the share of the truth's that it leaves at most.
 LEFT: Final = 5.0
 SHARE: Final = 0.9
-_STEP: Final = 1e-3  # of the typical strength, for derivatives
 
 
 @dataclass(frozen=True)
@@ -78,21 +77,16 @@ def _fitted(
     """The effect with the strengths that leave the least of a change (n, 6) [V], to first order, and their standard
     deviations."""
     strengths = [each for each in effect.parameters() if each.strength]
-    zero = {each.name: np.zeros(each.size) for each in strengths}
+    zero = at_zero(effect)
 
     def plain(values: dict[str, np.ndarray]) -> dict[str, Value]:
         return {name: float(each[0]) if each.size == 1 else tuple(map(float, each)) for name, each in values.items()}
 
-    def made(values: dict[str, np.ndarray]) -> Effect:
-        return effect.from_mapping({**shape, **plain(values)})
-
-    start = setting.change((made(zero),)) if effect.acts_at_zero else 0.0
-    columns = []
-    for each in strengths:
-        for part in range(each.size):
-            step = zero[each.name].copy()
-            step[part] = _STEP * each.typical
-            columns.append((setting.change((made({**zero, each.name: step}),)) - start) / step[part])
+    start = setting.change((effect.from_mapping(shape | zero),)) if effect.acts_at_zero else 0.0
+    columns = [
+        (setting.change((effect.from_mapping(shape | zero | step),)) - start) / size
+        for step, size in small_steps(effect)
+    ]
     design = setting.projection(np.stack(columns, axis=2))
     size = np.maximum(np.linalg.norm(design, axis=0), np.finfo(float).tiny)
     best = np.linalg.lstsq(design / size, setting.projection(change), rcond=1e-6)[0] / size
@@ -101,5 +95,5 @@ def _fitted(
     inverse = np.linalg.pinv(design * typical, rcond=1e-6) * typical[:, None]  # zero of what is not felt
     names = [each.name for each in strengths]
     std = np.split(np.linalg.norm(inverse, axis=1), cuts)
-    fitted = made(dict(zip(names, np.split(best, cuts), strict=True)))
+    fitted = effect.from_mapping(shape | plain(dict(zip(names, np.split(best, cuts), strict=True))))
     return fitted, plain(dict(zip(names, std, strict=True)))
