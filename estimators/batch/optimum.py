@@ -170,7 +170,7 @@ def simultaneous(data: Centred, given: Array | None, weighting: Weighting) -> Op
             again = descend(part, field[:, moving], moving)
             field[:, moving], axes[:, moving] = again.field, again.scaled_axes / root[moving]
             mean_square[moving], converged[moving] = again.mean_square / root[moving] ** 2, again.converged
-    rivals = _rivals(minima, minima.mean_square / first_root[minima.problem] ** 2, field, mean_square, None)
+    rivals = _rivals(minima, minima.mean_square / first_root[minima.problem] ** 2, field, mean_square)
     return Optimum(
         np.repeat(field.T[:, None], 3, axis=1), axes.transpose(1, 2, 0), mean_square, 1.0 / root, converged, (rivals,)
     )
@@ -188,7 +188,7 @@ def separate(data: Centred) -> Optimum:
         )
     )
     best = minima.best()
-    every = _rivals(minima, minima.mean_square, minima.field[:, best], minima.mean_square[best], None)
+    every = _rivals(minima, minima.mean_square, minima.field[:, best], minima.mean_square[best])
     row, channel = np.divmod(every.row, 3)
     return Optimum(
         minima.field[:, best].T.reshape(m, 3, 3),
@@ -200,11 +200,11 @@ def separate(data: Centred) -> Optimum:
     )
 
 
-def _rivals(minima: Minima, mean_square: Array, field: Array, best: Array, channel: int | None) -> Rivals:
+def _rivals(minima: Minima, mean_square: Array, field: Array, best: Array) -> Rivals:
     """Those of the minima that are not the best: field (3, m), mean square residuals (m, c)."""
     row = minima.problem
     other = np.abs((minima.field * field[:, row]).sum(axis=0)) < 1.0 - _SAME
-    return Rivals(channel, row[other], minima.field[:, other].T, (mean_square - best[row])[other])
+    return Rivals(None, row[other], minima.field[:, other].T, (mean_square - best[row])[other])
 
 
 def parameters_of(optimum: Optimum, data: Centred, magnitude: float, points: Array) -> ManyParameters:

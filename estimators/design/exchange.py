@@ -128,7 +128,10 @@ def exchange(
     with one_blas_thread():
         parts = [samples * criterion.information(grams) for criterion in criteria]
         chosen = np.array(start)
-        value = _value(criteria, parts, chosen)
+        value = max(
+            float(criterion.worst(part[chosen].sum(axis=0)[None])[0])
+            for criterion, part in zip(criteria, parts, strict=True)
+        )
         for _ in range(_ROUNDS):
             before = value
             for place in range(count):
@@ -148,8 +151,3 @@ def exchange(
             if value > before * (1.0 - 1e-3):
                 break
     return chosen, value
-
-
-def _value(criteria: list[Criterion], parts: list[Array], chosen: Rows) -> float:
-    sums = [criterion.worst(part[chosen].sum(axis=0)[None])[0] for criterion, part in zip(criteria, parts, strict=True)]
-    return float(max(sums))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from validation.blind.intervals import Rate
 from validation.blind.laboratories import LABORATORIES
-from validation.blind.probability import Claim, Proper, calibration_error, reliability
+from validation.blind.probability import Proper, calibration_error, reliability
 from validation.blind.score import CaseScore
 from validation.blind.strata import MECHANICS, STRATA, WITHHELD
 from validation.markdown import Table
@@ -75,7 +75,7 @@ def effect_table(scores: Scores) -> Table:
 def reliability_table(scores: Scores) -> Table:
     """What was said with which probability, and how often it was so."""
     rows = []
-    claims = list(_claims(scores))
+    claims = [claim for score in scores for claim in score.claims]
     apart = ("nothing", "other")
     groups = {name: [each for each in claims if each.kind == name] for name in apart}
     groups |= {"causes": [each for each in claims if each.kind not in apart], "all": claims}
@@ -126,10 +126,6 @@ def time_table(scores: Scores) -> Table:
             rows.append((name, str(len(found)), *times, *map(str, failed)))
     columns = ("laboratory", "cases", "median [s]", "95 % [s]", "longest [s]", "refused", "failed")
     return Table("Time", columns, tuple(rows))
-
-
-def _claims(scores: Scores) -> Iterable[Claim]:
-    return (claim for score in scores for claim in score.claims)
 
 
 def _row(found: Sequence[CaseScore]) -> tuple[str, ...]:

@@ -23,7 +23,6 @@ from validation.paper.published import (
     SEPARATE,
     SIMULTANEOUS,
     SPREADS,
-    ParameterTable,
     Printed,
     angle_table,
     parameter_table,
@@ -281,10 +280,8 @@ def field_chi_square(sensor: str, noise: Sequence[float]) -> float:
     """
     table = parameter_table(SEPARATE[sensor])
     many = drawn(sensor)
-    parameters = _parameters(table, many.truth.reference_magnitude)
+    parameters = SensorParameters(
+        many.truth.reference_magnitude, table.values("sensitivity"), table.values("offset"), table.axes, table.fields
+    )
     covariance = Information.of(many.gram, parameters, np.asarray(noise), "separate").covariance
     return common_field(parameters, covariance).chi_square
-
-
-def _parameters(table: ParameterTable, magnitude: float) -> SensorParameters:
-    return SensorParameters(magnitude, table.values("sensitivity"), table.values("offset"), table.axes, table.fields)

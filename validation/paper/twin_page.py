@@ -132,7 +132,8 @@ def _residuals(found: SubsetStudy) -> Iterator[str]:
         " 95 % interval from 144 degrees of freedom (published: from the printed standard deviations)."
     )
     rows = []
-    for paper, rig in zip(_published_misfits(), found.channels, strict=True):
+    published = [row for sensor in SENSORS for row in misfits(sensor)]
+    for paper, rig in zip(published, found.channels, strict=True):
         rows.append(
             (
                 rig.channel,
@@ -145,10 +146,6 @@ def _residuals(found: SubsetStudy) -> Iterator[str]:
         )
     titles = ("mV", "noise, arm locked", "fit error, published", "the rig's", "noise-like, published", "the rig's")
     yield table_of(titles, rows)
-
-
-def _published_misfits() -> list[Any]:
-    return [row for sensor in SENSORS for row in misfits(sensor)]
 
 
 def _spreads(found: SubsetStudy) -> Iterator[str]:
