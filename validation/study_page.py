@@ -41,8 +41,9 @@ def make_page(
     with made_folder(folder / name, linked=False) as beside:
         study = StudyFolder.begin(child(beside, "study", str(beside)), name, settings)
         table = study.fill(trial, settings, count, workers, progress)
-        with fitting_together(study.path):
+        with fitting_together(study.path):  # the table may be as somebody else has made it
             rows = tuple(rows_of(row, table))
+            text = page_of(blocks(settings, rows))
     page = folder / f"{name}.md"
-    write_text(page, page_of(blocks(settings, rows)))
+    write_text(page, text)
     return page, rows

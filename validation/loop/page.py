@@ -12,8 +12,8 @@ from scenarios.gap_report.words import cause_title
 from validation.blind.intervals import Rate
 from validation.loop.play import MOST, Settings, Step
 from validation.loop.rigs import STRENGTHS
-from validation.loop.summary import Summary
-from validation.markdown import list_of, page_of, table_of
+from validation.loop.summary import Summary, summaries
+from validation.markdown import list_of, table_of
 
 PICTURE: Final = "loop.png"
 _WORDS: Final = {
@@ -23,12 +23,9 @@ _WORDS: Final = {
 }
 
 
-def page(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], folder: str) -> str:
-    """Markdown; ``folder`` holds the picture and the table."""
-    return page_of(_blocks(settings, steps, found, folder))
-
-
-def _blocks(settings: Settings, steps: Sequence[Step], found: Sequence[Summary], folder: str) -> Iterator[str]:
+def blocks(settings: Settings, steps: Sequence[Step]) -> Iterator[str]:
+    """Of the page; ``loop`` beside it holds the picture and the table."""
+    found = summaries(steps)
     minutes = steps[0].minutes
     command = f"rig study loop -o docs --rigs {settings.rigs} --samples {settings.samples} --seed {settings.seed}"
     yield (
@@ -45,7 +42,7 @@ def _blocks(settings: Settings, steps: Sequence[Step], found: Sequence[Summary],
         "until one cause by one name is left. The next maneuver is the one that the diagnosis proposes, stops at "
         "random poses of all joints, or another torus sweep of joints 1, 5 and 6, each as long as the first."
     )
-    yield f"![How many rigs are named rightly after how many minutes]({folder}/{PICTURE})"
+    yield f"![How many rigs are named rightly after how many minutes](loop/{PICTURE})"
     yield list_of(map(_headline, found))
     columns = ("next", "named rightly", "wrongly", "no maneuver", "given up", "of open rigs", "minutes a name")
     yield table_of(columns, [_row(each) for each in found])
@@ -60,7 +57,7 @@ def _blocks(settings: Settings, steps: Sequence[Step], found: Sequence[Summary],
     yield "## Every rig"
     header = ("rig", "cause", "signal-to-noise", "alike at first", "next", "maneuvers", "minutes", "ends", "as")
     yield table_of(header, [_rig(each) for summary in found for each in summary.last])
-    yield f"The table of all steps is `{folder}/study/table.parquet`."
+    yield "The table of all steps is `loop/study/table.parquet`."
 
 
 def _headline(found: Summary) -> str:

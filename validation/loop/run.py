@@ -4,20 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
-from rig.files import child, made_folder, write_text
 from rig.progress import Progress, unheard
-from scenarios.studies.store import StudyFolder
-from scenarios.studies.table_files import fitting_together, rows_of
 from scenarios.workers import Workers
-from validation.loop.page import PICTURE, page
+from validation.loop.page import PICTURE, blocks
 from validation.loop.play import Settings, Step, trial
 from validation.loop.summary import Summary, summaries
-
-PAGE: Final = "loop.md"
-FOLDER: Final = "loop"
-STUDY: Final = "study"
+from validation.study_page import make_page
 
 
 @dataclass(frozen=True)
@@ -38,12 +31,8 @@ def make_loop(folder: Path, settings: Settings, workers: Workers, progress: Prog
     from scenarios.plots.style import save
     from validation.plots.loop import loop_figure
 
-    with made_folder(folder / FOLDER, linked=False) as beside:
-        study = StudyFolder.begin(child(beside, STUDY, str(beside)), "loop", settings)
-        table = study.fill(trial, settings, settings.rigs, workers, progress)
-        with fitting_together(study.path):  # the table may be as somebody else has made it
-            steps = tuple(rows_of(Step, table))
-            found = summaries(steps)
-    save(loop_figure(found), beside / PICTURE)
-    write_text(folder / PAGE, page(settings, steps, found, FOLDER))
-    return Loop(steps, found, (folder / PAGE, beside / PICTURE, study.path))
+    page, steps = make_page(folder, "loop", settings, trial, settings.rigs, Step, blocks, workers, progress)
+    found = summaries(steps)
+    picture = folder / "loop" / PICTURE
+    save(loop_figure(found), picture)
+    return Loop(steps, found, (page, picture, folder / "loop" / "study"))
