@@ -14,7 +14,7 @@ from scipy.stats import binom, norm
 from estimators.gap.data.projection import Basis
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.laplace import Linear
-from estimators.gap.evidence.terms import smooth_terms
+from estimators.gap.evidence.terms import Functions, smooth_terms
 from estimators.gap.hypotheses.prior import FORM, OTHER, OTHER_NOISE, VISIBLE
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.stochastic import FittedNoise
@@ -87,7 +87,11 @@ def test_draws_do_not_know_which_signs_the_eigenvectors_have(monkeypatch: pytest
 
     def draws() -> np.ndarray:
         _, (term, *_) = smooth_terms(
-            Basis(((slice(0, ROWS), np.full((ROWS, 1), ROWS**-0.5)),), ROWS), [source], [[]], [0.0]
+            Basis(((slice(0, ROWS), np.full((ROWS, 1), ROWS**-0.5)),), ROWS),
+            [source],
+            [[]],
+            [0.0],
+            Functions.of(ROWS // 3, []),
         )
         moments = linear.posterior(np.ones(4))
         way = Way(1.0, change, linear, moments, 0.0, [Weighed(term, np.arange(8.0))])

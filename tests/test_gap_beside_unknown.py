@@ -123,7 +123,7 @@ def test_a_tone_beside_an_unknown_is_weighed_at_the_frequency_where_it_was_found
     tones = [each for each in posterior.candidates if each.effect.tone]
     search = Search(posterior.scanner, tones, posterior.prior)
     found = search.beside(alone.explanation, alone.terms[0].on_means)
-    as_found = [each for each in found if each.refitted is None]
+    as_found = [each for each in found if not each.refitted]
     assert as_found
     assert len(found) == 2 * len(as_found)
     own = next(each for each in as_found if each.key == ("vibration@accelerometer/base",))

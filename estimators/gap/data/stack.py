@@ -178,7 +178,7 @@ class Stack(WhitenedData):
     def around(self, pipeline: Pipeline) -> Stack:
         """As of ``WhitenedData``."""
         members = [member.around(pipeline.restricted(member.pipeline.sensors)) for member in self.each]
-        return Stack.of(members, self.names, pipeline, self.began, self.steps)
+        return replace(Stack.of(members, self.names, pipeline, self.began, self.steps), moved=True)
 
     def having(self, effects: Sequence[Effect]) -> Stack:
         """As of ``WhitenedData``."""

@@ -48,6 +48,7 @@ class WhitenedData:
         given: mean effects that the model has, as a fitted rig has them; all others are asked for beside these.
         within: of pointwise data, the recording at some samples of each block, poses known: where effects are evaluated
             whose mean over a block is not their value at its mean pose. bent: whether that holds for every effect.
+        moved: whether these are around another calibration than that of the recording by itself.
     """
 
     base: Signals
@@ -63,6 +64,7 @@ class WhitenedData:
     given: tuple[Effect, ...] = ()
     within: Signals | None = None
     bent: bool = False
+    moved: bool = False
 
     @property
     def parts(self) -> tuple[WhitenedData, ...]:
@@ -91,7 +93,7 @@ class WhitenedData:
     def around(self, pipeline: Pipeline) -> WhitenedData:
         """The data with another calibration."""
         base = pipeline.expected(self.base, np.random.default_rng(0), first=Stage.FIELD)  # the poses are what they were
-        return replace(self, pipeline=pipeline, base=base)
+        return replace(self, pipeline=pipeline, base=base, moved=True)
 
     @property
     def floor_samples(self) -> Array:
@@ -127,7 +129,7 @@ class WhitenedData:
     @cached_property
     def given_change(self) -> Array:
         """(n, 6) [recorded unit] what the given effects change, with the calibration held."""
-        return self._changed(self.given) if self.given else np.zeros_like(self.base.volts)
+        return self._changed(self.given) if self.given else np.broadcast_to(0.0, self.base.volts.shape)
 
     @property
     def modelled(self) -> Array:
@@ -213,8 +215,7 @@ class WhitenedData:
 
     def channel(self, white: Array, column: int) -> Array:
         """The part of a whitened vector that belongs to a channel."""
-        first = self.columns.index(column) * self.count
-        return white[first : first + self.count]
+        return white[self.columns.index(column) * self.count :][: self.count]
 
     @cached_property
     def tangents(self) -> list[ChannelTangent]:
@@ -380,8 +381,7 @@ class WhitenedData:
             return self
         rng = np.random.default_rng(0)
         base = self.pipeline.expected(block_poses(self.base, self.block), rng)
-        several = points > 1 and base.q_encoder is not None
-        turning = several and bent(self.base, self.block)
+        turning = (several := points > 1 and base.q_encoder is not None) and bent(self.base, self.block)
         within = points_within(self.base, self.block, self.block if turning else points) if several else None
         means = np.stack([self.means(column, self.residual[:, column]) for column in range(len(CHANNELS))], axis=1)
         found = replace(

@@ -25,7 +25,15 @@ from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.on_samples import OnSamples
 from estimators.gap.evidence.repeats import Repeats
 from estimators.gap.evidence.telegraph import Telegraphs
-from estimators.gap.evidence.terms import Term, blocks_term, every_along, freedoms_of, smooth_terms, terms_along
+from estimators.gap.evidence.terms import (
+    Functions,
+    Term,
+    blocks_term,
+    every_along,
+    freedoms_of,
+    smooth_terms,
+    terms_along,
+)
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import Course, courses, history_course, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
@@ -42,6 +50,8 @@ _FITTED: Final[tuple[type[FittedCourses], ...]] = (Repeats, Jumps, Telegraphs)
 _HOPELESS: Final = -9.0
 #: Log odds against the likeliest term beyond which what repeats, jumps and telegraphs are not weighed.
 _NOTHING: Final = 8.0
+#: So many terms are weighed at once: a matrix of all parameters of a set for each of their amplitudes.
+_TERMS: Final = 64
 #: So many terms, of those within such log odds of the likeliest, are weighed sample by sample where they gain more than
 #: this: means over neighbours lose one or two per cent.
 _ON_SAMPLES, _NEAR, _WEAK = 4, 10.0, 30.0
@@ -54,6 +64,7 @@ class Discrepancies:
     Attributes:
         terms: of every source. fitted: what sources are along what repeats, jumps and two levels, as a residual tells.
         means: the sums over neighbouring samples that slow terms are of. courses: those that any source may follow.
+        functions: of all courses, made once for all sources.
         on_samples: makes terms of means ones of samples.
     """
 
@@ -61,6 +72,7 @@ class Discrepancies:
     fitted: tuple[FittedCourses, ...]
     means: Means
     courses: tuple[Course, ...]
+    functions: Functions
     on_samples: OnSamples
     _forms: dict[tuple[str, str], list[Term]] = field(default_factory=dict)
 
@@ -87,7 +99,9 @@ class Discrepancies:
             -float(np.log(len(every))) - float(np.log(len(each) + further + (history is not None)))
             for each, history in zip(own, past, strict=True)
         ]
-        errors, found = smooth_terms(fine.absorbed, every, own, shares, data)
+        general = tuple(course for course, kinds in along if "gain" in kinds)
+        functions = Functions.of(data.count, [*(each for courses in own for each in courses), *general])
+        errors, found = smooth_terms(fine.absorbed, every, own, shares, functions, data)
         for source, share, freedoms in zip(every, shares, freedoms_of(every), strict=True):
             for count in blocks:
                 found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
@@ -104,10 +118,9 @@ class Discrepancies:
             if (source.kind == "offset" and "bias_step" not in without)
             or (source.name == "a turn of the tool" and "mounting_slip" not in without)
         )
-        general = tuple(course for course, kinds in along if "gain" in kinds)
         kept = [term for term in found if len(term.values)]
         fitted = tuple(kind(fine, of_samples, shares, stepping) for kind in _FITTED)
-        return cls(kept, fitted, data, general, OnSamples(fine))
+        return cls(kept, fitted, data, general, functions, OnSamples(fine))
 
     @property
     def without_forms(self) -> Discrepancies:
@@ -131,7 +144,7 @@ class Discrepancies:
             single = Source(f"the strength of {effect} at {where}", series, "gain")
             share = -float(np.log(len(self.courses) + 1))
             taken, source = self.means.fine.absorbed.extended(own), _on_means(self.means, single)
-            found = smooth_terms(taken, [source], [self.courses], [share], self.means)[1]
+            found = smooth_terms(taken, [source], [self.courses], [share], self.functions, self.means)[1]
             of_means = self.means.rough is not self.means.fine
             self._forms[member] = [replace(term, of_samples=single) for term in found] if of_means else found
         return self._forms[member]
@@ -230,21 +243,25 @@ def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
     columns = side_by_side(linear.left, linear.tangent)
     square, gram, moment = float(linear.left @ linear.left), linear.gram, linear.tangent.T @ linear.left
     alone = float(linear.log_evidence(square, gram, moment, precision))
-    kept, taken = [], []
+
+    def beyond(taken: Sequence[Array]) -> Array:
+        every = np.stack(taken)
+        rest = square - every[..., 0, 0], gram - every[..., 1:, 1:], moment - every[..., 1:, 0]
+        return linear.log_evidence(*rest, precision) - alone
+
+    kept, taken, gains = list[Term](), list[Array](), list[Array]()
     for term, along in zip(terms, every_along(terms, columns), strict=True):
         # without the effects' freedom no term can gain more than half the square it explains
         if 0.5 * float(np.sum(along[:, 0] ** 2 / term.values)) + term.log_prior < _HOPELESS:
             continue
         kept.append(term)
         taken.append(np.matmul(along.T * term.shrunk[0][:, None], along))
-    if not kept:
-        return []
-    every = np.stack(taken)
-    logs = linear.log_evidence(
-        square - every[..., 0, 0], gram - every[..., 1:, 1:], moment - every[..., 1:, 0], precision
-    )
-    gains = logs - alone - 0.5 * np.stack([term.shrunk[1] for term in kept])
-    return sorted([Weighed(*each) for each in zip(kept, gains, strict=True)], key=lambda each: -each.log_mass)
+        if len(taken) == _TERMS:
+            gains += [*beyond(taken)]
+            taken.clear()
+    gains += [*beyond(taken)] if taken else []
+    found = [Weighed(term, own - 0.5 * term.shrunk[1]) for term, own in zip(kept, gains, strict=True)]
+    return sorted(found, key=lambda each: -each.log_mass)
 
 
 def total(log_masses: Sequence[float]) -> float:

@@ -5,7 +5,7 @@ The errors of all sources are products with the same functions: what terms share
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -186,11 +186,34 @@ def freedoms_of(every: Sequence[Source]) -> list[slice]:
     return [slice(end - len(each.series), end) for end, each in zip(ends, every, strict=True)]
 
 
+@dataclass(frozen=True, eq=False)
+class Functions:
+    """Functions of time that errors may follow: cosines, then those of some courses.
+
+    Attributes:
+        values: (n, k). of_course: which of them are a course's, by its identity. courses: these.
+    """
+
+    values: Array
+    of_course: Mapping[int, slice]
+    courses: tuple[Course, ...]
+
+    @classmethod
+    def of(cls, count: int, along: Iterable[Course], slow: bool = True) -> Functions:
+        """Of courses at so many times, each once, with cosines where something may be slow."""
+        distinct = {id(course): course for course in along}
+        values = [cosines(count) if slow else np.empty((count, 0)), *(each.values for each in distinct.values())]
+        ends = np.cumsum([each.shape[1] for each in values]).tolist()
+        places = dict(zip(distinct, map(slice, ends[:-1], ends[1:]), strict=True))
+        return cls(np.hstack(values), places, tuple(distinct.values()))
+
+
 def smooth_terms(
     absorbed: Basis,
     every: Sequence[Source],
     along: Sequence[Sequence[Course]],
     shares: Sequence[float],
+    functions: Functions,
     means: Means | None = None,
     lengths: Sequence[float] = LENGTHS,
 ) -> tuple[Errors, list[Term]]:
@@ -199,15 +222,11 @@ def smooth_terms(
     Args:
         absorbed: the calibration's tangent, of every sample.
         along: courses of each source. shares: of each the log prior of one course.
+        functions: those of all courses.
         means: the sums over neighbouring samples that sources and courses are of; None: of every sample.
         lengths: memories, as shares of the recording.
     """
-    distinct = {id(course): course for own in along for course in own}
-    values = [cosines(every[0].series.shape[2])] if lengths else [np.empty((every[0].series.shape[2], 0))]
-    values += [course.values for course in distinct.values()]
-    ends = np.cumsum([each.shape[1] for each in values]).tolist()
-    functions = dict(zip(distinct, map(slice, ends[:-1], ends[1:]), strict=True))
-    errors = Errors.of(every, np.hstack(values), means, absorbed)
+    errors = Errors.of(every, functions.values, means, absorbed)
     shared = errors.along(errors.moments(errors.summed(absorbed.dense())))  # (k, f, p) what the calibration takes
     found: list[Term] = []
     for source, freedoms, own, share in zip(every, freedoms_of(every), along, shares, strict=True):
@@ -218,7 +237,7 @@ def smooth_terms(
             prior = share - float(np.log(len(lengths)))
             ways.append(("time", slice(0, most), gram[:, :most, :, :most], matern(length, most), prior))
         for each in own:
-            of = functions[id(each)]
+            of = functions.of_course[id(each)]
             ways.append((each.name, of, _gram(errors, freedoms, of), each.weight, share))
         for name, of, block, weight, prior in ways:
             found.append(_term(errors, source, freedoms, name, of, block, shared[of, freedoms], weight, prior))
@@ -231,7 +250,8 @@ def terms_along(absorbed: Basis, source: Source, course: Course, log_prior: floa
     Args:
         absorbed: the calibration's tangent.
     """
-    return smooth_terms(absorbed, [source], [[course]], [log_prior], lengths=())[1]
+    functions = Functions.of(source.series.shape[2], [course], slow=False)
+    return smooth_terms(absorbed, [source], [[course]], [log_prior], functions, lengths=())[1]
 
 
 def _gram(errors: Errors, freedoms: slice, functions: slice) -> Array:

@@ -109,7 +109,7 @@ def _components(data: WhitenedData, posterior: Posterior) -> Iterator[Component]
     likely = [
         (each, float(p))
         for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True)
-        if p > _LIKELY and each.explanation.linear.felt
+        if p > _LIKELY and each.explanation.felt
     ][:_MOST]
     for hypothesis, probability in likely or [(posterior.leading, 1.0)]:
         for fits, at, share in _alternatives(hypothesis, posterior, probability):

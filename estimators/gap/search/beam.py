@@ -43,6 +43,8 @@ _FOLLOWED: Final = 2
 #: So many sets of each size, and of all, are fitted sample by sample; what means over neighbours change of an
 #: evidence, as a share.
 _FINE_EACH, _FINE, _ROUGHLY = 3, 6, 0.02
+#: Of so many sets, the last that were asked for, what they leave is kept.
+_LEFT: Final = 6
 #: Log odds within which rivals of the leading set are fitted themselves.
 _CLOSE: Final = 6.0
 
@@ -122,7 +124,8 @@ class Search:
             if not deep and best.members and len(best.members) <= size:
                 break
             level = [each for each in level if self.gained(each) > self.gained(best) - _PROMISING]
-            if not level or (size >= _FOLLOWED and self._on_samples(level[0]) < target - _FAR):
+            # sample by sample, to first order where it is not fitted
+            if not level or (size >= _FOLLOWED and self._far_behind(level[0], self.fine(()).log_mass + target)):
                 break
             if not deep or under_others is None:
                 continue
@@ -158,17 +161,17 @@ class Search:
     def _fitted(self, members: Sequence[Member], data: WhitenedData) -> Explanation:
         fine = data is self.data
         key = key_of(members), fine
-        if key not in self.found or self.found[key].refitted is None:
+        if key not in self.found or not self.found[key].refitted:
             rough = self.rough if _smooth(members) else None
             refitted = converged([member.fit for member in members], data, rough)
-            own = as_fitted(members, refitted)
-            prior = self._log_prior(own)
-            each = Explanation(own, refitted.data, prior, fine, refitted)
+            prior = self._log_prior(members)
+            each = Explanation.of(members, refitted, prior, fine)
+            own = each.members
             instants = [index for index, member in enumerate(own) if member.widths] if fine else []
             if instants and each.log_mass > self._best_fine() - _FAR:
                 for index in instants:
                     own, refitted = self._at_its_instant(own, index, refitted)
-                each = Explanation(own, refitted.data, prior, fine, refitted)
+                each = Explanation.of(own, refitted, prior, fine)
             self.found[key] = each.where_likeliest()
         return self.found[key]
 
@@ -249,6 +252,8 @@ class Search:
                 left = project(self.rough.absorbed, means(fine.residual[:, None]))[:, 0]
                 own = Explained(self.rough.absorbed, left)
                 self.explained[key] = own if fine.added is None else own.extended(means(fine.added))
+            if len(self.explained) > _LEFT:
+                del self.explained[next(iter(self.explained))]
         return self.explained[key]
 
     def _member(self, group: Sequence[ScoreTest], parent: Explanation) -> Member:
@@ -313,10 +318,6 @@ class Search:
         """Whether a set is far less likely, sample by sample."""
         return self.fine(each.members, each).log_mass < log_mass - _FAR
 
-    def _on_samples(self, each: Explanation) -> float:
-        """Log mass beyond that of the set without effects, sample by sample, to first order where it is not fitted."""
-        return self.fine(each.members, each).log_mass - self.fine(()).log_mass
-
     def _best(self) -> Explanation:
         return self.ranked[0]
 
@@ -351,7 +352,7 @@ class Search:
             + [each for each in ranked if each.key in keys and not each.fine and not any(each is one for one in chosen)]
         )
         found = {each.key: each for each in (self._near(each, leading) for each in wanted)}
-        found |= {key: each for (key, fine), each in self.found.items() if fine and each.refitted is not None}
+        found |= {key: each for (key, fine), each in self.found.items() if fine and each.refitted}
         found |= {(): self.fine(()), leading.key: leading}
         while rough_ones := self._to_refit(list(found.values())):
             for each in rough_ones:
@@ -372,14 +373,14 @@ class Search:
     def _to_refit(found: Sequence[Explanation]) -> list[Explanation]:
         """The leading set, and those that may be nearly as likely: first order may be wrong by all that it gains."""
         best = max(found, key=lambda each: each.log_mass)
-        if best.refitted is None:
+        if not best.refitted:
             return [best]
         within = best.log_mass - _CLOSE
         return [
             each
             for each in found
-            if each.refitted is None and each.linear.felt
-            if each.linear.ahead > STRAIGHT and each.log_mass + each.linear.ahead > within
+            if not each.refitted and each.felt
+            if each.ahead > STRAIGHT and each.log_mass + each.ahead > within
         ]
 
     def fine(self, members: Sequence[Member], rough: Explanation | None = None) -> Explanation:
@@ -389,7 +390,7 @@ class Search:
             if rough is None or rough.fine:
                 return self._fitted(members, self.data)
             moved = self.data.around(rough.data.pipeline)
-            self.found[key] = replace(rough, data=moved, fine=True, refitted=None)
+            self.found[key] = replace(rough, data=moved, fine=True, refitted=False)
         return self.found[key]
 
 

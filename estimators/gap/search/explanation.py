@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Final
+from weakref import ref
 
 import numpy as np
 
@@ -23,6 +25,8 @@ Key = tuple[str, ...]
 #: near enough, and refits at most.
 _ELSEWHERE: Final = 10.0
 _THERE, _ANEW = 1.0, 3
+#: Linearised explanations are kept of so many numbers, 64 MB; others are linearised again where they are asked for.
+_NUMBERS: Final = 8_000_000
 #: What is gained by moving, beyond which first order may be wrong by as much.
 STRAIGHT: Final = 0.1
 
@@ -83,14 +87,21 @@ class Explanation:
     Attributes:
         members: the effects. data: whitened around the calibration that fits best with them.
         log_prior: of the set. fine: whether it was fitted sample by sample.
-        refitted: the fit on these very data, where there was one.
+        refitted: whether it was fitted on these very data.
     """
 
     members: tuple[Member, ...]
     data: WhitenedData
     log_prior: float
     fine: bool
-    refitted: Refit | None = None
+    refitted: bool = False
+
+    @classmethod
+    def of(cls, members: Sequence[Member], refitted: Refit, log_prior: float, fine: bool) -> Explanation:
+        """Of members as they were fitted together."""
+        found = cls(as_fitted(members, refitted), refitted.data, log_prior, fine, refitted=True)
+        found._linearise(refitted)
+        return found
 
     @property
     def key(self) -> Key:
@@ -104,7 +115,7 @@ class Explanation:
 
     def on(self, data: WhitenedData) -> Explanation:
         """The same set as it was fitted, in other data, or under other noise."""
-        return replace(self, data=data.around(self.data.pipeline), refitted=None)
+        return replace(self, data=data.around(self.data.pipeline), refitted=False)
 
     @property
     def seeds(self) -> list[tuple[Member, ...]]:
@@ -119,14 +130,13 @@ class Explanation:
         a fit that leaves least has large ones against each other, and straight on from there lie any number of others.
         """
         each = self
-        if not each.members or not each.linear.felt or each.linear.ahead < _ELSEWHERE:
+        if not each.members or not each.felt or each.ahead < _ELSEWHERE:
             return each
         for _ in range(_ANEW):
             linear = each.linear
             held = np.where(linear.strength, linear.precision(linear.averaged[1]), 0.0)
-            refitted = refit(each.fits, each.data, held=held)
-            each = replace(each, members=as_fitted(each.members, refitted), refitted=refitted)
-            if not each.linear.felt or each.linear.ahead < _THERE:
+            each = Explanation.of(each.members, refit(each.fits, each.data, held=held), each.log_prior, each.fine)
+            if not each.felt or each.ahead < _THERE:
                 break
         return each
 
@@ -154,6 +164,15 @@ class Explanation:
             found.append(along - beside @ np.linalg.lstsq(beside, along, rcond=1e-9)[0] if beside.shape[1] else along)
         return found
 
+    def let_go(self) -> None:
+        """Keep what is asked for of every set, without the arrays that it was made of."""
+        for name in ("_linear", "changes", "own_columns"):
+            vars(self).pop(name, None)
+        if self.data.moved:
+            own = {each.name for each in fields(self.data)}
+            for name in [name for name in vars(self.data) if name not in own]:
+                del vars(self.data)[name]
+
     def moved(self, by: float) -> list[list[Effect]]:
         """The effects with one shape that a fit keeps moved by so many standard deviations, for each such shape."""
         effects, found = [fit.effect for fit in self.fits], []
@@ -164,15 +183,46 @@ class Explanation:
                 found.append([*effects[:index], fit.effect, *effects[index + 1 :]])
         return found
 
-    @cached_property
+    @property
     def linear(self) -> Linear:
         """Linearised where it was fitted."""
-        refitted = self.refitted or at(self.fits, self.data)
-        return linearised(refitted, sum(member.searched for member in self.members))
+        return vars(self).get("_linear") or self._linearise(at(self.fits, self.data))
+
+    def _linearise(self, refitted: Refit) -> Linear:
+        found = linearised(refitted, sum(member.searched for member in self.members))
+        vars(self)["_linear"] = found
+        _keep(self, found.tangent.size)
+        return found
+
+    @cached_property
+    def felt(self) -> bool:
+        """Whether every effect does something at the fitted values."""
+        return self.linear.felt
+
+    @cached_property
+    def ahead(self) -> float:
+        """Log likelihood and prior that moving on from there gains, to first order."""
+        return self.linear.ahead
 
     @cached_property
     def log_mass(self) -> float:
         """Log evidence and log prior; none where an effect does nothing at the fitted values."""
-        if not self.linear.felt:
-            return -np.inf
-        return self.linear.averaged[0] + self.log_prior
+        return self.linear.averaged[0] + self.log_prior if self.felt else -np.inf
+
+
+#: Those that are linearised, in the order in which they were, and of how many numbers that is.
+_kept: Final[deque[tuple[ref[Explanation], int]]] = deque()
+
+
+def _keep(each: Explanation, numbers: int) -> None:
+    """Let the first ones go where all are more than fits."""
+    _kept.append((ref(each), numbers))
+    alive = [(own, size) for own, size in _kept if own() is not None]
+    _kept.clear()
+    _kept.extend(alive)
+    total = sum(size for _, size in alive)
+    while total > _NUMBERS and len(_kept) > 1:
+        own, size = _kept.popleft()
+        total -= size
+        if (gone := own()) is not None and not any(own() is gone for own, _ in _kept):
+            gone.let_go()

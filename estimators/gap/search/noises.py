@@ -35,7 +35,7 @@ from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left
-from estimators.gap.search.explanation import STRAIGHT, Explanation, Member, as_fitted, without_one
+from estimators.gap.search.explanation import STRAIGHT, Explanation, Member, without_one
 from rig.arrays import Array
 
 #: Log odds by which one more part of a floor must be better.
@@ -210,7 +210,7 @@ class Noises:
             if less is None or less.log_mass <= one.log_mass:
                 break
             refitted = converged(less.explanation.fits, one.given[1].fine.data)
-            again = self._beside(one, as_fitted(less.explanation.members, refitted), refitted)
+            again = self._beside(one, less.explanation.members, refitted)
             fresh = self._likeliest([again], name)
             if fresh is None or fresh.log_mass <= one.log_mass:
                 break
@@ -223,8 +223,9 @@ class Noises:
     ) -> tuple[Given, Explanation]:
         """Other causes, as they are or as they were refitted, beside what a state goes beyond."""
         prior = self.log_prior(one.given[0], members)
-        data = one.explanation.data if refitted is None else refitted.data
-        return one.given, Explanation(members, data, prior, fine=True, refitted=refitted)
+        if refitted is not None:
+            return one.given, Explanation.of(members, refitted, prior, fine=True)
+        return one.given, Explanation(members, one.explanation.data, prior, fine=True)
 
     def _likeliest(self, every: Sequence[tuple[Given, Explanation]], name: str) -> Promise | None:
         """The likeliest state of that name beside any of these."""
@@ -311,8 +312,8 @@ class Noises:
             first = kept.pop(0)
             fresh = first.given[1].stepped(first.state.steps[len(first.given[0].steps) :])
             refitted = converged(first.explanation.fits, fresh.fine.data)
-            members = as_fitted(first.explanation.members, refitted)
-            own = Explanation(members, refitted.data, self.log_prior(first.state, members), True, refitted)
+            members = first.explanation.members
+            own = Explanation.of(members, refitted, self.log_prior(first.state, members), fine=True)
             kept.append(replace(first, log_mass=own.log_mass + first.state.log_weight, ahead=0.0))
             kept.sort(key=lambda one: -one.log_mass)
         return kept

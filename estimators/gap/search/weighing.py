@@ -39,7 +39,7 @@ _OUTWARDS: Final = 2
 #: So many explanations of a state are weighed beside discrepancies, and beside other noise.
 _BESIDE: Final = 4
 #: Discrepancies are kept of so many readings: they are large.
-_READINGS: Final = 160_000
+_READINGS: Final = 100_000
 #: Terms of a discrepancy that are kept of each, for what is left.
 KEPT: Final = 12
 
