@@ -16,9 +16,9 @@ from estimators.gap.evidence.common import beside, common_noises
 from estimators.gap.evidence.shown_errors import Shown
 from rig.arm import Arm
 from rig.effects import make_effect
+from rig.effects.log import smooth_path
 from rig.pose_nodes import quaternions
 from rig.recording import Recording
-from rig.smooth_path import smooth_path
 
 SIGMA_RAD = 4e-3
 
@@ -43,8 +43,8 @@ def whitened(run: Recording) -> WhitenedData:
 def test_poses_without_noise_are_their_own_smooth_path(run: Recording, arm: Arm) -> None:
     assert run.q is not None
     poses = arm.poses(run.q).R_base_tool
-    assert np.abs(smooth_path(poses).turns).max() < 1e-4
-    assert not smooth_path(poses[:4]).turns.any()
+    assert np.abs(smooth_path(poses).errors).max() < 1e-4
+    assert not smooth_path(poses[:4]).errors.any()
 
 
 def test_what_a_smooth_path_shows_of_white_noise_is_all_that_it_does_not_keep(run: Recording, arm: Arm) -> None:
@@ -52,10 +52,10 @@ def test_what_a_smooth_path_shows_of_white_noise_is_all_that_it_does_not_keep(ru
     noisy, turns = with_noise(run, arm, SIGMA_RAD)
     assert noisy.tool_quaternion is not None
     path = smooth_path(Rotation.from_quat(noisy.tool_quaternion, scalar_first=True).as_matrix())
-    left = np.mean((turns + path.turns) ** 2) / SIGMA_RAD**2
-    assert left == pytest.approx(np.mean(path.kept**2), rel=0.5)
+    left = np.mean((turns + path.errors) ** 2) / SIGMA_RAD**2
+    assert left == pytest.approx(np.mean(path.hidden**2), rel=0.5)
     assert left < 0.25
-    assert np.abs(smooth_path(np.tile(np.eye(3), (50, 1, 1))).turns).max() < 1e-12
+    assert np.abs(smooth_path(np.tile(np.eye(3), (50, 1, 1))).errors).max() < 1e-12
 
 
 def test_errors_shown_are_far_likelier_as_known_than_as_any(run: Recording, arm: Arm) -> None:

@@ -9,9 +9,8 @@ from rig.effects import transmission  # noqa: F401, I001
 from rig.effects import geometry, timing, log, motion  # noqa: F401
 from rig.effects import field, sensor, drift, electronic, converter, noise  # noqa: F401
 from rig.effects.base import EFFECTS, Effect, Kind, Stage, apply_stage, make_effect, register, without_nulls
-from rig.effects.errors_shown import ErrorsShown
 from rig.effects.parameters import Parameter
-from rig.effects.readings import Finding, Readings
+from rig.effects.readings import ErrorsShown, Finding, Readings
 
 __all__ = [
     "EFFECTS",

@@ -15,9 +15,8 @@ import numpy as np
 
 from rig.arrays import Array
 from rig.channels import CHANNELS, COLUMNS_OF
-from rig.effects.errors_shown import ErrorsShown
 from rig.effects.parameters import Parameter, Value, choices_of, parameters_of
-from rig.effects.readings import Finding, Readings
+from rig.effects.readings import ErrorsShown, Finding, Readings
 from rig.environment import MAGNITUDES
 from rig.errors import RigError, check_name, nearest, unknown_name
 from rig.signals import Signals

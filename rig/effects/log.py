@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.fft import dct, idct
 from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation, Slerp
 from typing_extensions import override
 
 from rig.arrays import Array
 from rig.effects._numerics import exponential_spectrum, gauss_markov
 from rig.effects.base import Effect, Kind, Stage, register
-from rig.effects.errors_shown import ErrorsShown
 from rig.effects.parameters import parameter
+from rig.effects.readings import ErrorsShown
 from rig.pose_nodes import one_sign, quaternions
 from rig.signals import Signals
-from rig.smooth_path import smooth_path
 
 if TYPE_CHECKING:
     from rig.pipeline import Pipeline
 
 
 #: Turn [rad] by which the readings' response to a turn of the tool is taken.
-_TURN = 1e-6
+_TURN: Final = 1e-6
+#: Fewer poses show no path.
+_FEWEST: Final = 16
+#: Logarithm of the weight of a path's squared second differences: from none at all to a straight line.
+_WEIGHTS: Final = (-12.0, 24.0)
 
 
 @register
@@ -149,9 +154,38 @@ class PoseNoise(Effect):
     @override
     def errors_shown(self, base: Signals) -> ErrorsShown:
         """Turns [rad] away from a smooth path: an arm moves smoothly, its noise does not."""
-        path = smooth_path(base.R_base_tool)
-        return ErrorsShown(path.turns, path.kept)
+        return smooth_path(base.R_base_tool)
 
     @override
     def added_spectrum(self, frequency: Array, interval_s: float) -> Array:
         return exponential_spectrum(frequency, interval_s, self.tau_s)
+
+
+def smooth_path(R_base_tool: Array) -> ErrorsShown:
+    """How poses (n, 3, 3) at even times err about a smooth path through them, and what the path keeps of them.
+
+    Of unit quaternions, a discrete spline of the weight that generalised cross-validation finds, by cosine transform:
+    Garcia, Computational Statistics and Data Analysis 54 (2010), equations 5 to 13. Poses without noise are their own
+    smooth path, however rough.
+
+    Returns:
+        Rotation vectors (n, 3) [rad], in the tool's frame, from the poses to the path; and (n,) the share of each
+        cosine, from the slowest to the fastest, that the path keeps.
+    """
+    count = len(R_base_tool)
+    logged = one_sign(quaternions(R_base_tool))
+    waves = dct(logged, axis=0, norm="ortho")
+    power = np.sum(waves**2, axis=1)
+    if count < _FEWEST or not power[1:].any():
+        return ErrorsShown(np.zeros((count, 3)), np.ones(count))
+    rough = (2.0 - 2.0 * np.cos(np.pi * np.arange(count) / count)) ** 2
+
+    def score(weight: float) -> float:
+        left = 1.0 - 1.0 / (1.0 + np.exp(weight) * rough)
+        return float(np.log(left**2 @ power) - 2.0 * np.log(left.sum()))
+
+    weight = float(minimize_scalar(score, bounds=_WEIGHTS, method="bounded").x)
+    kept = 1.0 / (1.0 + np.exp(weight) * rough)
+    smooth = Rotation.from_quat(idct(waves * kept[:, None], axis=0, norm="ortho"), scalar_first=True)
+    turns = (Rotation.from_quat(logged, scalar_first=True).inv() * smooth).as_rotvec()
+    return ErrorsShown(np.asarray(turns), np.asarray(kept))

@@ -1,4 +1,4 @@
-"""Single readings beside what is expected of them, and what an effect on them shows there."""
+"""What a recording shows of an effect by itself: in single readings, or in the errors of noise."""
 
 from __future__ import annotations
 
@@ -64,3 +64,16 @@ class Finding:
     log_p: float
     added: Array
     anywhere: bool = True
+
+
+@dataclass(frozen=True)
+class ErrorsShown:
+    """Errors of a noise effect that a recording itself shows.
+
+    Attributes:
+        errors: (n, r) as ``Effect.response`` takes them, at strength one.
+        hidden: (n,) share of each cosine of these, from the slowest to the fastest, that it does not show.
+    """
+
+    errors: Array
+    hidden: Array

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, Literal
 
 import numpy as np
+from scipy.stats.qmc import Halton
 
 from rig.arrays import Rows
 from rig.errors import unknown_name
@@ -19,7 +20,7 @@ def order_of(order: Order, count: int, rng: np.random.Generator) -> Rows:
     Args:
         order: "first": as recorded, so that n samples are the maneuver's beginning (Renk et al., Figures 3 and 4).
             "every-kth": samples spread evenly over the whole maneuver. They are nested: every 64th, say, then those in
-            the middle between, and so on, so that n = count / 2^m samples are exactly every (2^m)th.
+            the middle between, and so on, so that n = count / 2^m samples are exactly every (2^m)th (van der Corput).
             "random": without replacement.
         count: number of samples.
         rng: of "random".
@@ -30,17 +31,7 @@ def order_of(order: Order, count: int, rng: np.random.Generator) -> Rows:
     if order == "first":
         return np.arange(count)
     if order == "every-kth":
-        return np.argsort(_reversed_bits(count))
+        return np.argsort(Halton(1, scramble=False).random(count).ravel())
     if order == "random":
         return rng.permutation(count)
     raise unknown_name("order", order, ORDERS)
-
-
-def _reversed_bits(count: int) -> Rows:
-    """The numbers 0 to count - 1 with their binary digits reversed (van der Corput): low ones are evenly spread."""
-    rows = np.arange(count)
-    result = np.zeros_like(rows)
-    digits = max(int(count - 1).bit_length(), 1)
-    for digit in range(digits):
-        result |= ((rows >> digit) & 1) << (digits - 1 - digit)
-    return result
