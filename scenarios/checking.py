@@ -12,9 +12,7 @@ import numpy as np
 from rig.documents import read_json
 from rig.errors import RigError, one_line
 from rig.recording import Recording, RecordingScan, locked_beside, scan_recording
-from rig.recording.joint_degrees import degrees_words
-from rig.recording.stuck_readings import stuck_words
-from rig.recording.time_gaps import gap_words
+from rig.recording.findings import degrees_words, gap_words, stuck_words
 
 _AT_AN_END: Final = 0.02  # of the samples at the least or greatest value are many
 _POSSIBLE_DEGC: Final = (-100.0, 300.0)  # of a board that works

@@ -13,7 +13,7 @@ from diagnosed_recordings import by_hand
 from scipy.spatial.transform import Rotation
 
 from rig.recording import Recording, read_recording
-from rig.recording.joint_degrees import degrees_words
+from rig.recording.findings import degrees_words
 from scenarios.importing.mapping import Mapping
 
 CAUSE = '[[effects.backlash]]\nwhere = "joint5"\nwidth_rad = 0.01\n'

@@ -106,7 +106,7 @@ def test_a_rig_that_no_scenario_can_describe_does_not_cost_the_diagnosis(
     def refused(*_: object) -> None:
         raise RigError("arm mine cannot be written: expected one that was read from a file")
 
-    monkeypatch.setattr("scenarios.diagnosing.concluded.improved_rig", refused)
+    monkeypatch.setattr("scenarios.diagnosing.batch.improved_rig", refused)
     write_small(here, backlash())
     result = rig("diagnose", "run.parquet", "--save-scenario", "better.toml", "--out", "o", *only("backlash"))
     assert result.status == 2

@@ -10,7 +10,7 @@ import pytest
 import scenarios
 from rig.effects import make_effect
 from rig.recording import Recording
-from rig.recording.stuck_readings import stuck_words
+from rig.recording.findings import stuck_words
 
 
 @pytest.fixture(scope="module")

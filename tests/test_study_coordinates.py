@@ -15,8 +15,13 @@ from estimators.known_angle.model import METHODS, Method, SensorParameters, colu
 from rig.arrays import Array
 from rig.directions import direction_from_angles, elevation_azimuth_basis
 from scenarios.parameter_names import shown_name
-from scenarios.studies.coordinates import RADIAN_DEG, Coordinates, coordinate_names
-from scenarios.studies.second_order import _curvatures, second_order_bias
+from scenarios.studies.coordinates import (
+    RADIAN_DEG,
+    Coordinates,
+    _curvatures,
+    coordinate_names,
+    second_order_bias,
+)
 
 
 def moved(truth: SensorParameters, step: Array, method: Method) -> SensorParameters:

@@ -34,7 +34,7 @@ from rig.errors import RigError, unknown_name
 from rig.pipeline import Pipeline
 from rig.progress import Progress
 from rig.recording import Recording, read_recording
-from rig.recording.stuck_readings import stuck_words
+from rig.recording.findings import stuck_words
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from rig import quaternion
 from rig.arrays import Array, Mask, Rows
 from rig.channels import ACCELEROMETER, CHANNELS_OF, MAGNETOMETER, SENSORS
 from rig.errors import RigError, check_name
@@ -199,7 +198,7 @@ class Recording:
                 raise RigError(f"{where}: found {self.q.shape[1]} joint angles, expected {arm.dof} of arm {arm.name!r}")
             return arm.rotation_map.blocks(self.q, _BLOCK)
         if self.tool_quaternion is not None:
-            return quaternion.blocks(self.tool_quaternion, _BLOCK)
+            return _blocks(self.tool_quaternion)
         if self.q is not None:
             raise RigError(f"{where}: has joint angles, for which an arm is needed: found none")
         raise RigError(f"{where}: has no pose, expected q1_rad..qN_rad or {', '.join(QUATERNION)}")
@@ -310,3 +309,33 @@ def arrays_of(runs: Sequence[Recording], make: Callable[[list[Array]], Array]) -
 
     currents = {joint: make([run.currents[joint] for run in runs]) for joint in runs[0].currents}
     return {name: made(name) for name in _ARRAYS} | {"currents": currents}
+
+
+def _blocks(quaternion: Array) -> Iterator[tuple[slice, Array]]:
+    """Of unit quaternions (n, 4), scalar first, what ``Recording.rotation_blocks`` gives: fast enough not to be noticed
+    beside the calibration that needs it. The norm need not be exactly one."""
+    count = len(quaternion)
+    buffer = np.empty((9, min(_BLOCK, count)))
+    for first in range(0, count, _BLOCK):
+        span = slice(first, min(first + _BLOCK, count))
+        block = buffer[:, : span.stop - first]
+        _fill(quaternion[span], block)
+        yield span, block
+
+
+def _fill(quaternion: Array, block: Array) -> None:
+    w, x, y, z = np.ascontiguousarray(quaternion.T)
+    scale = 2.0 / (w * w + x * x + y * y + z * z)
+    sx, sy, sz = scale * x, scale * y, scale * z
+    xx, yy, zz = sx * x, sy * y, sz * z
+    xy, xz, yz = sx * y, sx * z, sy * z
+    wx, wy, wz = sx * w, sy * w, sz * w
+    np.subtract(1.0, yy + zz, out=block[0])
+    np.subtract(xy, wz, out=block[1])
+    np.add(xz, wy, out=block[2])
+    np.add(xy, wz, out=block[3])
+    np.subtract(1.0, xx + zz, out=block[4])
+    np.subtract(yz, wx, out=block[5])
+    np.subtract(xz, wy, out=block[6])
+    np.add(yz, wx, out=block[7])
+    np.subtract(1.0, xx + yy, out=block[8])

@@ -1,22 +1,28 @@
-"""What a recording leaves open and a user may state: the magnitudes of gravity and of the magnetic field."""
+"""What a recording leaves open and a user may state: the magnitudes of gravity and of the magnetic field, by number or
+by place, and where the search of ``rig calibrate --start`` begins."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import hypot
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from rig.channels import ACCELEROMETER, MAGNETOMETER
-from rig.errors import RigError
+from rig.errors import RigError, unknown_name
 from scenarios.cli._options import POSITIVE, Command, number, numbers
 
 if TYPE_CHECKING:
     from estimators import Calibration
+    from estimators.ellipsoid import Start
     from rig.recording import RecordingScan
+
+#: A stated magnitude that is so many times the recording's own is another unit, or a slip.
+_CONTRADICTS: Final = 2.0
+_START: Final = "expected 'datasheet', GAIN[,OFFSET] or SENSOR=GAIN[,OFFSET], such as 1.8,0"
 
 
 def stated_options(command: Command) -> Command:
@@ -58,10 +64,6 @@ def stated_metadata(gravity: float | None, field: str | None) -> dict[str, Any]:
     if field is not None:
         found["magnetic_field"], found["magnetic_field_unit"] = field_magnitude(field)
     return found
-
-
-#: A stated magnitude that is so many times the recording's own is another unit, or a slip.
-_CONTRADICTS = 2.0
 
 
 def contradiction_words(stated: dict[str, Any], scan: RecordingScan) -> list[str]:
@@ -159,3 +161,53 @@ def with_assumptions(calibration: Calibration, scan: RecordingScan, stated: dict
             words = f"{what}: every 1 % in it is 1 % in every sensitivity, the other way"
             sensors[sensor] = sensors[sensor].warned(words)
     return replace(calibration, sensors=sensors)
+
+
+def parsed_start(given: Sequence[str], scan: RecordingScan) -> dict[str, Start]:
+    """Sensor -> where Levenberg-Marquardt begins, as Camps et al. have it, in the recorded unit per m/s^2 and per field
+    unit.
+
+    Args:
+        given: each ``datasheet``, ``GAIN[,OFFSET]`` for all sensors, or ``SENSOR=GAIN[,OFFSET]``; an accelerometer's
+            gain is per g. scan: the recording.
+
+    Raises:
+        RigError: none of these, or the recording does not state its sensors' data.
+    """
+    found: dict[str, Start] = {}
+    for text in given:
+        if text == "datasheet":
+            found |= {sensor: _datasheet(sensor, scan) for sensor in scan.sensors}
+            continue
+        name, equals, own = text.rpartition("=")
+        if equals and name not in scan.sensors:
+            raise unknown_name("recorded sensor of --start", name, scan.sensors)
+        for sensor in (name,) if equals else scan.sensors:
+            found[sensor] = _start(own, text, sensor)
+    return found
+
+
+def _datasheet(sensor: str, scan: RecordingScan) -> Start:
+    from estimators.ellipsoid import Start
+
+    nominal = scan.metadata.extra.get("nominal")
+    own = nominal.get(sensor) if isinstance(nominal, Mapping) else None
+    try:
+        gain, offset = float(own["sensitivity"]), float(own.get("offset", 0.0))  # type: ignore[union-attr,index]
+    except (TypeError, KeyError, ValueError, AttributeError):
+        raise RigError(
+            f"--start datasheet: {scan.name} does not state the {sensor}'s nominal sensitivity in its metadata"
+            f" (nominal.{sensor}.sensitivity); expected --start {sensor}=GAIN,OFFSET"
+        ) from None
+    return Start(gain, offset)
+
+
+def _start(given: str, text: str, sensor: str) -> Start:
+    from estimators.ellipsoid import Start
+    from rig.units import STANDARD_GRAVITY
+
+    values = numbers(given)
+    if len(values) not in (1, 2) or not values[0] > 0.0 or not all(abs(value) < float("inf") for value in values):
+        raise RigError(f"--start: found {text!r}, {_START}")
+    gain = values[0] / STANDARD_GRAVITY if sensor == ACCELEROMETER else values[0]
+    return Start(gain, values[1] if len(values) == 2 else 0.0)

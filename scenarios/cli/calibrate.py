@@ -32,6 +32,7 @@ from scenarios.cli._options import (
 )
 from scenarios.cli._stated import (
     contradiction_words,
+    parsed_start,
     stated_by_place,
     stated_metadata,
     stated_options,
@@ -139,7 +140,6 @@ def calibrate(
     from estimators.known_angle.from_recording import has_pose
     from rig.files import atomic_path
     from rig.recording import Recording, locked_beside, scan_recording, whole_or_thinned
-    from scenarios.cli._start import parsed_start
 
     arm = chosen_arm(arm_file, tip)
     scan = scan_recording(run, joints=None if arm is None else arm.dof)

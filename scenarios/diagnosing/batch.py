@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import platform
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from estimators.calibration import Calibration
 from estimators.gap.data.basefit import fitted_model, posed
 from estimators.gap.diagnose import examined
+from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.report.separation import rivals
 from rig.arm import Arm
 from rig.errors import RigError
 from rig.memory import as_stated, stated
 from rig.progress import Progress, unheard
 from rig.recording import Recording, locked_beside, whole_or_means
 from rig.threads import one_blas_thread
-from scenarios.diagnosing.concluded import concluded
+from scenarios.diagnosing.equivalents import equivalents_of
+from scenarios.diagnosing.improved_rig import improved_rig
 from scenarios.diagnosing.kept import origin
 from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
 from scenarios.diagnosing.together import residuals_of_each
-from scenarios.gap_report.gap_residuals import gap_residuals
+from scenarios.gap_report.advice import next_steps
+from scenarios.gap_report.gap_residuals import GapResiduals, gap_residuals
+from scenarios.gap_report.page import page
+from scenarios.plan.next_maneuver import next_step
 from scenarios.workers import Workers
 
 __all__ = ["Outcome", "Task", "carry_out", "outcomes"]
@@ -64,7 +71,52 @@ def carry_out(task: Task, progress: Progress = unheard) -> Outcome:
             found = examined(recordings[0], rests[0], second, task.without, arm, progress, task.prior, task.rig)
             residuals = [gap_residuals(recordings[0], found.diagnosis, rests[0], arm, found.data)]
         about = About.of(recordings[-1], max(block for _, block in read))
-        return concluded(task, found.diagnosis, residuals, rests[-1], about, made_from)
+        return _concluded(task, found.diagnosis, residuals, rests[-1], about, made_from)
+
+
+def _concluded(
+    task: Task,
+    diagnosis: Diagnosis,
+    residuals: Sequence[GapResiduals],
+    locked: Recording | None,
+    about: About,
+    made_from: Mapping[str, Any],
+) -> Outcome:
+    """What follows from a diagnosis: its page, the improved rig, and what to record next where something is left open.
+
+    Args:
+        residuals: of each recording; the last one is what the rig is improved by.
+        locked: the locked recording of that.
+        made_from: as of ``Outcome.origin``.
+    """
+    last, open_between = residuals[-1], bool(rivals(diagnosis))
+    rig, text, step, unsaved = None, None, None, None
+    if task.improved or open_between:
+        try:
+            made = improved_rig(diagnosis, last, locked, task.rig)
+            rig, text = made.scenario, made.to_toml()
+        except RigError as error:  # never at the cost of the diagnosis
+            unsaved = str(error) if task.improved else None
+    if open_between:
+        step = next_step(diagnosis, last, rig, task.minutes)
+    words: dict[str, Any] = {"maneuver": None, **({} if step is None else step.words)}
+    if len(residuals) == 1 and (same := equivalents_of(diagnosis, last)):
+        words["equivalents"] = same
+    diagnosis = replace(diagnosis, next=words)
+    diagnosis = replace(diagnosis, next={**words, "steps": next_steps(diagnosis, task.arm_options)})
+    units: dict[str, str] = {}
+    for each in residuals:
+        units |= each.recording.units
+    return Outcome(
+        diagnosis,
+        page(diagnosis, residuals, task.without),
+        about,
+        made_from,
+        units,
+        text if task.improved else None,
+        None if step is None else step.scenario,
+        unsaved,
+    )
 
 
 def outcomes(

@@ -11,8 +11,7 @@ from rig.arm import Arm
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.recording import Recording
-from rig.recording.joint_degrees import degrees_words
-from rig.recording.time_gaps import gap_words
+from rig.recording.findings import degrees_words, gap_words
 from rig.units import STANDARD_GRAVITY
 from scenarios.importing.conventions import MUCH, axis_words, judged
 from scenarios.importing.mapping import Mapping

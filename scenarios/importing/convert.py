@@ -12,7 +12,7 @@ import numpy as np
 
 from rig.arm import Arm
 from rig.arrays import Array
-from rig.channels import ACCELEROMETER, MAGNETOMETER
+from rig.channels import ACCELEROMETER, MAGNETOMETER, SENSORS
 from rig.errors import RigError, nearest
 from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording
@@ -24,9 +24,9 @@ from scenarios.importing.mapping import Conventions, Mapping
 from scenarios.importing.quantities import guess, is_numbered, is_time, kind_of
 from scenarios.importing.text_log import Log, read_text_log
 from scenarios.importing.tracks import LOUD, Track, tracks_of
-from scenarios.importing.unused import unused_columns, unused_words
 
 _OTHER_CLOCK_S: Final = 0.5  # no sensor is later than this: more is another clock
+_LISTED: Final = 24  # columns that no recording came to hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,8 @@ def import_logs(
     quiet = [line for line in said if not line.startswith(LOUD)]
     wrong = (*loud, *findings, *shown.wrong)
     recording = replace(shown.recording, metadata=replace(shown.recording.metadata, findings=wrong))
-    unused = unused_columns(logs, mapping.columns, recording)
-    listed, lacking = unused_words(unused, recording)
+    unused = _unused_columns(logs, mapping.columns, recording)
+    listed, lacking = _unused_words(unused, recording)
     open_questions = (*shown.open, *(listed if lacking else ()))
     remarks = (*quiet, *shown.said, *(() if lacking else listed))
     return Imported(recording, mapping, remarks, (*wrong, *open_questions), unused)
@@ -298,3 +298,32 @@ def _on_one_clock(
     else:
         said.append(f"clock: one for poses and readings (offset {words})")
     return pose
+
+
+def _unused_columns(logs: Sequence[Log], targets: Table[str, str], recording: Recording) -> dict[str, tuple[str, ...]]:
+    """By log, the columns that are nothing in the mapping, or nothing that this recording holds.
+
+    Args:
+        targets: column -> what it is.
+    """
+    idle = {name for name, text in targets.items() if recording.tool_position is None and kind_of(text) == "position"}
+    found: dict[str, tuple[str, ...]] = {}
+    for log in logs:
+        every = dict.fromkeys((*log.columns, *log.unread))
+        if left := tuple(name for name in every if name not in targets or name in idle):
+            found[log.name] = left
+    return found
+
+
+def _unused_words(unused: Table[str, Sequence[str]], recording: Recording) -> tuple[list[str], bool]:
+    """A line a log, and whether the recording lacks a sensor or the pose, which these columns may be."""
+    lacking = [f"no {sensor}" for sensor in SENSORS if sensor not in recording.sensors]
+    lacking += ["no pose"] * (recording.pose == "none")
+    said = f"{' and '.join(lacking)} was recognised: name the columns in --map MAP.toml if they hold it"
+    meant = f"; {said}" if lacking else ""
+    found = []
+    for log, names in unused.items():
+        listed = ", ".join(map(repr, names[:_LISTED]))
+        more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+        found.append(f"{log}: {len(names)} column{'s' * (len(names) > 1)} not used: {listed}{more}{meant}")
+    return found, bool(lacking)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from estimators.coverage import Enough, direction_name
 from estimators.live import SensorState
@@ -19,12 +20,12 @@ from rig.channels import CHANNELS_OF
 from rig.recording import Recording, joined
 from scenarios.colours import AXES_ON_DARK, GREY, ORANGE, VERMILLION, YELLOW, rgb
 from scenarios.decimation import extremes
-from scenarios.live.layout import GUIDE, INTERVALS, NOW, live_blueprint
 from scenarios.live.session import Display, Event, Session
 from scenarios.sensor_motion import arm_of
 from scenarios.terminal.calibration import symbol
 from scenarios.terminal.tables import plus_minus
-from scenarios.view.arm import ArmView
+from scenarios.view.arm import ARM, ArmView
+from scenarios.view.blueprint import layout, scene_view, sphere_view
 from scenarios.view.series import READINGS, RESIDUALS
 from scenarios.view.spheres import SPHERES, globe
 from scenarios.view.stream import TIMELINE, at, new_stream
@@ -36,7 +37,11 @@ _SPHERE_S: Final = 0.5
 #: Points of a series for each time it is brought up to date.
 _POINTS: Final = 24
 _LONGEST: Final = 4096
+#: Readings and residuals are shown this far back [s].
+_BACK_S: Final = 30.0
 _SEEN, _MISSING = rgb(AXES_ON_DARK[0]), rgb(ORANGE)
+_INTERVALS: Final = "intervals"
+_GUIDE: Final = "guide"
 
 
 class LiveView(Display):
@@ -102,7 +107,7 @@ class LiveView(Display):
         model = self._arm_model or arm_of(batch)
         if batch.q is not None and model is not None:
             self._arm = ArmView(self._stream, model)
-        self._stream.send_blueprint(live_blueprint(batch.units, None if self._arm is None else self._arm.base))
+        self._stream.send_blueprint(_blueprint(batch.units, None if self._arm is None else self._arm.base))
         for sensor in batch.sensors:
             for channel, colour in zip(CHANNELS_OF[sensor], AXES_ON_DARK, strict=True):
                 self._style(f"{READINGS}/{sensor}/{channel}", channel, colour)
@@ -136,7 +141,7 @@ class LiveView(Display):
                     self._sphere(state, state.estimate, state.rule)
         if spheres:
             self._sphere_at = time.monotonic()
-        self._stream.log(GUIDE, rr.TextDocument(_words(session), media_type=rr.MediaType.MARKDOWN))
+        self._stream.log(_GUIDE, rr.TextDocument(_words(session), media_type=rr.MediaType.MARKDOWN))
 
     def _series(self, sensor: str, part: Recording, session: Session) -> None:
         for channel, values in zip(CHANNELS_OF[sensor], part.readings(sensor).T, strict=True):
@@ -168,13 +173,13 @@ class LiveView(Display):
         if self._parameters.get(sensor) != tuple(rule.target):
             self._parameters[sensor] = tuple(rule.target)
             for place, name in enumerate(rule.target):
-                self._style(f"{INTERVALS}/{sensor}/{name}", name, AXES_ON_DARK[place % 3])
-            self._style(f"{INTERVALS}/{sensor}/asked", "asked for", YELLOW, 2.0)
+                self._style(f"{_INTERVALS}/{sensor}/{name}", name, AXES_ON_DARK[place % 3])
+            self._style(f"{_INTERVALS}/{sensor}/asked", "asked for", YELLOW, 2.0)
         for name, target in rule.target.items():
             ratio = rule.std[name] / target
             if np.isfinite(ratio) and ratio > 0.0:
-                self._stream.log(f"{INTERVALS}/{sensor}/{name}", rr.Scalars(float(np.log10(ratio))))
-        self._stream.log(f"{INTERVALS}/{sensor}/asked", rr.Scalars(0.0))
+                self._stream.log(f"{_INTERVALS}/{sensor}/{name}", rr.Scalars(float(np.log10(ratio))))
+        self._stream.log(f"{_INTERVALS}/{sensor}/asked", rr.Scalars(0.0))
 
     def _sphere(self, state: SensorState, estimate: SensorEstimate, rule: Enough) -> None:
         path = f"{SPHERES}/{state.sensor}"
@@ -186,7 +191,7 @@ class LiveView(Display):
             length = float(np.sqrt(field @ field))
             if length > 0.0:
                 marker = rr.Points3D([field / length], colors=[(255, 255, 255)], radii=0.07)
-                self._stream.log(f"{path}/{NOW}", marker)
+                self._stream.log(f"{path}/now", marker)
         toward = rule.next_direction
         if state.enough or toward is None:
             self._stream.log(f"{path}/next", rr.Clear(recursive=False))
@@ -222,3 +227,49 @@ def _table(found: SensorEstimate) -> Sequence[str]:
     rows = ["|" + " |" * width, "|" + "---|" * width]
     rows += ["| " + " | ".join(cells[i : i + width]) + " |" for i in range(0, len(cells), width)]
     return [*rows, ""]
+
+
+def _blueprint(units: Mapping[str, str], base: str | None) -> rrb.Blueprint:
+    """The sensor or the arm on the left, a column for each sensor on the right; ``base``: the arm's base frame, None
+    without an arm."""
+    columns = [_column(sensor, unit) for sensor, unit in units.items()]
+    text = rrb.TextDocumentView(origin=_GUIDE, name="What to do, and what is known")
+    log = rrb.TextLogView(
+        origin="events",
+        name="Events",
+        columns=rrb.TextLogColumns(text_log_columns=["loglevel", "body"]),
+        format_options=rrb.TextLogFormat(monospace_body=False),
+    )
+    left: list[rrb.View] = [text, log]
+    shares = [3.0, 1.0]
+    if base is not None:
+        left.insert(0, scene_view("The arm", [f"/{ARM}/**"], base, (0.95, -1.0, 0.85), (0.1, 0.0, 0.45)))
+        shares = [2.2, 2.8, 1.2]
+    return layout(
+        rrb.Horizontal(contents=[rrb.Vertical(contents=left, row_shares=shares), *columns]),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+    )
+
+
+def _column(sensor: str, unit: str) -> rrb.Container:
+    back = rr.TimeRange(
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-_BACK_S), end=rr.TimeRangeBoundary.cursor_relative()
+    )
+    last = rrb.TimeAxis(view_range=back)
+    whole = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
+    return rrb.Vertical(
+        contents=[
+            sphere_view(sensor, f"Field at the {sensor}: seen blue, missing orange, now white", (1.6, -2.5, 1.3)),
+            rrb.TimeSeriesView(origin=f"{READINGS}/{sensor}", name=f"{sensor.capitalize()} [{unit}]", axis_x=last),
+            rrb.TimeSeriesView(
+                origin=f"{RESIDUALS}/{sensor}", name="Residuals [standard deviations], lines at ±3", axis_x=last
+            ),
+            rrb.TimeSeriesView(
+                origin=f"{_INTERVALS}/{sensor}",
+                name="Interval over what was asked for [powers of ten]",
+                axis_x=rrb.TimeAxis(view_range=whole),
+                plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=False),
+            ),
+        ],
+        row_shares=[3.0, 1.6, 1.6, 1.8],
+    )
