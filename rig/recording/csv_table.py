@@ -6,7 +6,7 @@ import codecs
 import csv
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ import pyarrow.csv
 from rig.arrays import Array
 from rig.documents import parse_json
 from rig.errors import RigError, shown
-from rig.recording.table import Table, arrow_file, as_float64, readable
+from rig.recording.table import Table, arrow_file, as_float64, from_float64, readable
 
 pa.enable_signal_handlers(False)  # its own would hold Ctrl-C back until a block is parsed, or lose it
 
@@ -52,22 +52,10 @@ class CsvTable(Table):
             raise RigError(f"{self.path}: is truncated: found {rows} rows, expected {self.rows_written}")
 
     def _blocks(self, names: Sequence[str]) -> Iterator[dict[str, Array]]:
-        numbers = {name: str(index) for index, name in enumerate(self.names)}  # names not needed may occur twice
-        wanted = {name: numbers[name] for name in names}
+        wanted, options = numbered(self.names, names, _BLOCK)
         with self._data() as file:
             with self._checked():
-                source = pa.csv.open_csv(
-                    file,
-                    read_options=pa.csv.ReadOptions(
-                        column_names=[str(index) for index in range(len(self.names))],
-                        block_size=_BLOCK,
-                        use_threads=False,
-                    ),
-                    convert_options=pa.csv.ConvertOptions(
-                        include_columns=list(wanted.values()),
-                        column_types={number: pa.float64() for number in wanted.values()},
-                    ),
-                )
+                source = pa.csv.open_csv(file, **options)
             while True:
                 with self._checked():
                     batch = next(source, None)
@@ -102,6 +90,40 @@ class CsvTable(Table):
                 if "Empty CSV" in str(error):  # nothing but blank lines
                     raise RigError(f"{self.path}: has no samples") from error
                 raise
+
+
+def numbered(names: Sequence[str], wanted: Sequence[str], block: int) -> tuple[dict[str, str], dict[str, Any]]:
+    """How Arrow reads some columns as float64: by their numbers, as names that are not wanted may occur twice.
+
+    Args:
+        names: of all columns. wanted: of those to be read. block: parsed at a time [bytes].
+
+    Returns:
+        Name -> number in what is read; Arrow's options.
+    """
+    every = {name: str(index) for index, name in enumerate(names)}
+    numbers = {name: every[name] for name in wanted}
+    return numbers, {
+        "read_options": pa.csv.ReadOptions(
+            column_names=list(map(str, range(len(names)))), block_size=block, use_threads=False
+        ),
+        "convert_options": pa.csv.ConvertOptions(
+            include_columns=list(numbers.values()), column_types=dict.fromkeys(numbers.values(), pa.float64())
+        ),
+    }
+
+
+def csv_head(metadata: str, names: Sequence[str]) -> bytes:
+    """The two lines that a recording begins with: its metadata, one line of JSON, and the names of its columns."""
+    return f"# rig: {metadata}\n{','.join(names)}\n".encode()
+
+
+def csv_lines(columns: Mapping[str, Array]) -> bytes:
+    """The lines of some samples, by column (n,)."""
+    rows = pa.record_batch([from_float64(values) for values in columns.values()], names=list(columns))
+    sink = pa.BufferOutputStream()
+    pa.csv.write_csv(rows, sink, pa.csv.WriteOptions(include_header=False))
+    return bytes(sink.getvalue())
 
 
 def _row(line: str | None) -> str:

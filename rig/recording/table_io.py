@@ -19,7 +19,7 @@ import pyarrow.parquet
 from rig.arrays import Array
 from rig.errors import RigError, nearest
 from rig.files import atomic_path
-from rig.recording.csv_table import open_csv
+from rig.recording.csv_table import csv_head, open_csv
 from rig.recording.parquet_table import KEY, open_parquet
 from rig.recording.table import Table, checked_suffix, from_float64
 
@@ -75,7 +75,7 @@ def table_writer(
         if parquet:
             opened: Any = pa.parquet.ParquetWriter(sink, schema, write_page_checksum=True)
         else:
-            sink.write(f"# rig: {comment}\n{','.join(names)}\n".encode())
+            sink.write(csv_head(comment, names))
             opened = pa.csv.CSVWriter(sink, schema, write_options=pa.csv.WriteOptions(include_header=False))
         grouped = {"row_group_size": _ROW_GROUP} if parquet else {}
         with opened as writer:

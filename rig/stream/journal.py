@@ -8,12 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-import pyarrow as pa
-import pyarrow.csv
-
 from rig.errors import RigError
 from rig.recording import Metadata, Recording, RecordingWriter, scan_recording
-from rig.recording.table import from_float64
+from rig.recording.csv_table import csv_head, csv_lines
 
 #: The disk is told to keep what it has at least so often [s].
 _SYNCED_S: Final = 1.0
@@ -57,12 +54,7 @@ class Journal:
             self._open(batch)
         if batch.columns.names != self._names:
             raise RigError(f"{self.csv}: found other columns than {', '.join(self._names)}")
-        table = batch.table()
-        schema = pa.schema([(name, pa.float64()) for name in self._names])
-        rows = pa.record_batch([from_float64(table[name]) for name in self._names], schema=schema)
-        sink = pa.BufferOutputStream()
-        pa.csv.write_csv(rows, sink, pa.csv.WriteOptions(include_header=False))
-        self._append(memoryview(sink.getvalue()))
+        self._append(memoryview(csv_lines(batch.table())))
         self.total += len(batch)
 
     def _open(self, batch: Recording) -> None:
@@ -76,7 +68,7 @@ class Journal:
             raise RigError(f"{self.csv}: is there already: expected --resume to go on with it, or another -o") from None
         except OSError as error:
             raise RigError(f"{self.csv}: cannot be written: {error.strerror}") from error
-        self._append(memoryview(f"# rig: {self._metadata.to_text()}\n{','.join(self._names)}\n".encode()))
+        self._append(memoryview(csv_head(self._metadata.to_text(), self._names)))
 
     def _append(self, lines: memoryview) -> None:
         """All of them or none: a full disk takes a part before it refuses the rest."""

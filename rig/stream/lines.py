@@ -22,6 +22,7 @@ import pyarrow.json
 from rig.arrays import Array
 from rig.errors import RigError, nearest, one_line, shown
 from rig.recording.columns import TIME, Columns
+from rig.recording.csv_table import numbered
 from rig.recording.metadata import Metadata
 from rig.recording.table import as_float64
 
@@ -252,21 +253,9 @@ class LineReader:
 
     def _csv_columns(self, whole: bytes) -> dict[str, Array]:
         assert self.layout is not None
-        numbers = {name: str(place) for place, name in enumerate(self.layout.names)}
-        wanted = [numbers[name] for name in self.layout.wanted]
-
-        table = pa.csv.read_csv(
-            pa.BufferReader(whole),
-            read_options=pa.csv.ReadOptions(
-                column_names=[str(place) for place in range(len(self.layout.names))],
-                use_threads=False,
-                block_size=max(len(whole), 1),
-            ),
-            convert_options=pa.csv.ConvertOptions(
-                include_columns=wanted, column_types=dict.fromkeys(wanted, pa.float64())
-            ),
-        )
-        return {name: as_float64(table.column(numbers[name])) for name in self.layout.wanted}
+        numbers, options = numbered(self.layout.names, self.layout.wanted, max(len(whole), 1))
+        table = pa.csv.read_csv(pa.BufferReader(whole), **options)
+        return {name: as_float64(table.column(number)) for name, number in numbers.items()}
 
     def _json_columns(self, whole: bytes) -> dict[str, Array]:
         assert self.layout is not None

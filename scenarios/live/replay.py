@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
 
+from rig.arrays import Array
 from rig.recording import Recording, RecordingScan
-from rig.recording.table import from_float64
+from rig.recording.csv_table import csv_head, csv_lines
 
 Form = Literal["csv", "json"]
 
@@ -53,12 +52,11 @@ def replay(
         if not pose and batch.pose != "none":
             metadata = replace(batch.metadata, arm="none")
             batch = replace(batch, q=None, tool_quaternion=None, tool_position=None, metadata=metadata)
-        names = batch.columns.names
-        table = list(batch.table().values())
+        table = batch.table()
         if begun is None:
             begun = float(batch.t[0])
             started = time.monotonic()
-            write(_head(batch, names, form))
+            write(_head(batch, form))
         first = 0
         while first < len(batch):
             if speed is None:
@@ -70,7 +68,7 @@ def replay(
                     time.sleep(min(_SLICE_S, max((float(batch.t[first]) - begun - gone) / speed, 0.0)))
                     continue
                 stop = min(stop, first + _MOST)
-            write(_lines([column[first:stop] for column in table], names, form))
+            write(_lines({name: column[first:stop] for name, column in table.items()}, form))
             count += stop - first
             first = stop
     return count
@@ -82,18 +80,13 @@ def _within(batch: Recording, from_s: float | None, until_s: float | None) -> Re
     return batch.select(slice(first, stop)) if first < stop else None
 
 
-def _head(batch: Recording, names: tuple[str, ...], form: Form) -> bytes:
+def _head(batch: Recording, form: Form) -> bytes:
     said = batch.metadata.to_text()
-    if form == "json":
-        return f'{{"rig": {said}}}\n'.encode()
-    return f"# rig: {said}\n{','.join(names)}\n".encode()
+    return f'{{"rig": {said}}}\n'.encode() if form == "json" else csv_head(said, batch.columns.names)
 
 
-def _lines(columns: list[np.ndarray], names: tuple[str, ...], form: Form) -> bytes:
-    if form == "json":
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        return "".join(json.dumps(dict(zip(names, row, strict=True))) + "\n" for row in rows).encode()
-    sink = pa.BufferOutputStream()
-    batch = pa.record_batch([from_float64(column) for column in columns], names=list(names))
-    pa.csv.write_csv(batch, sink, pa.csv.WriteOptions(include_header=False))
-    return bytes(sink.getvalue())
+def _lines(columns: Mapping[str, Array], form: Form) -> bytes:
+    if form == "csv":
+        return csv_lines(columns)
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return "".join(json.dumps(dict(zip(columns, row, strict=True))) + "\n" for row in rows).encode()
