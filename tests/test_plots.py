@@ -151,8 +151,8 @@ def test_errors_are_drawn_where_they_are(compared: tuple[Compared, ...]) -> None
     assert "cannot be told" in [text.get_text() for text in figure.axes[1].texts]
     assert "of 13 within" in figure.axes[1].get_title(loc="left")
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert labels[:4] == ["$S_1$", r"$\delta_1$", r"$\beta_1$", r"$\gamma_1$"]
-    assert labels[-2:] == [r"$\varphi$", r"$\psi$"]
+    assert labels[:4] == ["$S_1$", "$δ_1$", "$β_1$", "$γ_1$"]
+    assert labels[-2:] == ["$φ$", "$ψ$"]
 
 
 def test_the_map_shows_directions_and_both_ends_of_the_axes(recording: Recording, laid: dict[str, Overlay]) -> None:

@@ -16,7 +16,7 @@ from rig.arrays import Array
 from scenarios.bound import ScenarioBound, SensorBound
 from scenarios.colours import AXES_ON_PAPER, BLUE, GREY, PURPLE, SKY_BLUE
 from scenarios.isolability import EffectsBound
-from scenarios.plots.style import new_figure, style
+from scenarios.plots.style import in_words, new_figure, style
 from scenarios.terminal.bound import names
 
 _FREE_LABELS: Final = ("A11", "A22", "A33", "A12", "A13", "A23")
@@ -29,7 +29,8 @@ def bound_figure(bound: ScenarioBound) -> Figure:
     """
     with style():
         rows = 5 if bound.attitude else 3
-        figure = new_figure(4.9 * len(bound.sensors), 1.75 * rows + 0.4)
+        title = f"{bound.scenario}: what the maneuver can tell (Cramér-Rao bound)"
+        figure = new_figure(4.9 * len(bound.sensors), 1.75 * rows + 0.4, title)
         panels = figure.subplots(rows, len(bound.sensors), sharex=True, squeeze=False)
         for column, (name, sensor) in enumerate(bound.sensors.items()):
             own = panels[:, column]
@@ -40,9 +41,6 @@ def bound_figure(bound: ScenarioBound) -> Figure:
             _paying(own[-1], bound.time_s / 60.0, sensor.growth.share)
             own[-1].set_xlabel("time from the start [min]")
             own[-1].set_xlim(left=0.0)
-        figure.suptitle(
-            f"{bound.scenario}: what the maneuver can tell (Cramér-Rao bound)", x=0.01, ha="left", fontsize=10
-        )
     return figure
 
 
@@ -76,7 +74,7 @@ def _falling(panel: Axes, minutes: Array, values: Array, labels: tuple[str, ...]
         panel.yaxis.set_major_formatter("{x:g}")
         panel.yaxis.set_minor_formatter(NullFormatter())
     else:
-        panel.text(0.5, 0.5, "cannot be told", transform=panel.transAxes, ha="center", va="center", style="italic")
+        in_words(panel, 0.5, 0.5, transform=panel.transAxes)
     panel.legend(loc="upper right", ncols=min(len(labels), 3))
 
 
@@ -89,9 +87,7 @@ def _paying(panel: Axes, minutes: Array, share: Array) -> None:
         )
         panel.stairs(100.0 * (minutes - starts) / minutes[-1], np.append(0.0, minutes), color=GREY, ls="--", lw=0.8)
     else:
-        panel.text(
-            0.5, 0.5, "something stays open", transform=panel.transAxes, ha="center", va="center", style="italic"
-        )
+        in_words(panel, 0.5, 0.5, "something stays open", transform=panel.transAxes)
     panel.set_ylabel("share of what is\nlearned [%]")
     panel.yaxis.set_major_locator(MaxNLocator(4))
 

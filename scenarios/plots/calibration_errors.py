@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from estimators.known_angle.reported import NORMAL_95
 from rig.errors import RigError
-from scenarios.colours import BLACK, BLUE, GREY, VERMILLION
+from scenarios.colours import BLACK, GREY
 from scenarios.comparison import Compared
-from scenarios.plots.style import new_figure, style
-
-_SYMBOLS = {
-    "sensitivity": "$S",
-    "offset": r"$\delta",
-    "beta": r"$\beta",
-    "gamma": r"$\gamma",
-    "phi": r"$\varphi",
-    "psi": r"$\psi",
-}
+from scenarios.plots.style import in_words, judged_point, new_figure, parameter_rows, style
+from scenarios.terminal.calibration import symbol
 
 
 def errors_figure(rows: Sequence[Compared], label: str = "(estimate − truth) / σ") -> Figure:
@@ -47,35 +38,27 @@ def errors_figure(rows: Sequence[Compared], label: str = "(estimate − truth) /
 
 
 def _panel(axis: Axes, sensor: str, rows: Sequence[Compared], label: str) -> None:
-    heights = -np.arange(len(rows), dtype=float)
     axis.axvspan(-NORMAL_95, NORMAL_95, color=GREY, alpha=0.12, linewidth=0)
     axis.axvline(0.0, color=GREY, linewidth=0.7)
     for side in (-NORMAL_95, NORMAL_95):
         axis.axvline(side, color=GREY, linewidth=0.9, linestyle="--")
-    told = [(row, height) for row, height in zip(rows, heights, strict=True) if row.error_sigmas is not None]
-    for row, height in told:
-        error = float(row.error_sigmas or 0.0)
-        colour, marker = (BLUE, "o") if abs(error) <= NORMAL_95 else (VERMILLION, "D")
-        axis.plot([0.0, error], [height, height], color=colour, linewidth=1.0, alpha=0.6)
-        axis.plot(error, height, marker, color=colour, markersize=5)
+    heights = parameter_rows(axis, [_symbol(row.parameter) for row in rows])
+    inside = told = 0
     for row, height in zip(rows, heights, strict=True):
         if row.error_sigmas is None:
-            axis.text(
-                0.0, height, "cannot be told", ha="center", va="center", color=BLACK, fontsize=7.5, style="italic"
-            )
-    inside = sum(abs(row.error_sigmas or 0.0) <= NORMAL_95 for row, _ in told)
-    axis.set_title(f"{sensor.capitalize()}: {inside} of {len(told)} within ±1.96σ")
-    axis.set_yticks(heights, [_symbol(row.parameter) for row in rows])
-    axis.set_ylim(heights[-1] - 0.7, 0.7)
+            in_words(axis, 0.0, height, color=BLACK, fontsize=7.5)
+            continue
+        good = abs(row.error_sigmas) <= NORMAL_95
+        judged_point(axis, height, row.error_sigmas, (0.0, row.error_sigmas), good)
+        inside, told = inside + good, told + 1
+    axis.set_title(f"{sensor.capitalize()}: {inside} of {told} within ±1.96σ")
     axis.set_xlabel(label)
-    axis.grid(axis="y", visible=False)
 
 
 def _symbol(parameter: str) -> str:
-    """The paper's symbol: ``beta2_deg`` is beta with index 2."""
-    stem = parameter.removesuffix("_deg")
-    letters = stem.rstrip("0123456789")
-    index = stem[len(letters) :]
-    if letters not in _SYMBOLS:
+    """The paper's symbol, where it has one: ``beta2_deg`` is β with index 2."""
+    name = symbol(parameter)
+    if name == parameter.removesuffix("_deg"):
         return parameter
-    return f"{_SYMBOLS[letters]}_{index}$" if index else f"{_SYMBOLS[letters]}$"
+    letters = name.rstrip("123")
+    return f"${letters}_{name[len(letters) :]}$" if letters != name else f"${name}$"

@@ -178,7 +178,7 @@ def effect_figure(shown: EffectChange) -> Figure:
         raise RigError(f"effect {shown.effect.name} at {shown.effect.where}: changes nothing on the sweep")
     joint = telling_joint(shown)
     with style():
-        figure = new_figure(11.0, 1.6 + 1.3 * len(columns))
+        figure = new_figure(11.0, 1.6 + 1.3 * len(columns), _title(shown))
         axes = figure.subplots(len(columns), 2, width_ratios=(2.1, 1.0), sharex="col", squeeze=False)
         for (left, right), column in zip(axes, columns, strict=True):
             _over_time(left, shown, column)
@@ -186,7 +186,6 @@ def effect_figure(shown: EffectChange) -> Figure:
         axes[-1, 0].set_xlabel("time [s]")
         axes[-1, 1].set_xlabel(f"joint{joint + 1} [deg]")
         figure.align_ylabels(axes[:, 0])
-        figure.suptitle(_title(shown), x=0.01, ha="left", fontsize=10)
         axes[0, 0].set_title("Over time" + (", from its beginning" if shown.effect.tone else ""))
         axes[0, 1].set_title("What a calibration leaves" if shown.left is not None else "Over a joint angle")
         figure.legend(handles=_legend(shown, joint), loc="outside lower center", ncols=5)

@@ -21,7 +21,7 @@ def noise_figure(study: NoiseStudy, name: str) -> Figure:
     """
     sensors = {sensor: names for sensor, names in CHANNELS_OF.items() if set(names) & set(study.channels)}
     with style():
-        figure = new_figure(4.9 * max(len(sensors), 1), 6.2)
+        figure = new_figure(4.9 * max(len(sensors), 1), 6.2, f"{name}: noise of the locked arm")
         panels = figure.subplots(2, max(len(sensors), 1), squeeze=False)
         for (sensor, names), (top, bottom) in zip(sensors.items(), panels.T, strict=True):
             for index, channel in enumerate(names):
@@ -43,7 +43,6 @@ def noise_figure(study: NoiseStudy, name: str) -> Figure:
                 panel.set_yscale("log")
             low, high = bottom.get_ylim()
             bottom.set_ylim(0.5 * low, 2.0 * high)
-        figure.suptitle(f"{name}: noise of the locked arm", x=0.01, ha="left", fontsize=10)
     return figure
 
 

@@ -54,7 +54,11 @@ def consistency_figure(
     orders = list(dict.fromkeys(cell.order for cell in cells))
     with style():
         columns = len(levels) + 2
-        figure = new_figure(3.5 * columns, 2.8 * len(parameters) + 0.5)
+        title = (
+            f"{sensor.capitalize()}, {method} fit, {cells[0].draws:,} draws; estimates of the {_ORDER_NAMES[orders[0]]}"
+            " samples, ratios with 95 % intervals"
+        )
+        figure = new_figure(3.5 * columns, 2.8 * len(parameters) + 0.5, title)
         panels = figure.subplots(len(parameters), columns, squeeze=False)
         for number, (row, parameter) in enumerate(zip(panels, parameters, strict=True)):
             own = [cell for cell in cells if cell.parameter == parameter]
@@ -65,13 +69,6 @@ def consistency_figure(
                     axis.legend(loc="upper right", fontsize=6.5)
             _rmse(row[-2], own, levels, orders)
             _ratio(row[-1], own, levels, orders)
-        figure.suptitle(
-            f"{sensor.capitalize()}, {method} fit, {cells[0].draws:,} draws; estimates of the {_ORDER_NAMES[orders[0]]}"
-            " samples, ratios with 95 % intervals",
-            x=0.01,
-            ha="left",
-            fontsize=10,
-        )
     return figure
 
 

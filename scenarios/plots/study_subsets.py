@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from scenarios.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
+from scenarios.colours import BLACK, BLUE, GREY, ORANGE
 from scenarios.parameter_names import shown_name
-from scenarios.plots.style import new_figure, style
+from scenarios.plots.style import in_words, judged_point, new_figure, parameter_rows, style
 from scenarios.shown_units import shown_unit
 from scenarios.studies.intervals import spread_interval
 from scenarios.studies.subset_results import SubsetStudy
@@ -37,24 +37,19 @@ def subsets_figure(study: SubsetStudy) -> Figure:
 
 def _ratios(axis: Axes, study: SubsetStudy, sensor: str) -> None:
     rows = [row for row in study.parameters if row.sensor == sensor]
-    heights = -np.arange(len(rows), dtype=float)
+    heights = parameter_rows(axis, [shown_name(row.parameter) for row in rows])
     low, high = spread_interval(study.subsets - 1)
     axis.axvspan(1.0 / high, 1.0 / low, color=GREY, alpha=0.18, linewidth=0)
     axis.axvline(1.0, color=GREY, linewidth=0.8)
     for row, height in zip(rows, heights, strict=True):
         if not np.isfinite(row.ratio):
-            axis.text(1.0, height, "cannot be told", ha="center", va="center", fontsize=7.5, style="italic")
+            in_words(axis, 1.0, height, fontsize=7.5)
             continue
         inside = row.ratio_low <= 1.0 <= row.ratio_high
-        colour, marker = (BLUE, "o") if inside else (VERMILLION, "D")
-        axis.plot([row.ratio_low, row.ratio_high], [height] * 2, color=colour, linewidth=1.0, alpha=0.6)
-        axis.plot(row.ratio, height, marker, color=colour, markersize=4.5)
+        judged_point(axis, height, row.ratio, (row.ratio_low, row.ratio_high), inside)
     logarithmic(axis, [value for row in rows for value in (row.ratio_low, row.ratio_high)])
-    axis.set_yticks(heights, [shown_name(row.parameter) for row in rows])
-    axis.set_ylim(heights[-1] - 0.7, 0.7)
     axis.set_xlabel("standard deviation / bound")
     axis.set_title(f"{sensor.capitalize()}: {study.subsets} subsets, {study.method} fits")
-    axis.grid(axis="y", visible=False)
 
 
 def logarithmic(axis: Axes, values: list[float]) -> None:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
+import numpy as np
 from cycler import cycler
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from rig.arrays import Array
 from rig.errors import RigError
 from rig.files import atomic_path
-from scenarios.colours import AXES_ON_PAPER
+from scenarios.colours import AXES_ON_PAPER, BLUE, VERMILLION
 
 #: What a plot can be saved as.
 SUFFIXES: Final = (".png", ".svg", ".pdf")
@@ -54,11 +57,34 @@ def style() -> Iterator[None]:
         yield
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """A figure of ``width`` by ``height`` inches that belongs to no window."""
+def new_figure(width: float, height: float, title: str = "") -> Figure:
+    """A figure of ``width`` by ``height`` inches that belongs to no window, its title above all panels."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=10)
     return figure
+
+
+def parameter_rows(axis: Axes, names: Sequence[str]) -> Array:
+    """A row for each parameter, the first one at the top; gives their heights (k,)."""
+    heights = -np.arange(len(names), dtype=float)
+    axis.set_yticks(heights, names)
+    axis.set_ylim(heights[-1] - 0.7, 0.7)
+    axis.grid(axis="y", visible=False)
+    return heights
+
+
+def judged_point(axis: Axes, height: float, value: float, ends: tuple[float, float], good: bool) -> None:
+    """A value in its row on a line between two ends, in the colour and shape of what is good or not."""
+    colour, marker = (BLUE, "o") if good else (VERMILLION, "D")
+    axis.plot(ends, (height, height), color=colour, linewidth=1.0, alpha=0.6)
+    axis.plot(value, height, marker, color=colour, markersize=5)
+
+
+def in_words(axis: Axes, x: float, y: float, words: str = "cannot be told", **options: Any) -> None:
+    """What stands where there is nothing to draw; ``options`` as of ``Axes.text``."""
+    axis.text(x, y, words, ha="center", va="center", style="italic", **options)
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
