@@ -12,11 +12,10 @@ import numpy as np
 from rig.documents import read_json
 from rig.errors import RigError, one_line
 from rig.recording import Recording, RecordingScan, locked_beside, scan_recording
-from rig.recording.findings import degrees_words, gap_words, stuck_words
+from rig.recording.findings import degrees_words, gap_words, stuck_words, unit_words, unstated_words
 
 _AT_AN_END: Final = 0.02  # of the samples at the least or greatest value are many
 _POSSIBLE_DEGC: Final = (-100.0, 300.0)  # of a board that works
-_G: Final = {"g": 1.0, "m_s2": 9.8}
 #: Columns that other readings of a log would be, and what to do with them.
 _MEANT: Final = (
     (re.compile(r"theta[156].*", re.IGNORECASE), "Renk's angles? rig import --angles renk2005 takes them"),
@@ -79,20 +78,12 @@ def _findings(scan: RecordingScan, run: Recording) -> list[str]:
     meta, steps = run.metadata, np.diff(run.t)
     if unused := unused_words(scan):
         found.append(unused)
-    if "accelerometer" in run.sensors and "gravity_m_s2" not in scan.stated:
-        found.append(
-            f"gravity_m_s2 is not stated: {meta.gravity_m_s2:g} is taken; 1 % in it is 1 % in every sensitivity"
-        )
-    if "magnetometer" in run.sensors and "magnetic_field" not in scan.stated:
-        found.append(f"magnetic_field is not stated: {meta.magnetic_field:g} is taken, so that all is relative to it")
-    found += gap_words(run.t)
+    found += [*unstated_words(scan, scan.stated).values(), *gap_words(run.t)]
     if meta.rate_Hz and len(steps) and not 0.8 < meta.rate_Hz * float(np.median(steps)) < 1.25:
         found.append(f"rate_Hz says {meta.rate_Hz:g}, the times say {1.0 / float(np.median(steps)):.4g}")
-    found += stuck_words(run)
-    for sensor, unit in run.units.items():
+    found += [*stuck_words(run), *unit_words(run)]
+    for sensor in run.sensors:
         values = run.readings(sensor)
-        if unit in _G and not 0.5 < (size := float(np.median(np.linalg.norm(values, axis=1))) / _G[unit]) < 2.0:
-            found.append(f"{sensor}: the median magnitude is {size:.3g} times that of gravity in {unit}: its unit?")
         ends = ((values == values.min(axis=0)) | (values == values.max(axis=0))).mean(axis=0)
         found += [
             f"{sensor}: channel {channel + 1} is at an end of its range in {100 * share:.3g} % of the samples: clipped?"

@@ -103,7 +103,7 @@ def in_g(run: Recording) -> Recording:
         (later, "a gap of 60.1 s after row 99; the median step is 0.1 s"),
         (too_fast, "rate_Hz says 20, the times say 10"),
         (in_degrees, "times as closely if their angles are degrees: under the name of radians?"),
-        (in_g, "times that of gravity in g: its unit?"),
+        (in_g, "g, expected 0.5 to 2: its unit?"),
     ],
 )
 def test_what_looks_wrong(rig: Rig, swept: Path, wrong: Callable[[Recording], Recording], words: str) -> None:

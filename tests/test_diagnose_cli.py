@@ -342,7 +342,7 @@ def test_an_interrupt_ends_the_workers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_effects_are_drawn(rig: Rig, here: Path) -> None:
-    assert "drawn" in rig.done("effects", "bias_step", "-o", "step.png", "--where", "mag3")
+    assert "step.png: written" in rig.done("effects", "bias_step", "-o", "step.png", "--where", "mag3")
     assert Path("step.png").read_bytes().startswith(b"\x89PNG")
     assert "mean" in rig.done("effects")
     assert "joint9" in rig.refused("effects", "backlash", "-o", "x.png", "--where", "joint9")

@@ -1,7 +1,8 @@
-"""What looks wrong in a recording, in words: gaps in its times, values that were not read, degrees for radians."""
+"""What looks wrong in a recording, or is left open by it, in words: its times, units, joint angles, stuck values."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from itertools import combinations, product
 from math import comb
 from typing import Final
@@ -9,8 +10,11 @@ from typing import Final
 import numpy as np
 
 from rig.arrays import Array, Rows
+from rig.channels import ACCELEROMETER, MAGNETOMETER
+from rig.recording.files import RecordingScan
 from rig.recording.samples import Recording
 from rig.recording.thinning import thinned
+from rig.units import STANDARD_GRAVITY
 
 #: Median steps from which on a step is a gap.
 _GAP: Final = 10.0
@@ -23,6 +27,43 @@ def gap_words(t: Array) -> list[str]:
         return []
     row = int(np.argmax(steps))
     return [f"a gap of {steps[row]:.4g} s after row {row}; the median step is {np.median(steps):.4g} s"]
+
+
+#: Of gravity, and of the Earth's field: what the median magnitude lies between, in the units that say so.
+_SIZES: Final = {
+    **{"g": (0.5, 2.0), "m_s2": (0.5 * STANDARD_GRAVITY, 2.0 * STANDARD_GRAVITY)},
+    **{"G": (0.1, 1.2), "uT": (10.0, 120.0), "nT": (1e4, 1.2e5)},
+}
+
+
+def unit_words(run: Recording) -> list[str]:
+    """Sensors that read too much or too little for their unit, a line each."""
+    found = []
+    for sensor, unit in run.units.items():
+        size = float(np.median(np.linalg.norm(run.readings(sensor), axis=1)))
+        low, high = _SIZES.get(unit, (-np.inf, np.inf))
+        if not low < size < high:
+            expected = f"{low:.3g} to {high:.3g}"
+            found.append(f"{sensor}: the median magnitude is {size:.3g} {unit}, expected {expected}: its unit?")
+    return found
+
+
+def unstated_words(run: Recording | RecordingScan, stated: Collection[str]) -> dict[str, str]:
+    """Sensor -> what is taken for the size of the field that it feels, where nobody has stated that, and what follows.
+
+    Args:
+        stated: keys of the metadata.
+    """
+    own = run.metadata
+    taken = {
+        ACCELEROMETER: ("gravity_m_s2", f"gravity is not stated: {own.gravity_m_s2:g} m/s^2 taken (--gravity)"),
+        MAGNETOMETER: ("magnetic_field", f"the magnetic field is not stated: {own.magnetic_field:g} taken (--field)"),
+    }
+    return {
+        sensor: f"{words}: every 1 % in it is 1 % in every sensitivity, the other way"
+        for sensor, (key, words) in taken.items()
+        if sensor in run.sensors and key not in stated
+    }
 
 
 #: Equal readings of all three axes in a row, more than which noise, at rest or not, does not make.

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import click
 
 from rig.documents import plain
-from rig.errors import RigError, check_name, nearest, shown
+from rig.errors import RigError, check_name, nearest, one_line, shown
 from rig.files import check_not_input, check_writable
 from rig.memory import VARIABLE, WHERE, parsed
 from rig.progress import Progress, unheard
@@ -103,10 +103,15 @@ def answer(as_json: bool, found: Any, report: Callable[[Any], RenderableType], *
 
 
 def tell_written(*files: Path | None) -> None:
-    """A line for each file that was written."""
-    for file in files:
-        if file is not None:
-            click.echo(f"\n{file}: written")
+    """A line for each file that was written, below what was found."""
+    if lines := [f"{file}: written" for file in files if file is not None]:
+        click.echo("\n".join(["", *lines]))
+
+
+def tell(*lines: str) -> None:
+    """A line each on stderr, of those that say anything."""
+    for line in filter(None, lines):
+        click.echo(f"rig: {one_line(line)}", err=True)
 
 
 def check_output(path: Path | None, suffixes: Sequence[str], *inputs: Path | None) -> None:

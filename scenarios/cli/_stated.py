@@ -150,15 +150,11 @@ def stated_by_place(
 
 def with_assumptions(calibration: Calibration, scan: RecordingScan, stated: dict[str, Any]) -> Calibration:
     """The calibration with a warning for each magnitude that neither the recording nor the user has stated."""
-    known = scan.stated | set(stated)
+    from rig.recording.findings import unstated_words
+
     sensors = dict(calibration.sensors)
-    own = scan.metadata
-    for sensor, key, what in (
-        (ACCELEROMETER, "gravity_m_s2", f"gravity is not stated: {own.gravity_m_s2:g} m/s^2 taken (--gravity)"),
-        (MAGNETOMETER, "magnetic_field", f"the field is not stated: {own.magnetic_field:g} taken (--field)"),
-    ):
-        if sensor in sensors and key not in known:
-            words = f"{what}: every 1 % in it is 1 % in every sensitivity, the other way"
+    for sensor, words in unstated_words(scan, scan.stated | set(stated)).items():
+        if sensor in sensors:
             sensors[sensor] = sensors[sensor].warned(words)
     return replace(calibration, sensors=sensors)
 

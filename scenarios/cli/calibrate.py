@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from rig.errors import RigError, one_line
+from rig.errors import RigError
 from rig.files import check_different
 from scenarios.cli._options import (
     PATH,
@@ -27,6 +27,7 @@ from scenarios.cli._options import (
     numbers,
     print_json,
     progress_bar,
+    tell,
     tell_written,
     without_locked,
 )
@@ -145,15 +146,10 @@ def calibrate(
     scan = scan_recording(run, joints=None if arm is None else arm.dof)
     from scenarios.checking import unused_words
 
-    if unused := unused_words(scan):
-        click.echo(f"rig: {unused}", err=True)
     stated = stated_metadata(gravity, field)
     by_place, words = stated_by_place(stated, at, date, scan.sensors, unit_of_field(scan))
-    for line in contradiction_words(stated, scan):
-        click.echo(f"rig: {line}", err=True)
+    tell(unused_words(scan), *contradiction_words(stated, scan), words)
     stated |= by_place
-    if words:
-        click.echo(f"rig: {words}", err=True)
     scan = replace(scan, metadata=replace(scan.metadata, **stated))
     attitude_free = method == "ellipsoid" or (method is None and not has_pose(scan))
     if len(several) > 1:
@@ -187,8 +183,7 @@ def calibrate(
             calibration = with_assumptions(judged, scan, stated)
         elif robust and not attitude_free:
             recording, thinned = (source, "") if isinstance(source, Recording) else whole_or_thinned(scan, _ROBUST)
-            if thinned:
-                click.echo(one_line(thinned), err=True)
+            tell(thinned)
             calibration, _ = estimators.robust_calibrate(
                 recording, method or "simultaneous", floor, arm, points, weighting
             )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import click
 
 from rig.errors import RigError
-from scenarios.cli._options import PATH, RECORDING_SUFFIXES, check_picture, json_option, memory_option, print_json
+from scenarios.cli._options import PATH, RECORDING_SUFFIXES, answer, check_picture, json_option, memory_option
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,18 +53,11 @@ def compare(first: Path, second: Path, output: Path | None, as_json: bool) -> in
     check_picture(output, first, second)
     beside = kinds[first] == _RECORDING
     found = _recording(first, second) if beside else _calibrations(first, second, kinds[second])
-    from scenarios.terminal.tables import show
-
     if output is not None:
         from scenarios.plots import save
 
         save(found.figure(), output)
-    if as_json:
-        print_json(found.document)
-    else:
-        show(*found.shown)
-        if output is not None:
-            click.echo(f"\n{output}: drawn")
+    answer(as_json, found.document, lambda _: found.shown, output)
     return 0 if found.document["alike"] else 1
 
 
@@ -72,7 +65,7 @@ class _Found(NamedTuple):
     """A comparison: its JSON object, what is shown on the terminal, and its picture, made where it is wanted."""
 
     document: dict[str, Any]
-    shown: list[RenderableType]
+    shown: RenderableType
     figure: Callable[[], Figure]
 
 
@@ -84,6 +77,7 @@ def _kind(path: Path) -> str:
 
 def _calibrations(first: Path, second: Path, kind: str) -> _Found:
     """A calibration beside another, or beside the truth of a scenario."""
+    from rich.console import Group
     from rich.text import Text
 
     from estimators.calibration import Calibration
@@ -120,11 +114,12 @@ def _calibrations(first: Path, second: Path, kind: str) -> _Found:
                 f"{p_words(each.p_value)}"
             )
         )
-    return _Found(document, shown, lambda: errors_figure(rows, f"({names[1]} − {names[0]}) / σ"))
+    return _Found(document, Group(*shown), lambda: errors_figure(rows, f"({names[1]} − {names[0]}) / σ"))
 
 
 def _recording(first: Path, second: Path) -> _Found:
     """A recording beside what a scenario's rig makes of its maneuver."""
+    from rich.console import Group
     from rich.text import Text
 
     from rig.recording import whole_or_means
@@ -160,4 +155,4 @@ def _recording(first: Path, second: Path) -> _Found:
     if not known:
         words = "the scenario states no noise, so that nothing is said of chance"
     note = "recalibrated: RMS / σ once sensitivities, offsets and directions are fitted to the recording"
-    return _Found(document, [shown, Text(f"\n{words}"), Text(note)], lambda: residuals_figure(recording.t, laid))
+    return _Found(document, Group(shown, Text(f"\n{words}"), Text(note)), lambda: residuals_figure(recording.t, laid))

@@ -23,6 +23,7 @@ from scenarios.cli._options import (
     print_json,
     processes_option,
     progress_bar,
+    tell,
     without_locked,
 )
 from scenarios.cli._signals import debugging
@@ -234,11 +235,10 @@ def _fleet(tasks: Sequence[Task], workers: Workers, out: Path, as_json: bool) ->
 def _tell_averaged(task: Task, about: About | None) -> None:
     """One line for a recording that was too long for the memory."""
     if about is not None and about.block > 1:
-        words = (
+        tell(
             f"{task.run}: means over blocks of {about.block} samples are diagnosed, as memory allows no more: what is"
             " faster, such as mains hum, and single spoilt readings cannot be seen (--memory)"
         )
-        click.echo(one_line(words), err=True)
 
 
 def _check(
@@ -326,7 +326,7 @@ def _failures(errors: Mapping[int, Exception], entries: Sequence[Entry]) -> int:
 
     status = DONE
     for number, error in sorted(errors.items()):
-        click.echo(f"rig: {one_line(entries[number].error)}", err=True)
+        tell(entries[number].error)
         status = max(status, error.exit_status if isinstance(error, RigError) else BUG)
     return status
 
@@ -337,7 +337,7 @@ def _unsaved(outcome: Outcome, saved: Path | None) -> int:
 
     if outcome.unsaved is None:
         return DONE
-    click.echo(f"rig: {one_line(f'{saved}: not written, but the diagnosis is: {outcome.unsaved}')}", err=True)
+    tell(f"{saved}: not written, but the diagnosis is: {outcome.unsaved}")
     return RigError.exit_status
 
 

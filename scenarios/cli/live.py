@@ -21,6 +21,7 @@ from scenarios.cli._options import (
     RECORDING_SUFFIXES,
     Choice,
     FiniteNumber,
+    answer,
     arm_options,
     check_output,
     chosen_arm,
@@ -245,13 +246,11 @@ def _list_procedures(as_json: bool) -> None:
         }
         for each in PROCEDURES.values()
     ]
-    if as_json:
-        print_json(rows)
-        return
-    from scenarios.terminal.tables import show, table
+    from scenarios.terminal.tables import table
 
+    columns = ("procedure", "steps", "what it is", "what it lacks")
     cells = [(row["name"], str(len(row["steps"])), row["title"], row["lacking"] or "") for row in rows]
-    show(table("procedure", "steps", "what it is", "what it lacks", numbers=("steps",), rows=cells))
+    answer(as_json, rows, lambda _: table(*columns, numbers=("steps",), rows=cells))
 
 
 def _session(source: str, path: Path, plan: Plan, given: dict[str, Any]) -> Session:

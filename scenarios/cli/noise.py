@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from scenarios.cli._options import PATH, answer, check_picture, json_option, memory_option, progress_bar
+from scenarios.cli._options import PATH, answer, check_picture, json_option, memory_option, progress_bar, tell
 
 
 @click.command(short_help="What the noise of a locked-arm recording is like.")
@@ -30,13 +30,11 @@ def noise(locked: Path, output: Path | None, calibration: Path | None, as_json: 
     check_picture(output, locked, calibration)
     from estimators.calibration import Calibration
     from estimators.noise.study import study_noise
-    from rig.errors import one_line
     from rig.recording import whole_or_beginning
 
     found = None if calibration is None else Calibration.read(calibration)
     recording, shortened = whole_or_beginning(locked)
-    if shortened:
-        click.echo(one_line(shortened), err=True)
+    tell(shortened)
     with progress_bar(f"studying {locked}"):
         study = study_noise(recording)
     if output is not None:

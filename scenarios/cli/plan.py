@@ -15,6 +15,7 @@ from scenarios.cli._options import (
     POSITIVE,
     Choice,
     FiniteNumber,
+    answer,
     arm_options,
     check_output,
     check_picture,
@@ -22,7 +23,6 @@ from scenarios.cli._options import (
     number,
     numbers,
     on_arm,
-    print_json,
     progress_bar,
 )
 
@@ -128,16 +128,9 @@ def plan(
             from scenarios.plots import save
 
             save(plan_figure(found), all_or_none.enter_context(atomic_path(plot)))
-    if as_json:
-        print_json({**found.to_json(), "file": output})
-        return
     from scenarios.plan.report import plan_report
-    from scenarios.terminal.tables import show
 
-    show(plan_report(found))
-    for written in (output, csv, plot):
-        if written is not None:
-            click.echo(f"{written}: written")
+    answer(as_json, {**found.to_json(), "file": output}, lambda _: plan_report(found), output, csv, plot)
 
 
 _STEMS = ("sensitivity", "offset", "axis", "field")

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.errors import RigError, check_name, in_short, one_line
+from rig.errors import RigError, check_name, in_short
 from scenarios.cli._options import (
     PATH,
+    answer,
     arm_options,
     check_output,
     check_picture,
@@ -21,6 +22,7 @@ from scenarios.cli._options import (
     memory_option,
     print_json,
     progress_bar,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -48,13 +50,11 @@ def scenarios(name: str | None, as_json: bool) -> None:
     """
     if name is None:
         from scenarios.catalogue import titles
+        from scenarios.terminal.tables import table
 
-        if as_json:
-            print_json([{"name": key, "title": title} for key, title in titles().items()])
-            return
-        from scenarios.terminal.tables import show, table
-
-        show(table("scenario", "what it is", rows=titles().items()))
+        rows = titles()
+        listed = [{"name": key, "title": title} for key, title in rows.items()]
+        answer(as_json, listed, lambda _: table("scenario", "what it is", rows=rows.items()))
         return
     from scenarios.loader import load, read_text
 
@@ -89,16 +89,13 @@ def effects(name: str | None, output: Path | None, where: str | None, as_json: b
         check_name("effect", name, EFFECTS)
     if output is not None or where is not None:
         _draw_effect(name, output, where)
-    from scenarios.terminal.tables import effect_description, effect_record, effects_table, show
+    from scenarios.terminal.tables import effect_description, effect_record, effects_table
 
-    if as_json:
-        print_json(effect_record(EFFECTS[name]) if name else [effect_record(effect) for effect in EFFECTS.values()])
-    elif name:
-        show(effect_description(EFFECTS[name]))
-        if output is not None:
-            click.echo(f"\n{output}: drawn")
+    if name:
+        answer(as_json, effect_record(EFFECTS[name]), lambda _: effect_description(EFFECTS[name]), output)
     else:
-        show(effects_table(EFFECTS.values()))
+        records = [effect_record(effect) for effect in EFFECTS.values()]
+        answer(as_json, records, lambda _: effects_table(EFFECTS.values()))
 
 
 def _draw_effect(name: str | None, output: Path | None, where: str | None) -> None:
@@ -222,8 +219,7 @@ def _draw(run: Path, calibration: Path | None, arm: Arm | None, target: Path) ->
     from rig.recording import scan_recording, whole_or_thinned
 
     recording, thinned = whole_or_thinned(scan_recording(run, joints=None if arm is None else arm.dof), _DRAWN)
-    if thinned:
-        click.echo(one_line(thinned), err=True)
+    tell(thinned)
     from estimators import Calibration
     from scenarios.sensor_motion import arm_of
 
@@ -240,9 +236,8 @@ def _tell_left_out(urdf: Path) -> None:
     from rig.arm.urdf_file import drawable_urdf
 
     left_out = drawable_urdf(urdf)[1]
-    if left_out:
-        what = "a mesh is" if len(left_out) == 1 else f"{len(left_out)} meshes are"
-        click.echo(one_line(f"rig: {urdf}: {what} left out: {in_short(left_out)}"), err=True)
+    what = "a mesh is" if len(left_out) == 1 else f"{len(left_out)} meshes are"
+    tell(f"{urdf}: {what} left out: {in_short(left_out)}" if left_out else "")
 
 
 def _fitted(run: Path, recording: Recording, arm: Arm | None) -> Calibration | None:
@@ -254,7 +249,7 @@ def _fitted(run: Path, recording: Recording, arm: Arm | None) -> Calibration | N
     try:
         return calibrate(run, arm=arm)
     except RigError as reason:
-        click.echo(f"without a calibration: {reason}", err=True)
+        tell(f"without a calibration: {reason}")
         return None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -11,15 +10,12 @@ from rig.arm import Arm
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.recording import Recording
-from rig.recording.findings import degrees_words, gap_words
-from rig.units import STANDARD_GRAVITY
+from rig.recording.findings import degrees_words, gap_words, unit_words, unstated_words
+from rig.recording.metadata import FIELD_SIZES
+from rig.units import ELECTRICAL
 from scenarios.importing.conventions import MUCH, axis_words, judged
 from scenarios.importing.mapping import Mapping
 from scenarios.importing.tracks import Track
-
-GRAVITY_M_S2: Final = 9.8  #: where none is stated; as recordings have it
-_G: Final = {"g": 1.0, "m_s2": STANDARD_GRAVITY}
-_FIELD: Final = {"G": (0.1, 1.2), "uT": (10.0, 120.0), "nT": (1e4, 1.2e5)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +50,12 @@ def shown_by(recording: Recording, pose: Track | None, mapping: Mapping, arm: Ar
         mapping: what was stated.
         arm: of the joints.
     """
-    findings = [*gap_words(recording.t), *_unit_findings(recording)]
+    findings = [*gap_words(recording.t), *unit_words(recording)]
+    if degrees := degrees_words(recording):
+        findings.append(f"joints: {degrees}")
     remarks: list[str] = []
-    unstated: list[str] = []
-    stated = mapping.metadata
-    if ACCELEROMETER in recording.sensors and stated.gravity_m_s2 is None:
-        unstated.append(
-            f"gravity is not stated: {GRAVITY_M_S2} m/s^2 taken; 1 % in it is 1 % in every sensitivity (--gravity)"
-        )
-    if MAGNETOMETER in recording.sensors and stated.magnetic_field is None:
-        unstated.append("the magnetic field is not stated: 1 assumed, so that all is relative to it (--field)")
+    stated = [name for name in FIELD_SIZES if getattr(mapping.metadata, name) is not None]
+    unstated = list(unstated_words(recording, stated).values())
     reads = mapping.conventions.accelerometer_reads
     rotations = None if pose is None else rotations_of(pose, arm)
     if pose is not None and rotations is None:
@@ -89,7 +81,7 @@ def shown_by(recording: Recording, pose: Track | None, mapping: Mapping, arm: Ar
             handed[sensor] = verdict.fit.parameters.axes
     if ACCELEROMETER in handed:
         left = np.linalg.det(handed[ACCELEROMETER]) < 0
-        digital = recording.unit(ACCELEROMETER) in _G
+        digital = recording.unit(ACCELEROMETER) not in ELECTRICAL
         if reads == "detect" and digital and not left:
             findings.append(
                 "accelerometer: reads -1 g upward at rest (g-a), rare for a chip: or an axis is mirrored, two exchanged"
@@ -115,26 +107,8 @@ def shown_by(recording: Recording, pose: Track | None, mapping: Mapping, arm: Ar
         words = axis_words(sign * axes)
         if sensor == MAGNETOMETER and np.linalg.det(axes) < 0:
             # a chip's axes are right-handed; of three sensors by themselves each is mounted as it may be
-            said = findings if recording.unit(sensor) in _FIELD else remarks
+            said = remarks if recording.unit(sensor) in ELECTRICAL else findings
             said.append(f"{sensor}: left-handed axes where the field points down: mirrored, or it points up")
         if words != "1 +x, 2 +y, 3 +z":
             remarks.append(f"{sensor}: axes in the tool: {words}; a calibration takes that up by itself")
     return Shown(recording, tuple(findings), tuple(remarks), tuple(unstated))
-
-
-def _unit_findings(recording: Recording) -> list[str]:
-    found = []
-    for sensor, unit in recording.units.items():
-        size = float(np.median(np.linalg.norm(recording.readings(sensor), axis=1)))
-        if unit in _G and sensor == ACCELEROMETER and not 0.5 < size / _G[unit] < 2.0:
-            found.append(
-                f"accelerometer: the median magnitude is {size:.3g} {unit}, expected near {_G[unit]:.3g}: its unit?"
-            )
-        if unit in _FIELD and not _FIELD[unit][0] < size < _FIELD[unit][1]:
-            low, high = _FIELD[unit]
-            found.append(
-                f"magnetometer: the median magnitude is {size:.3g} {unit}, expected {low:g} to {high:g}: its unit?"
-            )
-    if degrees := degrees_words(recording):
-        found.append(f"joints: {degrees}")
-    return found

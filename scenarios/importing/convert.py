@@ -18,7 +18,7 @@ from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording
 from rig.recording.metadata import FIELD_SIZES
 from scenarios.importing.bag_log import is_bag, read_bag
-from scenarios.importing.checks import GRAVITY_M_S2, rotations_of, shown_by
+from scenarios.importing.checks import rotations_of, shown_by
 from scenarios.importing.clocks import clock_offset
 from scenarios.importing.mapping import Conventions, Mapping
 from scenarios.importing.quantities import guess, is_numbered, is_time, kind_of
@@ -192,8 +192,8 @@ def _joined(
     unit = stated.magnetic_field_unit
     metadata = replace(
         metadata,
-        gravity_m_s2=stated.gravity_m_s2 or GRAVITY_M_S2,
-        magnetic_field=stated.magnetic_field or 1.0,
+        gravity_m_s2=stated.gravity_m_s2 or Metadata.gravity_m_s2,
+        magnetic_field=stated.magnetic_field or Metadata.magnetic_field,
         assumed=tuple(name for name in FIELD_SIZES if getattr(stated, name) is None),
         serial=stated.serial,
         recorded=stated.recorded,
