@@ -19,9 +19,8 @@ from benchmarks.baselines import papers_way
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from scenarios.studies.consistency import trial
-from scenarios.studies.orders import Order, order_of
+from scenarios.studies.settings import Order, expected, increments, order_of
 from scenarios.studies.settings import Settings as Study
-from scenarios.studies.settings import expected, increments
 
 TITLE = "2,000 draws x 25 sample counts x 2 noise levels x 2 methods, beside the paper's way"
 

@@ -10,7 +10,7 @@ from scipy.stats import ks_2samp, kstest, norm
 from estimators.known_angle.model import SensorParameters
 from rig.arrays import Array
 from scenarios.studies.increments import Increments
-from scenarios.studies.orders import ORDERS, order_of
+from scenarios.studies.settings import ORDERS, order_of
 
 #: Some increments have fewer rows than the 13 columns, some more.
 COUNTS = (5, 12, 30, 90)

@@ -20,6 +20,7 @@ from estimators.live import SensorState
 from estimators.live.watch import Watch
 from rig.errors import one_line
 from scenarios.live.session import Display, Event, Session
+from scenarios.terminal.tables import table
 
 #: A panel is drawn, and a line is written, this often at most [s].
 _PANEL_S: Final = 0.1
@@ -136,17 +137,15 @@ def panel(source: str, session: Session | None, events: list[Event]) -> Panel:
 
 
 def _table(states: tuple[SensorState, ...]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    for column in ("sensor", "directions seen", "widest interval", "of", "next"):
-        table.add_column(column, no_wrap=column != "next")
+    rows: list[tuple[str | Text, ...]] = []
     for state in states:
         filled = round(_BAR * state.seen)
         bar = Text("█" * filled, style="green").append("░" * (_BAR - filled), style="dim")
         bar.append(f" {100.0 * state.seen:.0f} %", style="default")
         worst = "" if state.rule is None else state.rule.worst
         next_turn = Text("enough", style="bold green") if state.enough else Text(state.turn, style="bold")
-        table.add_row(state.sensor, bar, f"±{_percent(state.interval)}", worst, next_turn)
-    return table
+        rows.append((state.sensor, bar, f"±{_percent(state.interval)}", worst, next_turn))
+    return table("sensor", "directions seen", "widest interval", "of", "next", rows=rows)
 
 
 def _watched(watch: Watch) -> Text:

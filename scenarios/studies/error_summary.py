@@ -16,8 +16,7 @@ from estimators.known_angle.model import Method, columns_of_channels
 from rig.arrays import Array, Mask
 from scenarios.studies.coordinates import Coordinates
 from scenarios.studies.intervals import LEVEL, clopper_pearson, spread_interval
-from scenarios.studies.orders import Order
-from scenarios.studies.settings import Expected, Settings, expected, increments
+from scenarios.studies.settings import Expected, Order, Settings, expected, increments
 from scenarios.studies.table_files import rows_of
 
 #: The file of the rates in a study's folder; the cells are its summary.

@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, Self
+from typing import Final, Literal, Self
 
 import numpy as np
+from scipy.stats.qmc import Halton
 
 from estimators.known_angle.model import METHODS, Method, SensorParameters
-from rig.arrays import Array
+from rig.arrays import Array, Rows
 from rig.channels import COLUMNS_OF
 from rig.effects import Kind
-from rig.errors import RigError, check_name
+from rig.errors import RigError, check_name, unknown_name
 from rig.memory import check_fits
 from scenarios.loader import from_toml
 from scenarios.scenario import Scenario
 from scenarios.studies.increments import Increments
-from scenarios.studies.orders import ORDERS, Order, order_of
 
+#: In which order the samples of a maneuver are taken, as their number grows.
+Order = Literal["first", "every-kth", "random"]
+ORDERS: Final[tuple[Order, ...]] = ("first", "every-kth", "random")
 #: Blocks are made so that there are as many random orders as this, from whose scatter their intervals come; but large
 #: enough to be fitted together quickly.
 _ORDERS_DRAWN: Final = 20
@@ -203,3 +206,26 @@ def increments(settings: Settings, order: Order, block: int) -> dict[str, Increm
         sensor: Increments.of(poses.rotations, readings, rows, settings.counts)
         for sensor, readings in poses.readings.items()
     }
+
+
+def order_of(order: Order, count: int, rng: np.random.Generator) -> Rows:
+    """Row numbers (count,), each once: the first n of them are the n samples that are taken.
+
+    Args:
+        order: "first": as recorded, so that n samples are the maneuver's beginning (Renk et al., Figures 3 and 4).
+            "every-kth": samples spread evenly over the whole maneuver. They are nested: every 64th, say, then those in
+            the middle between, and so on, so that n = count / 2^m samples are exactly every (2^m)th (van der Corput).
+            "random": without replacement.
+        count: number of samples.
+        rng: of "random".
+
+    Raises:
+        RigError: another order.
+    """
+    if order == "first":
+        return np.arange(count)
+    if order == "every-kth":
+        return np.argsort(Halton(1, scramble=False).random(count).ravel())
+    if order == "random":
+        return rng.permutation(count)
+    raise unknown_name("order", order, ORDERS)
