@@ -1,7 +1,7 @@
 """Where work runs: in this process, in local processes, or on a Dask cluster that is already there.
 
-All three are a ``concurrent.futures.Executor``. A trial, one draw of a study or one recording to diagnose, is a plain
-function of settings and of its own number, so it does not matter which worker makes it, in which order, or how often.
+A trial, one draw of a study or one recording to diagnose, is a plain function of settings and of its own number, so it
+does not matter which worker makes it, in which order, or how often.
 """
 
 from __future__ import annotations
@@ -110,8 +110,8 @@ class Workers:
         if self.cluster is not None:
             yield from _on_cluster(self.cluster, work, numbers)
         elif self.processes == 0 or not numbers:
-            with _InProcess() as executor:
-                yield from _windowed(executor, 1, work, numbers)
+            for number in numbers:
+                yield number, work.function(*work.arguments(number))
         else:
             yield from _in_processes(min(self.processes or processors(), len(numbers)), work, numbers)
 
@@ -133,19 +133,6 @@ class _Work(Generic[Result]):
         if self.lost is None:
             raise RigError(f"workers: trial {number}: {why}; {_KEPT}, with fewer workers")
         return self.lost(number)
-
-
-class _InProcess(Executor):
-    """Does at once what is submitted."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_running_or_notify_cancel()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
 
 
 def _windowed(

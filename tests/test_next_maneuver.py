@@ -230,7 +230,7 @@ def test_a_maneuver_of_the_family_keeps_within_limits_and_clear_of_the_table() -
     motion = sweep.trajectory()
     room = Family.of(Arm.a465(), motion.t, motion.q)
     assert room.rolls
-    allowed = [each for each in family(room, sweep) if room.reach.allows(each)]
+    allowed = [each for each in family(room, sweep) if room.allows(each)]
     assert len({each.joints for each in allowed if isinstance(each, TorusSweep)}) > 5
     assert any(isinstance(each, StaticPoses) for each in allowed)
     nearer = Clearance.of(Arm.a465(), margin_m=0.0)  # between the instants that were looked at
@@ -282,7 +282,7 @@ def test_what_may_be_proposed_can_be_made_and_calibrated(name: str, tmp_path: Pa
     sweep = closest_maneuver(run.t, run.q, run.rate_Hz, arm).maneuver
     assert isinstance(sweep, TorusSweep)
     family_of = list(family(room, sweep))
-    can_be_made = [each for each in family_of if room.reach.allows(each)]
+    can_be_made = [each for each in family_of if room.allows(each)]
     allowed = [each for each in can_be_made if search.allowed(each)]
     assert any(isinstance(each, TorusSweep) for each in allowed)
     assert any(isinstance(each, StaticPoses) for each in allowed)

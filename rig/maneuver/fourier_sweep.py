@@ -12,7 +12,7 @@ from rig.joint_values import given_values, joint_values
 from rig.maneuver._checks import A465_LIMITS_DEG, limits, number, numbers, poses, within
 from rig.trajectory import JointTrajectory, sample_times
 
-#: Instants at which its way is shown, for each of its harmonics.
+#: Instants at which its way is held against the limits, for each of its harmonics.
 _ALONG = 200
 
 
@@ -72,18 +72,10 @@ class FourierSweep:
             found = f"{len(self.sine_deg[0])} beside {len(self.cosine_deg[0])} of cosine_deg"
             raise RigError(f"maneuver.sine_deg: found rows of {found}, expected as many")
         object.__setattr__(self, "limits_deg", limits("maneuver.limits_deg", self.limits_deg, dof))
-        way = given_values(self.way(), self.slides)
+        instants = np.linspace(0.0, self.duration_s, _ALONG * len(self.cosine_deg[0]))
+        way = given_values(self.trajectory(instants).q, self.slides)
         for joint, (low, high) in enumerate(zip(way.min(axis=0), way.max(axis=0), strict=True), start=1):
             within("maneuver.centre_deg", joint, float(low), float(high), self.limits_deg)
-
-    def peaks(self) -> tuple[Array, Array]:
-        """(N,) the greatest speed and acceleration of each joint [rad, m, s]."""
-        motion = self.trajectory(self._instants)
-        return np.abs(motion.qd).max(axis=0), np.abs(motion.qdd).max(axis=0)
-
-    def way(self) -> Array:
-        """(m, N) joint values along it [rad, m]."""
-        return self.trajectory(self._instants).q
 
     def trajectory(self, t: Array | None = None) -> JointTrajectory:
         """The joints at times ``t`` (n,) [s], by default the maneuver's own samples; exact at any time.
@@ -93,10 +85,6 @@ class FourierSweep:
         times = sample_times(self.duration_s, self.rate_Hz) if t is None else np.asarray(t, dtype=float)
         coefficients = (np.transpose(values) for values in (self.centre_deg, self.cosine_deg, self.sine_deg))
         return series(times, self.duration_s, *(joint_values(values, self.slides) for values in coefficients))
-
-    @property
-    def _instants(self) -> Array:
-        return np.linspace(0.0, self.duration_s, _ALONG * len(self.cosine_deg[0]))
 
 
 def series(t: Array, duration_s: float, centre: Array, cosine: Array, sine: Array) -> JointTrajectory:

@@ -27,7 +27,6 @@ class Feed:
 
     Attributes:
         ended: whether the source has come to its end.
-        idle: whether the last call found nothing.
         clock: of the stream. reader: of its lines.
     """
 
@@ -48,7 +47,7 @@ class Feed:
         renamed: as of ``LineReader``.
         """
         self.reader = LineReader(source.name, names, metadata, joints, renamed)
-        self.ended = self.idle = False
+        self.ended = False
         self.clock = Clock(rate_Hz)
         self._source = source
         self._rate_Hz = rate_Hz
@@ -73,7 +72,6 @@ class Feed:
         data = self._source.read(timeout_s)
         self._listen()
         self.ended = data is None
-        self.idle = not data
         table = self.reader.feed(data or b"", last=self.ended)
         self._count_broken()
         if table and (good := self._good(table)):

@@ -10,13 +10,20 @@ from typing import Final
 import numpy as np
 
 from rig.arm import Arm
+from rig.arm.clearance import Clearance, finite_limits
 from rig.arrays import Array
 from rig.errors import RigError
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.maneuver.fitting import checked_limits
-from rig.maneuver.reach import Reach
+from rig.maneuver.moves import Dynamics
 from rig.maneuver.static_poses import between
 
+#: Samples of a recording at which contacts are looked for.
+_SEEN: Final = 300
+_SLACK: Final = 1.0 + 1e-6
+#: A joint whose file states no speed may go so much faster than it was seen to go, or so fast [rad/s, m/s].
+_FASTER: Final = 2.0
+_LEAST_SPEED: Final = (0.17, 0.02)
 #: A joint is swept over at most this share of its range, so that no limit is touched.
 _SHARE: Final = 0.97
 _SPEEDS: Final = (0.25, 0.5, 2.0, 4.0, 16.0)
@@ -45,34 +52,60 @@ class Family:
     """The maneuvers of a recorded arm.
 
     Attributes:
-        reach: what the arm may do.
+        arm: with its joints' limits. clearance: what it may not touch. dynamics: how fast it may go.
         home: (N,) where its joints were, on average [deg; m of joints that slide].
         rolls: whether the last joint may roll on for ever.
     """
 
-    reach: Reach
+    arm: Arm
+    clearance: Clearance
+    dynamics: Dynamics
     home: Array
     rolls: bool
 
     @classmethod
     def of(cls, arm: Arm, t: Array, q: Array) -> Family:
-        """Of an arm that was recorded at times (n,) [s] with joint values (n, N) [rad, m]."""
-        made = cls(Reach.recorded(arm, t, q), np.zeros(arm.dof), bool(np.ptp(q[:, -1]) > 2.0 * np.pi))
-        low, high = made.limits
-        home = made.arm.in_degrees(np.median(q, axis=0))
-        home = np.where((home < low) | (home > high), 0.5 * (low + high), home)
-        return cls(made.reach, np.array([made.rounded(joint, value) for joint, value in enumerate(home)]), made.rolls)
+        """Of an arm that was recorded at times (n,) [s] with joint values (n, N) [rad, m].
 
-    @property
-    def arm(self) -> Arm:
-        """That moves."""
-        return self.reach.arm
+        It stands on a table at the height of its base, where it has no scene of its own. What touches in the recording
+        is no collision, as the arm has done it; a speed that is not stated is twice what was seen.
+
+        Raises:
+            RigError: as ``Clearance.of``.
+        """
+        seen = q[:: max(1, len(q) // _SEEN)]
+        fastest = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]).max(axis=0, initial=0.0)
+        faster = np.maximum(_FASTER * fastest, np.where(arm.slides, _LEAST_SPEED[1], _LEAST_SPEED[0]))
+        stated = replace(arm, speed=np.where(np.isfinite(arm.speed), arm.speed, faster))
+        clearance = Clearance.of(arm, None if arm.is_a465 else 0.0).without(seen)
+        rolls = bool(np.ptp(q[:, -1]) > 2.0 * np.pi)
+        made = cls(arm, clearance, Dynamics.of(stated), np.zeros(arm.dof), rolls)
+        low, high = made.limits
+        home = arm.in_degrees(np.median(q, axis=0))
+        home = np.where((home < low) | (home > high), 0.5 * (low + high), home)
+        return replace(made, home=np.array([made.rounded(joint, value) for joint, value in enumerate(home)]))
 
     @property
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper (N,) [deg, m]; of a joint without any, one turn."""
-        low, high = self.reach.limits
+        low, high = finite_limits(self.arm)
         return self.arm.in_degrees(low), self.arm.in_degrees(high)
+
+    def allows(self, maneuver: TorusSweep | StaticPoses) -> bool:
+        """Whether the arm can make a maneuver: within limits, speeds and accelerations, and clear."""
+        speed, acceleration = maneuver.peaks()
+        if (speed > _SLACK * self.dynamics.speed).any() or (acceleration > _SLACK * self.dynamics.acceleration).any():
+            return False
+        way = maneuver.way()
+        try:
+            self.arm.check_limits(way, "the maneuver")
+        except RigError:
+            return False
+        return self.clear(way)
+
+    def clear(self, q: Array) -> bool:
+        """Whether the arm touches nothing at joint values (n, N) [rad, m]."""
+        return self.clearance.first_contact(q) is None
 
     def way(self, joint: int, degrees: float) -> float:
         """How far a joint (a column) goes for so many degrees: these, or as much of a slide's range."""
@@ -140,7 +173,7 @@ def _sweep(room: Family, joints: tuple[int, ...], duration_s: float, rate_Hz: fl
             limits_deg=checked_limits(room.arm),
             slides=room.arm.slide_numbers,
         )
-        if made is not None and room.reach.allows(made):
+        if made is not None and room.allows(made):
             return made
     return None
 
@@ -191,7 +224,7 @@ def stops(room: Family, duration_s: float, rate_Hz: float, seed: int, spread: fl
             poses_deg=tuple(poses), rate_Hz=rate_Hz, limits_deg=checked_limits(room.arm), slides=room.arm.slide_numbers
         )
         q = made.angles
-        longest = float(np.ceil(100.0 * room.reach.dynamics.seconds(q[:-1], q[1:]).max()) / 100.0)
+        longest = float(np.ceil(100.0 * room.dynamics.seconds(q[:-1], q[1:]).max()) / 100.0)
         cycle = duration_s / len(poses)
         move = max((1.0 - held) * cycle, longest)
         if move < _LONGEST_MOVE * cycle or len(poses) == _FEWEST_POSES:
@@ -214,11 +247,11 @@ def _approached(
     for _ in range(_DRAWS):
         drawn = room.home + spread * rng.uniform(low - room.home, high - room.home)
         pose = room.pose(drawn)
-        if not room.reach.clear(room.arm.from_degrees([pose])):
+        if not room.clear(room.arm.from_degrees([pose])):
             continue
         there = [pose, room.pose(drawn + rng.choice([-1.0, 1.0], size=len(drawn)) * beside_by), pose]
         way = room.arm.from_degrees([*before, *there, *after])
-        if room.reach.clear(between(way)):
+        if room.clear(between(way)):
             break
     else:  # what touches is refused later on, as a whole
         there = [pose] * 3

@@ -327,7 +327,7 @@ class Search:
     def allowed(self, maneuver: Joint) -> bool:
         """Whether the arm can make it, a calibration of it alone is not refused, and it is slow enough."""
         return (
-            self.room.reach.allows(maneuver)
+            self.room.allows(maneuver)
             and self.acceleration(maneuver) <= self.most_acceleration
             and self._calibrates(maneuver)
         )
