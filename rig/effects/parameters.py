@@ -42,10 +42,10 @@ class Parameter:
     name: str
     unit: str
     typical: float
-    lower: float
-    upper: float
-    size: int
-    strength: bool
+    lower: float = -np.inf
+    upper: float = np.inf
+    size: int = 1
+    strength: bool = True
     neutral: float = 0.0
     spanned: tuple[Value, ...] = ()
     grid: tuple[Value, ...] = ()
@@ -67,9 +67,8 @@ class Parameter:
 @lru_cache(maxsize=1024)
 def parameters_of(effect: type) -> tuple[Parameter, ...]:
     """The parameters of an effect's class, in its order."""
-    return tuple(
-        Parameter(item.name, **item.metadata) for item in dataclasses.fields(effect) if "unit" in item.metadata
-    )
+    declared = ((item.name, item.metadata.get("parameter")) for item in dataclasses.fields(effect))
+    return tuple(dataclasses.replace(own, name=name) for name, own in declared if own is not None)
 
 
 @lru_cache(maxsize=1024)
@@ -82,33 +81,26 @@ def parameter(
     unit: str,
     typical: float,
     *,
-    lower: float = -np.inf,
-    upper: float = np.inf,
     size: int = 1,
     strength: bool = True,
-    default: float | tuple[float, ...] | None = None,
     neutral: float = 0.0,
-    spanned: Sequence[Value] = (),
-    grid: Sequence[Value] = (),
-    scatter: bool = False,
-    by_axis: bool = False,
-    of_cosines: bool = False,
-    unit_vector: bool = False,
+    default: float | tuple[float, ...] | None = None,
     step: float | None = None,
+    **more: Any,
 ) -> Any:
     """A dataclass field that is a parameter of the effect; a strength starts neutral, a shape at its typical size.
 
     Args:
+        unit, typical, size, strength, neutral, more: as of ``Parameter``.
+        default: where it starts otherwise.
         step: a thousandth of the typical size where it is None.
     """
     start: Any = default if default is not None else (neutral if strength else typical)
     if size > 1 and not isinstance(start, tuple):
         start = (start,) * size
-    meta: dict[str, Any] = {"unit": unit, "typical": typical, "lower": lower, "upper": upper, "size": size}
-    meta |= {"strength": strength, "neutral": neutral, "spanned": tuple(spanned), "grid": tuple(grid)}
-    meta |= {"scatter": scatter, "by_axis": by_axis, "of_cosines": of_cosines, "unit_vector": unit_vector}
-    meta |= {"step": 1e-3 * typical if step is None else step}
-    return dataclasses.field(default=start, metadata=meta)
+    step = 1e-3 * typical if step is None else step
+    own = Parameter("", unit, typical, size=size, strength=strength, neutral=neutral, step=step, **more)
+    return dataclasses.field(default=start, metadata={"parameter": own})
 
 
 def choice(choices: Sequence[str], default: str | None = None) -> Any:

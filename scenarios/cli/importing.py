@@ -153,10 +153,8 @@ def _mapping(
 def _placed(mapping: Mapping, at: str | None, date: str | None) -> tuple[Mapping, str]:
     """The mapping with gravity and, of a day, the field of a place, where they are not stated; and this in words."""
     stated = mapping.metadata
-    known = {"gravity_m_s2": stated.gravity_m_s2, "magnetic_field": stated.magnetic_field}
-    left = {key: value for key, value in known.items() if value is not None}
     sensors = SENSORS if date is not None else (ACCELEROMETER,)
-    found, words = stated_by_place(left, at, date, sensors, stated.magnetic_field_unit or "uT")
+    found, words = stated_by_place(stated.known, at, date, sensors, stated.magnetic_field_unit or "uT")
     return replace(mapping, metadata=replace(stated, **found)), words
 
 

@@ -11,7 +11,6 @@ from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.recording import Recording
 from rig.recording.findings import degrees_words, gap_words, unit_words, unstated_words
-from rig.recording.metadata import FIELD_SIZES
 from rig.units import ELECTRICAL
 from scenarios.importing.conventions import MUCH, axis_words, judged
 from scenarios.importing.mapping import Mapping
@@ -54,8 +53,7 @@ def shown_by(recording: Recording, pose: Track | None, mapping: Mapping, arm: Ar
     if degrees := degrees_words(recording):
         findings.append(f"joints: {degrees}")
     remarks: list[str] = []
-    stated = [name for name in FIELD_SIZES if getattr(mapping.metadata, name) is not None]
-    unstated = list(unstated_words(recording, stated).values())
+    unstated = list(unstated_words(recording, mapping.metadata.known).values())
     reads = mapping.conventions.accelerometer_reads
     rotations = None if pose is None else rotations_of(pose, arm)
     if pose is not None and rotations is None:

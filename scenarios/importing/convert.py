@@ -188,18 +188,10 @@ def _joined(
             f"{tracks['joints'].log}: found {joints.shape[1]} joints, expected {arm.dof} of arm {arm.name!r}"
         )
     temperature, supply, currents = at("temperature"), at("supply"), at("current")
-    stated = mapping.metadata
-    unit = stated.magnetic_field_unit
-    metadata = replace(
-        metadata,
-        gravity_m_s2=stated.gravity_m_s2 or Metadata.gravity_m_s2,
-        magnetic_field=stated.magnetic_field or Metadata.magnetic_field,
-        assumed=tuple(name for name in FIELD_SIZES if getattr(stated, name) is None),
-        serial=stated.serial,
-        recorded=stated.recorded,
-        magnetic_field_unit=unit,
-        notes="; ".join([stated.notes] * bool(stated.notes) + ["made by rig import", *said])[:1500],
-    )
+    known = mapping.metadata.known
+    known["assumed"] = tuple(name for name in FIELD_SIZES if name not in known)
+    known["notes"] = "; ".join(filter(None, [known.get("notes"), "made by rig import", *said]))[:1500]
+    metadata = replace(metadata, **known)
     units = {ACCELEROMETER: "accel", MAGNETOMETER: "mag"}
     recording = Recording(
         t=t - t[0] if main.t is not None else t,

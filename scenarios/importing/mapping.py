@@ -72,6 +72,11 @@ class Stated:
     recorded: str | None = None
     notes: str = ""
 
+    @property
+    def known(self) -> dict[str, Any]:
+        """What is stated, by its key."""
+        return {key: value for key, value in vars(self).items() if value not in (None, "")}
+
 
 @dataclass(frozen=True)
 class Mapping:
@@ -93,7 +98,7 @@ class Mapping:
             ("", {"format": FORMAT}),
             ("[columns]", {toml_value(name): target for name, target in self.columns.items()}),
             ("[conventions]", dataclasses.asdict(self.conventions)),
-            ("[metadata]", {k: v for k, v in dataclasses.asdict(self.metadata).items() if v not in (None, "")}),
+            ("[metadata]", self.metadata.known),
         ]
         lines = "".join(f"# {line}\n" for line in comments or [])
         return lines + toml_document(tables)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from rig.errors import RigError
 from rig.recording import Metadata
@@ -34,14 +34,11 @@ def renamed(path: Path) -> tuple[dict[str, tuple[str, float]], Metadata]:
     if mapping.conventions.rotation != "base<-tool" or mapping.conventions.angles != "joints":
         raise _whole(path, "another convention of the pose")
     found = {name: _column(path, mapping, text) for name, text in mapping.columns.items()}
-    own, reads = mapping.metadata, mapping.conventions.accelerometer_reads
-    stated = {
-        "gravity_m_s2": own.gravity_m_s2,
-        "magnetic_field": own.magnetic_field,
-        "magnetic_field_unit": own.magnetic_field_unit,
-        "accelerometer_reads": None if reads == "detect" else reads,
+    known = {
+        key: value for key, value in mapping.metadata.known.items() if key in (*FIELD_SIZES, "magnetic_field_unit")
     }
-    known: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
+    if (reads := mapping.conventions.accelerometer_reads) != "detect":
+        known["accelerometer_reads"] = reads
     return found, Metadata(**known, assumed=tuple(name for name in FIELD_SIZES if name not in known))
 
 
