@@ -235,7 +235,7 @@ def unsuitable() -> dict[str, tuple[Scenario, dict[str, object], str]]:
     coloured = table2.with_effects([make_effect("noise_excess", {"where": "accel1", "extra_sigma": 1.0})])
     return {
         "noise": (coloured, {}, "effect noise_excess changes the noise, expected white noise"),
-        "silent": (table2.scaled_noise(0.0), {}, "the accelerometer has no noise"),
+        "silent": (table2.scaled_noise(0.0), {}, "the accelerometer has a channel without noise"),
         "counts": (table2, {"counts": (500, 100)}, "expected growing numbers of samples"),
         "few": (table2, {"counts": (10, 100)}, "expected growing numbers of samples from 24"),
         "many": (table2, {"counts": (100, 9000)}, "found 9000 samples, expected at most the scenario's 6656"),

@@ -16,6 +16,7 @@ from rig.channels import COLUMNS_OF
 from rig.effects import Kind
 from rig.errors import RigError, check_name, unknown_name
 from rig.memory import check_fits
+from scenarios.bound import noise_of
 from scenarios.loader import from_toml
 from scenarios.scenario import Scenario
 from scenarios.studies.increments import Increments
@@ -175,17 +176,13 @@ class Expected:
 @lru_cache(maxsize=2)
 def _expected(text: str, name: str) -> Expected:
     scenario = from_toml(text, f"{name}.toml")
-    acquisition = scenario.rig.acquisition
     recording = scenario.with_acquisition(noise_V=(0.0,) * 6, range_V=None, bits=None).simulate(0)
     if recording.q is None and recording.tool_quaternion is None:
         raise RigError(f"scenario {name}: records no pose, expected joint angles or tool poses")
-    truth, noise = {}, {}
-    for sensor, axes in scenario.truth.sensors.items():
-        truth[sensor] = SensorParameters.of(axes, scenario.rig.environment.field(sensor))
-        noise[sensor] = acquisition.sigma[COLUMNS_OF[sensor]]
-        if not (noise[sensor] > 0).all():
-            raise RigError(f"scenario {name}: the {sensor} has no noise, expected noise_V above zero")
+    environment, sigma = scenario.rig.environment, noise_of(scenario)
+    truth = {name: SensorParameters.of(axes, environment.field(name)) for name, axes in scenario.truth.sensors.items()}
     readings = {sensor: recording.readings(sensor) for sensor in truth}
+    noise = {sensor: sigma[COLUMNS_OF[sensor]] for sensor in truth}
     return Expected(recording.rotations(scenario.rig.arm), readings, truth, noise)
 
 

@@ -112,9 +112,14 @@ class StudyFolder:
         """
         return read_table(self.path / name, self._hashes().get(name, ""))
 
-    def finished(self) -> set[int]:
-        """The trials whose files are there and whole."""
-        return set(self._trials())
+    def finished(self) -> dict[int, Path]:
+        """The trials whose files are there and whole, by their numbers."""
+        found = {}
+        for file in (self.path / _TRIALS).glob("[0-9]*-*.parquet"):
+            number, _, digest = file.stem.partition("-")
+            if number.isdecimal() and not file.is_symlink() and file_hash(file).startswith(digest):
+                found[int(number)] = file
+        return found
 
     def fill(
         self,
@@ -137,14 +142,24 @@ class StudyFolder:
             RigError: another process fills it, or as of ``Workers.completed``; where no trial was made before, the
                 study is taken back.
         """
+
+        def made() -> str:
+            """The hash of the table: what is missing is made, and all are merged."""
+            own_folder(self.path / _TRIALS)
+            finished = self.finished()
+            progress(len(finished) / count)
+            for number, table in workers.completed(trial, settings, sorted({*range(count)} - set(finished))):
+                finished[number] = self._keep(number, table)
+                progress(len(finished) / count)
+            return self._merge([finished[number] for number in range(count)])
+
         with self._alone(), self._withdrawn_if_empty():
             if not self.done:
                 before = self._hashes().get(TABLE)
                 self._rescue(count)
-                digest = self._make(trial, settings, count, workers, progress)
-                if before is not None and digest != before:  # the damage was in what was rescued
+                if made() != before and before is not None:  # the damage was in what was rescued
                     shutil.rmtree(self.path / _TRIALS)
-                    self._make(trial, settings, count, workers, progress)
+                    made()
             if not (self.path / _TRIALS).is_symlink():
                 shutil.rmtree(self.path / _TRIALS, ignore_errors=True)
         return self.table(TABLE)
@@ -153,23 +168,6 @@ class StudyFolder:
         """Keep a table beside the study's own, whole or not at all."""
         self._note(name, write_table(self.path / name, table))
 
-    def _make(
-        self,
-        trial: Trial[Settings, pa.Table],
-        settings: Settings,
-        count: int,
-        workers: Workers,
-        progress: Progress,
-    ) -> str:
-        """Make the trials that are missing and merge all; gives the hash of the table."""
-        own_folder(self.path / _TRIALS)
-        finished = self._trials()
-        progress(len(finished) / count)
-        for number, table in workers.completed(trial, settings, sorted({*range(count)} - set(finished))):
-            finished[number] = self._keep(number, table)
-            progress(len(finished) / count)
-        return self._merge([finished[number] for number in range(count)])
-
     def _keep(self, number: int, table: pa.Table) -> Path:
         """Write a trial; its file's name says what must be in it."""
         fresh = self.path / _TRIALS / f"{number:05d}.parquet"
@@ -177,14 +175,6 @@ class StudyFolder:
         fresh.replace(kept)
         sync_folder(kept.parent)
         return kept
-
-    def _trials(self) -> dict[int, Path]:
-        found = {}
-        for file in (self.path / _TRIALS).glob("[0-9]*-*.parquet"):
-            number, _, digest = file.stem.partition("-")
-            if number.isdecimal() and not file.is_symlink() and file_hash(file).startswith(digest):
-                found[int(number)] = file
-        return found
 
     def _merge(self, files: list[Path]) -> str:
         """One file out of many, trial by trial: the memory is that of one."""
