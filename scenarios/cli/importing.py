@@ -31,6 +31,15 @@ if TYPE_CHECKING:
     from scenarios.importing import Imported, Mapping
 
 
+def _offset(context: click.Context, option: click.Parameter, text: str | None) -> Any:
+    if text is None or text == "auto":
+        return text
+    offset = number(text)
+    if not math.isfinite(offset):
+        raise RigError(f"--clock-offset: found {text!r}, expected a number of seconds or auto")
+    return offset
+
+
 @click.command("import", short_help="Make a recording of logs as they come: CSV, TSV, MCAP, ROS 2 bags.")
 @click.argument("logs", type=PATH, nargs=-1, required=True, metavar="LOG...")
 @click.option("-o", "--output", type=PATH, metavar="RUN", help="The recording: .parquet or .csv.")
@@ -41,8 +50,19 @@ if TYPE_CHECKING:
 @click.option("--angles", type=Choice(("joints", "renk2005")), help="renk2005: theta1, theta5, theta6 of its Table 1.")
 @click.option("--rotation", type=Choice(("base<-tool", "tool<-base")), help="Of quaternions and matrices.")
 @click.option("--euler", metavar="ZYX", help="Three Euler angles: capital about turned axes, small about fixed ones.")
-@click.option("--specific-force", is_flag=True, help="The accelerometer reads +1 g upward at rest; else detected.")
-@click.option("--clock-offset", metavar="S|auto", help="Added to the times of the poses; auto: estimated.")
+@click.option(
+    "--specific-force",
+    "accelerometer_reads",
+    flag_value="a-g",
+    help="The accelerometer reads +1 g upward at rest; else detected.",
+)
+@click.option(
+    "--clock-offset",
+    "clock_offset_s",
+    callback=_offset,
+    metavar="S|auto",
+    help="Added to the times of the poses; auto: estimated.",
+)
 @click.option("--base-frame", metavar="FRAME", help="Of a bag's transforms: where the pose is taken in; else guessed.")
 @click.option("--tool-frame", metavar="FRAME", help="The frame whose pose it is: the sensor's; else guessed.")
 @click.option("--time-unit", type=Choice(("s", "ms", "us", "ns")), help="Of the time column.")
@@ -54,19 +74,12 @@ def import_(
     map_file: Path | None,
     arm_file: Path | None,
     tip: str | None,
-    angles: Any,
-    rotation: Any,
-    euler: str | None,
-    specific_force: bool,
-    clock_offset: str | None,
-    base_frame: str | None,
-    tool_frame: str | None,
-    time_unit: Any,
     gravity: float | None,
     field: str | None,
     at: str | None,
     date: str | None,
     as_json: bool,
+    **conventions: Any,
 ) -> None:
     """Make one recording of LOGs: text tables, MCAP files, ROS 2 bags; several of them are joined by their times.
 
@@ -96,19 +109,7 @@ def import_(
     from rig.files import atomic_path, write_text
     from scenarios.importing import import_logs
 
-    options = {
-        "angles": angles,
-        "rotation": rotation,
-        "euler": euler,
-        "accelerometer_reads": "a-g" if specific_force else None,
-        "clock_offset_s": _offset(clock_offset),
-        "base_frame": base_frame,
-        "tool_frame": tool_frame,
-        "time_unit": time_unit,
-    }
-    given, there = _mapping(
-        map_file, {key: value for key, value in options.items() if value is not None}, gravity, field
-    )
+    given, there = _mapping(map_file, conventions, gravity, field)
     if not there:
         check_output(map_file, (".toml",), *logs)
     given, place = _placed(given, at, date)
@@ -129,17 +130,8 @@ def import_(
     _tell(found, output, None if there else map_file)
 
 
-def _offset(text: str | None) -> Any:
-    if text is None or text == "auto":
-        return text
-    offset = number(text)
-    if not math.isfinite(offset):
-        raise RigError(f"--clock-offset: found {text!r}, expected a number of seconds or auto")
-    return offset
-
-
 def _mapping(
-    path: Path | None, options: dict[str, Any], gravity: float | None, field: str | None
+    path: Path | None, conventions: dict[str, Any], gravity: float | None, field: str | None
 ) -> tuple[Mapping, bool]:
     """The mapping file with the options over it, and whether there is one."""
     from scenarios.importing.mapping import Mapping, read_mapping
@@ -147,7 +139,8 @@ def _mapping(
     there = path is not None and path.is_file()
     mapping = read_mapping(path) if path is not None and there else Mapping()
     stated = replace(mapping.metadata, **stated_metadata(gravity, field))
-    return replace(mapping, conventions=replace(mapping.conventions, **options), metadata=stated), there
+    given = {key: value for key, value in conventions.items() if value is not None}
+    return replace(mapping, conventions=replace(mapping.conventions, **given), metadata=stated), there
 
 
 def _placed(mapping: Mapping, at: str | None, date: str | None) -> tuple[Mapping, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -26,8 +26,60 @@ from scenarios.cli._options import (
     progress_bar,
 )
 
-if TYPE_CHECKING:
-    from scenarios.plan.plan import Kind
+_STEMS = ("sensitivity", "offset", "axis", "field")
+#: The criterion of a plan that fits into the time must stay below that of one that does not.
+_HEAVIEST = 100.0
+
+
+def _weights(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, float]:
+    """Name -> weight.
+
+    Raises:
+        RigError: no such name, or no number.
+    """
+    found = {}
+    known = [*_STEMS, *(f"{stem}{k}" for stem in _STEMS[:3] for k in (1, 2, 3))]
+    for text in given:
+        name, _, weight = text.partition("=")
+        check_name("--weight", name, known)
+        found[name] = number(weight)
+        if not 0.0 <= found[name] <= _HEAVIEST:
+            raise RigError(f"--weight: found {text!r}, expected {name}=W with a number from 0 to {_HEAVIEST:g}")
+    return found
+
+
+def _causes(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> list[tuple[str, str]] | None:
+    """Effects and places; none for all; None where nothing is asked for.
+
+    Raises:
+        RigError: no such effect, or no place.
+    """
+    if not given:
+        return None
+    if "all" in given:
+        return []
+    from rig.effects import EFFECTS
+
+    found = []
+    for text in given:
+        effect, at, where = text.partition("@")
+        check_name("effect of --tell", effect, EFFECTS)
+        if not at or not where:
+            raise RigError(f"--tell: found {text!r}, expected EFFECT@PLACE such as joint_offset@joint5, or all")
+        found.append((effect, where))
+    return found
+
+
+def _boxes(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> list[list[float]]:
+    corners = [numbers(text) for text in given]
+    for text, found in zip(given, corners, strict=True):
+        if len(found) != 6:
+            raise RigError(f"--box: found {text!r}, expected six numbers x,y,z,X,Y,Z [m]")
+    return corners
+
+
+def _radians(context: click.Context, option: click.Parameter, degrees: float | None) -> float | None:
+    return None if degrees is None else math.radians(degrees)
 
 
 @click.command(short_help="The best maneuver of an arm in a given time.")
@@ -45,20 +97,34 @@ if TYPE_CHECKING:
     help="Poses with holds, or a continuous sweep of all joints.",
 )
 @click.option(
-    "--weight", "weights", multiple=True, metavar="NAME=W", help="sensitivity, offset, axis or field (axis2, ..): W."
+    "--weight",
+    "weights",
+    multiple=True,
+    callback=_weights,
+    metavar="NAME=W",
+    help="sensitivity, offset, axis or field (axis2, ..): W.",
 )
 @click.option(
     "--tell",
-    "tell",
     multiple=True,
+    callback=_causes,
     metavar="EFFECT@PLACE|all",
     help="Plan to tell these causes apart, or as many as can be, instead of to calibrate.",
 )
 @click.option("--table", "table_m", type=FiniteNumber(), metavar="Z", help="Height of a table in the base frame [m].")
-@click.option("--box", "boxes", multiple=True, metavar="x,y,z,X,Y,Z", help="What stands around: two corners [m].")
+@click.option(
+    "--box",
+    "boxes",
+    multiple=True,
+    callback=_boxes,
+    metavar="x,y,z,X,Y,Z",
+    help="What stands around: two corners [m].",
+)
 @click.option("--margin", "margin_m", type=FiniteNumber(min=0.0, max=1.0), default=0.01, show_default=True, help="[m]")
-@click.option("--speed", type=POSITIVE, metavar="DEG/S", help="At most so much in every joint.")
-@click.option("--acceleration", type=POSITIVE, metavar="DEG/S²", help="At most so much in every joint.")
+@click.option("--speed", type=POSITIVE, callback=_radians, metavar="DEG/S", help="At most so much in every joint.")
+@click.option(
+    "--acceleration", type=POSITIVE, callback=_radians, metavar="DEG/S²", help="At most so much in every joint."
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the search.")
 @json_option
 def plan(
@@ -69,16 +135,8 @@ def plan(
     plot: Path | None,
     arm_file: Path | None,
     tip: str | None,
-    kind: Kind,
-    weights: tuple[str, ...],
-    tell: tuple[str, ...],
-    table_m: float | None,
-    boxes: tuple[str, ...],
-    margin_m: float,
-    speed: float | None,
-    acceleration: float | None,
-    seed: int,
     as_json: bool,
+    **given: Any,
 ) -> None:
     """Plan the maneuver from which a calibration is most certain, with the sensors and surroundings of SCENARIO.
 
@@ -104,21 +162,7 @@ def plan(
 
     base = on_arm(load(scenario), arm_file, tip, None)
     with progress_bar("planning") as progress:
-        found = make_plan(
-            base,
-            seconds,
-            kind=kind,
-            weights=_weights(weights),
-            table_m=table_m,
-            boxes=[_box(text) for text in boxes],
-            margin_m=margin_m,
-            speed=None if speed is None else math.radians(speed),
-            acceleration=None if acceleration is None else math.radians(acceleration),
-            tell=_causes(tell),
-            seed=seed,
-            name=output.stem,
-            progress=progress,
-        )
+        found = make_plan(base, seconds, name=output.stem, progress=progress, **given)
     with ExitStack() as all_or_none:
         write_text(all_or_none.enter_context(atomic_path(output)), found.scenario.to_toml())
         if csv is not None:
@@ -131,55 +175,3 @@ def plan(
     from scenarios.plan.report import plan_report
 
     answer(as_json, {**found.to_json(), "file": output}, lambda _: plan_report(found), output, csv, plot)
-
-
-_STEMS = ("sensitivity", "offset", "axis", "field")
-#: The criterion of a plan that fits into the time must stay below that of one that does not.
-_HEAVIEST = 100.0
-
-
-def _weights(given: tuple[str, ...]) -> dict[str, float]:
-    """Name -> weight.
-
-    Raises:
-        RigError: no such name, or no number.
-    """
-    found = {}
-    known = [*_STEMS, *(f"{stem}{k}" for stem in _STEMS[:3] for k in (1, 2, 3))]
-    for text in given:
-        name, _, weight = text.partition("=")
-        check_name("--weight", name, known)
-        found[name] = number(weight)
-        if not 0.0 <= found[name] <= _HEAVIEST:
-            raise RigError(f"--weight: found {text!r}, expected {name}=W with a number from 0 to {_HEAVIEST:g}")
-    return found
-
-
-def _causes(given: tuple[str, ...]) -> list[tuple[str, str]] | None:
-    """Effects and places; none for all; None where nothing is asked for.
-
-    Raises:
-        RigError: no such effect, or no place.
-    """
-    from rig.effects import EFFECTS
-
-    if not given:
-        return None
-    if "all" in given:
-        return []
-    found = []
-    for text in given:
-        effect, at, where = text.partition("@")
-        check_name("effect of --tell", effect, EFFECTS)
-        if not at or not where:
-            raise RigError(f"--tell: found {text!r}, expected EFFECT@PLACE such as joint_offset@joint5, or all")
-        found.append((effect, where))
-    return found
-
-
-def _box(text: str) -> tuple[float, float, float, float, float, float]:
-    corners = numbers(text)
-    if len(corners) != 6:
-        raise RigError(f"--box: found {text!r}, expected six numbers x,y,z,X,Y,Z [m]")
-    x, y, z, far_x, far_y, far_z = corners
-    return x, y, z, far_x, far_y, far_z

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from scenarios.studies.error_summary import Summary
+
+
+_METHODS: Final = ("separate", "simultaneous")
+_ORDERS: Final = ("first", "every-kth", "random")
 
 
 @click.group(short_help="Consistency, subsets, and both papers table by table.")
@@ -58,9 +62,17 @@ def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
     "--counts", type=click.IntRange(min=2), default=25, show_default=True, help="How many numbers of samples."
 )
 @click.option("--first", type=click.IntRange(min=24), default=100, show_default=True, help="The smallest of them.")
-@click.option("--noise", "factors", multiple=True, type=float, metavar="K", help="White noise times K; 1 and 10.")
-@click.option("--method", "methods", multiple=True, type=Choice(("separate", "simultaneous")), help="Both by default.")
-@click.option("--order", "orders", multiple=True, type=Choice(("first", "every-kth", "random")), help="All by default.")
+@click.option(
+    "--noise",
+    "noise_factors",
+    multiple=True,
+    type=float,
+    default=(1.0, 10.0),
+    metavar="K",
+    help="White noise times K; 1 and 10.",
+)
+@click.option("--method", "methods", multiple=True, type=Choice(_METHODS), default=_METHODS, help="Both by default.")
+@click.option("--order", "orders", multiple=True, type=Choice(_ORDERS), default=_ORDERS, help="All by default.")
 @click.option("--parameter", "parameters", multiple=True, metavar="NAME", help="To show; sensitivity1 and offset1.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of everything random.")
 @workers_options
@@ -68,17 +80,11 @@ def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def consistency(
     scenario: str,
     output: Path,
-    draws: int,
-    counts: int,
-    first: int,
-    factors: tuple[float, ...],
-    methods: tuple[Any, ...],
-    orders: tuple[Any, ...],
     parameters: tuple[str, ...],
-    seed: int,
     workers: int | None,
     cluster: str | None,
     as_json: bool,
+    **given: Any,
 ) -> None:
     """Estimate against the number of samples, for thousands of draws of SCENARIO's noise.
 
@@ -101,16 +107,7 @@ def consistency(
     from scenarios.workers import Workers
 
     where = Workers(workers, cluster)
-    settings = Settings.of(
-        load(scenario),
-        counts,
-        first=first,
-        noise_factors=factors or (1.0, 10.0),
-        methods=methods or ("separate", "simultaneous"),
-        orders=orders or ("first", "every-kth", "random"),
-        draws=draws,
-        seed=seed,
-    )
+    settings = Settings.of(load(scenario), **given)
     shown = _known(parameters, settings.methods) or ("sensitivity1", "offset1")
     folder = StudyFolder.begin(output, "consistency", settings)
     with progress_bar(f"{settings.trials} trials of {settings.name}") as progress:
