@@ -10,7 +10,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -119,6 +119,21 @@ def write_text(path: str | os.PathLike[str], text: str, mode: int | None = None)
     """Write a UTF-8 text file whole or not at all; arguments and errors as of ``atomic_path``."""
     with atomic_path(path, mode) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def write_together(*files: tuple[Path | None, Callable[[Path], object]]) -> None:
+    """Write several files, all of them or none.
+
+    Args:
+        files: each with what writes it to a path; one of None is not asked for.
+
+    Raises:
+        RigError: as of ``atomic_path``.
+    """
+    with ExitStack() as opened:
+        for path, write in files:
+            if path is not None:
+                write(opened.enter_context(atomic_path(path)))
 
 
 def file_hash(path: Path) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from rich.text import Text
 import estimators
 from estimators import Calibration, Diagnosis, NoiseFloor
 from rig.effects import make_effect
-from rig.files import atomic_path, made_folder
+from rig.files import made_folder, write_together
 from rig.progress import Progress
 from rig.recording import Recording
 from scenarios.comparison import Compared, compare
@@ -199,7 +199,5 @@ def _write(
         ),
     )
     files = {what: folder / f"{scenario.name}{suffix}" for what, suffix, _ in writers}
-    with ExitStack() as opened:  # all of them or none: a recording is never beside another's calibration
-        for what, _, write in writers:
-            write(opened.enter_context(atomic_path(files[what])))
+    write_together(*((files[what], write) for what, _, write in writers))  # none beside another run's
     return files

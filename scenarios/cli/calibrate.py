@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from rig.errors import RigError
-from rig.files import check_different
+from rig.files import check_different, write_together
 from scenarios.cli._options import (
     PATH,
     RECORDING_SUFFIXES,
@@ -139,7 +139,6 @@ def calibrate(
     import estimators
     from estimators.ellipsoid import Options
     from estimators.known_angle.from_recording import has_pose
-    from rig.files import atomic_path
     from rig.recording import Recording, locked_beside, scan_recording, whole_or_thinned
 
     arm = chosen_arm(arm_file, tip)
@@ -212,11 +211,7 @@ def calibrate(
             ends = as_renk(source if isinstance(source, Recording) else scan, calibration, arm)
             extra = {**calibration.extra, "fminunc": {name: end.to_json() for name, end in ends.items()}}
             calibration = replace(calibration, extra=extra)
-    with ExitStack() as both_or_none:
-        if coverage is not None:
-            _draw_coverage(source, calibration, arm, both_or_none.enter_context(atomic_path(coverage)))
-        if output is not None:
-            calibration.write(both_or_none.enter_context(atomic_path(output)))
+    write_together((coverage, partial(_draw_coverage, source, calibration, arm)), (output, calibration.write))
     if as_json:
         click.echo(calibration.to_text())
         return _status(calibration)

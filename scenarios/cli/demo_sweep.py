@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,7 +107,7 @@ def sweep(
     check_output(output, RECORDING_SUFFIXES, Path(scenario), arm_file, *causes)
     locked_path = output.with_name(f"{output.stem}.locked.parquet") if locked else None
     check_output(locked_path, RECORDING_SUFFIXES, output)
-    from rig.files import atomic_path
+    from rig.files import write_together
     from scenarios.causes import read_causes
     from scenarios.loader import load
 
@@ -121,12 +120,12 @@ def sweep(
     chosen = replace(chosen, engine=engine or chosen.engine, motion=motion or chosen.motion)
     with progress_bar(f"sweeping {chosen.name}") as progress:
         recording = chosen.simulate(seed, progress)
-    with ExitStack() as both_or_none:
-        if locked_path is not None:
-            with progress_bar("locked arm") as progress:
-                still = chosen.simulate_locked(seed, progress)
-            still.write(both_or_none.enter_context(atomic_path(locked_path)))
-        recording.write(both_or_none.enter_context(atomic_path(output)))
+
+    def write_locked(path: Path) -> None:
+        with progress_bar("locked arm") as progress:
+            chosen.simulate_locked(seed, progress).write(path)
+
+    write_together((locked_path, write_locked), (output, recording.write))
     summary = _summary(chosen, recording, output, seed)
     if as_json:
         print_json(summary)

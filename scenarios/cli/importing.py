@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -106,7 +105,7 @@ def import_(
     """
     check_different(logs)
     check_output(output, RECORDING_SUFFIXES, *logs, map_file, arm_file)
-    from rig.files import atomic_path, write_text
+    from rig.files import write_text, write_together
     from scenarios.importing import import_logs
 
     given, there = _mapping(map_file, conventions, gravity, field)
@@ -116,18 +115,15 @@ def import_(
     arm = chosen_arm(arm_file, tip)
     with progress_bar(f"importing {logs[0]}"):
         found = import_logs(logs, given if there else None, arm, given)
-    with ExitStack() as both_or_none:
-        if map_file is not None and not there:
-            words = f"Of {', '.join(log.name for log in logs)}: confirm or change."
-            write_text(both_or_none.enter_context(atomic_path(map_file)), found.mapping.to_toml([words]))
-        if output is not None:
-            found.recording.write(both_or_none.enter_context(atomic_path(output)))
+    written = None if there else map_file
+    text = found.mapping.to_toml([f"Of {', '.join(log.name for log in logs)}: confirm or change."])
+    write_together((written, lambda path: write_text(path, text)), (output, found.recording.write))
     if place:
         found = replace(found, said=(*found.said, place))
     if as_json:
         print_json(_document(found, output, map_file))
         return
-    _tell(found, output, None if there else map_file)
+    _tell(found, output, written)
 
 
 def _mapping(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -156,22 +155,18 @@ def plan(
     check_output(output, (".toml",), Path(scenario), arm_file)
     check_output(csv, (".csv",), arm_file)
     check_picture(plot, arm_file)
-    from rig.files import atomic_path, write_text
+    from rig.files import write_text, write_together
     from scenarios.loader import load
     from scenarios.plan.plan import make_plan, trajectory_csv
+    from scenarios.plan.report import plan_figure, plan_report
+    from scenarios.plots import save
 
     base = on_arm(load(scenario), arm_file, tip, None)
     with progress_bar("planning") as progress:
         found = make_plan(base, seconds, name=output.stem, progress=progress, **given)
-    with ExitStack() as all_or_none:
-        write_text(all_or_none.enter_context(atomic_path(output)), found.scenario.to_toml())
-        if csv is not None:
-            write_text(all_or_none.enter_context(atomic_path(csv)), trajectory_csv(found))
-        if plot is not None:
-            from scenarios.plan.report import plan_figure
-            from scenarios.plots import save
-
-            save(plan_figure(found), all_or_none.enter_context(atomic_path(plot)))
-    from scenarios.plan.report import plan_report
-
+    write_together(
+        (output, lambda path: write_text(path, found.scenario.to_toml())),
+        (csv, lambda path: write_text(path, trajectory_csv(found))),
+        (plot, lambda path: save(plan_figure(found), path)),
+    )
     answer(as_json, {**found.to_json(), "file": output}, lambda _: plan_report(found), output, csv, plot)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from estimators.gap.reading import diagnosis_of
 from rig.arm.model_files import model_file
 from rig.documents import read_json
 from rig.errors import RigError
-from rig.files import atomic_path, file_hash, made_folder, write_text
+from rig.files import file_hash, made_folder, write_text, write_together
 from rig.memory import stated
 from rig.recording import locked_beside
 from scenarios.diagnosing.task import About, Outcome, Task
@@ -103,10 +104,9 @@ def write_outcome(outcome: Outcome, out: Path, saved: Path | None = None) -> Non
     }
     if saved is not None:
         texts[saved] = outcome.scenario
-    with made_folder(out), ExitStack() as all_or_none:
-        for path, text in texts.items():
-            if text is not None:
-                write_text(all_or_none.enter_context(atomic_path(path)), text)
+    with made_folder(out):
+        there = ((path, text) for path, text in texts.items() if text is not None)
+        write_together(*((path, partial(write_text, text=text)) for path, text in there))
     for path, text in texts.items():
         if text is None and again and path != saved:
             path.unlink(missing_ok=True)  # of the earlier diagnosis
