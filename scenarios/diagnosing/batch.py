@@ -89,17 +89,16 @@ def _concluded(
         locked: the locked recording of that.
         made_from: as of ``Outcome.origin``.
     """
-    last, open_between = residuals[-1], bool(rivals(diagnosis))
-    rig, text, step, unsaved = None, None, None, None
-    if task.improved or open_between:
+    last = residuals[-1]
+    rig, text, unsaved = None, None, None
+    if task.improved or rivals(diagnosis):
         try:
             made = improved_rig(diagnosis, last, locked, task.rig)
             rig, text = made.scenario, made.to_toml()
         except RigError as error:  # never at the cost of the diagnosis
             unsaved = str(error) if task.improved else None
-    if open_between:
-        step = next_step(diagnosis, last, rig, task.minutes)
-    words: dict[str, Any] = {"maneuver": None, **({} if step is None else step.words)}
+    told, proposal = next_step(diagnosis, last, rig, task.minutes)
+    words = {"maneuver": None, **told}
     if len(residuals) == 1 and (same := equivalents_of(diagnosis, last)):
         words["equivalents"] = same
     diagnosis = replace(diagnosis, next=words)
@@ -114,7 +113,7 @@ def _concluded(
         made_from,
         units,
         text if task.improved else None,
-        None if step is None else step.scenario,
+        proposal,
         unsaved,
     )
 

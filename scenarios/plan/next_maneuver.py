@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -182,37 +182,32 @@ def next_maneuver(
     return found
 
 
-@dataclass(frozen=True)
-class NextStep:
-    """What to do next: for a diagnosis' ``next``, and as a scenario, where the rig can run it."""
-
-    words: Mapping[str, Any]
-    scenario: str | None
-
-
 def next_step(
     diagnosis: Diagnosis, residuals: GapResiduals, rig: Scenario | None, minutes: float | None = None
-) -> NextStep | None:
-    """What would tell the explanations apart between which a recording does not decide; None where it does.
+) -> tuple[dict[str, Any], str | None]:
+    """What would tell the explanations apart between which a recording does not decide.
 
     Args:
         residuals: of the diagnosed recording.
         rig: calibrated, with the causes; None where no scenario can describe it.
         minutes: how long it may take; None: as long as the recording.
+
+    Returns:
+        For a diagnosis' ``next``, nothing where the recording decides; and as a scenario, where the rig can run it.
     """
     if not rivals(diagnosis):
-        return None
+        return {}, None
     found = next_maneuver(diagnosis, residuals, rig, minutes)
     advice = " ".join(filter(None, [speed_advice(diagnosis), noise_advice(diagnosis)]))
     if found is None:
         if residuals.data.base.arm is None:
             advice = "Without joint angles no maneuver can be proposed: record tool poses that differ more, or faster."
-        return NextStep({"why": advice or undecided_words(residuals, diagnosis), "maneuver": None}, None)
+        return {"why": advice or undecided_words(residuals, diagnosis)}, None
     scenario = None if rig is None else found.to_toml(rig)
     words = {**found.to_json(), "why": " ".join(filter(None, [found.why, advice]))}
     if scenario is not None:
         words["scenario"] = f"{diagnosis.name}.next.toml"
-    return NextStep(words, scenario)
+    return words, scenario
 
 
 class Search:
