@@ -67,11 +67,6 @@ def check_ordinary(file: Path, expected: str) -> None:
         raise RigError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
-def read_text(path: str | os.PathLike[str], expected: str, largest: int = LARGEST_DOCUMENT) -> str:
-    """A UTF-8 text file, without a byte order mark; as ``read_bytes``, and RigError where it is no such text."""
-    return _decoded(read_bytes(path, expected, largest), str(path), expected)
-
-
 def read_json(path: str | os.PathLike[str], expected: str, largest: int = LARGEST_DOCUMENT) -> Any:
     """A JSON file; as ``read_bytes`` and ``parse_json``."""
     return parse_json(read_bytes(path, expected, largest), str(path), expected)
@@ -119,8 +114,9 @@ def plain(value: Any) -> Any:
 
 
 def read_toml(path: str | os.PathLike[str], expected: str) -> str:
-    """The text of a TOML file, not larger than any of this project's; as ``read_text``."""
-    return read_text(path, expected, _LARGEST_TOML)
+    """The text of a TOML file, not larger than any of this project's, without a byte order mark; as ``read_bytes``, and
+    RigError where it is no UTF-8 text."""
+    return _decoded(read_bytes(path, expected, _LARGEST_TOML), str(path), expected)
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:

@@ -155,8 +155,8 @@ def calibrate(
         single = {"--robust": robust, "--fminunc": fminunc, "--method ellipsoid": attitude_free}
         for option in (option for option, wanted in single.items() if wanted):
             raise RigError(f"{option}: found {len(several)} recordings, expected one")
-    if attitude_free and (arm is not None or equal_weights):
-        option = "--equal-weights" if arm is None else "--arm"
+    of_attitude = {"--arm": arm is not None, "--equal-weights": equal_weights, "--fminunc": fminunc}
+    for option in (option for option, wanted in of_attitude.items() if wanted and attitude_free):
         raise RigError(f"{option}: {run} is calibrated without the attitude, expected simultaneous or separate")
     of_ellipsoid = {"--parameters": parameters, "--start": starts or None, "--static-threshold": static_threshold}
     for option, value in of_ellipsoid.items():
@@ -164,8 +164,6 @@ def calibrate(
             raise RigError(f"{option}: {run} is calibrated by the attitude, expected with --method ellipsoid")
     if still and attitude_free:
         raise RigError(f"--still: {run} is calibrated without the attitude, which looks for rest by itself")
-    if fminunc and attitude_free:
-        raise RigError(f"--fminunc: {run} is calibrated without the attitude, expected simultaneous or separate")
     if noise is None and locked is None and (robust or still):
         locked = locked_beside(run)
     floor = estimators.noise_floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None

@@ -83,7 +83,11 @@ def gap_residuals(
     """
     if data is None:
         recording, arm = posed(recording, arm)
-        data = set_up(recording, channel_floor(recording, locked, arm), arm)
+        if locked is None:
+            floor = estimated_floor(recording, arm)
+        else:
+            floor = learn_floor(locked, float(np.median(np.diff(recording.t))))
+        data = set_up(recording, floor, arm)
     floor = data.floor
     causes = diagnosed_effects(diagnosis)
     clean, left_out = _without_defects(data, causes, locked)
@@ -103,13 +107,6 @@ def gap_residuals(
         data=data,
         calibrated=known.pipeline,
     )
-
-
-def channel_floor(recording: Recording, locked: Recording | None, arm: Arm | None) -> tuple[ChannelNoise, ...]:
-    """The noise floor of each channel, from the locked recording or, lacking one, from the recording itself."""
-    if locked is None:
-        return estimated_floor(recording, arm)
-    return learn_floor(locked, float(np.median(np.diff(recording.t))))
 
 
 def diagnosed_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
