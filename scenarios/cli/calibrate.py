@@ -153,17 +153,15 @@ def calibrate(
     attitude_free = method == "ellipsoid" or (method is None and not has_pose(scan))
     if len(several) > 1:
         single = {"--robust": robust, "--fminunc": fminunc, "--method ellipsoid": attitude_free}
-        for option in (option for option, wanted in single.items() if wanted):
-            raise RigError(f"{option}: found {len(several)} recordings, expected one")
-    of_attitude = {"--arm": arm is not None, "--equal-weights": equal_weights, "--fminunc": fminunc}
-    for option in (option for option, wanted in of_attitude.items() if wanted and attitude_free):
-        raise RigError(f"{option}: {run} is calibrated without the attitude, expected simultaneous or separate")
-    of_ellipsoid = {"--parameters": parameters, "--start": starts or None, "--static-threshold": static_threshold}
-    for option, value in of_ellipsoid.items():
-        if value is not None and not attitude_free:
-            raise RigError(f"{option}: {run} is calibrated by the attitude, expected with --method ellipsoid")
-    if still and attitude_free:
-        raise RigError(f"--still: {run} is calibrated without the attitude, which looks for rest by itself")
+        _refuse(single, f"found {len(several)} recordings, expected one")
+    if attitude_free:
+        without = f"{run} is calibrated without the attitude"
+        of_attitude = {"--arm": arm is not None, "--equal-weights": equal_weights, "--fminunc": fminunc}
+        _refuse(of_attitude, f"{without}, expected simultaneous or separate")
+        _refuse({"--still": still}, f"{without}, which looks for rest by itself")
+    else:
+        of_none = {"--parameters": parameters, "--start": starts, "--static-threshold": static_threshold is not None}
+        _refuse(of_none, f"{run} is calibrated by the attitude, expected with --method ellipsoid")
     if noise is None and locked is None and (robust or still):
         locked = locked_beside(run)
     floor = estimators.noise_floor(locked) if locked is not None else _given(noise, scan) if noise is not None else None
@@ -228,6 +226,12 @@ def calibrate(
         command = shlex.join(["rig", "diagnose", *map(str, several), *given_arm(arm_file, tip)])
         click.echo(f"\nWhat is wrong: {command}{together} looks for the cause.")
     return status
+
+
+def _refuse(options: Mapping[str, object], why: str) -> None:
+    """Refuse the first of some options that was given."""
+    if option := next((option for option, given in options.items() if given), None):
+        raise RigError(f"{option}: {why}")
 
 
 def _together(
