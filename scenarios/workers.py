@@ -22,11 +22,9 @@ from typing import Any, Final, Generic, TypeVar
 from rig.errors import RigError
 from scenarios.version import package_version
 
-Settings = TypeVar("Settings")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-Trial = Callable[[Settings, int], Result]
-#: What stands for a trial at which its worker dies, even with nothing beside it.
+#: What stands for an item at which its worker dies, even with nothing beside it.
 Lost = Callable[[int], Result]
 
 _CLUSTER_TIMEOUT_S: Final = 20.0
@@ -79,81 +77,64 @@ class Workers:
         return max(1, min(max(threads.values(), default=1), count))
 
     def completed(
-        self, trial: Trial[Settings, Result], settings: Settings, numbers: Collection[int]
+        self, work: Callable[[Item], Result], items: Sequence[Item], lost: Lost[Result] | None = None
     ) -> Iterator[tuple[int, Result]]:
-        """Every number with the result of its trial, as they are done.
+        """The place of every item with what is made of it, as they are done.
 
         What was under way when a worker died is done again, one after the other: which of them did it, alone tells.
 
         Args:
-            trial: a function of a module that the workers can import.
-            settings: the same for all; small, as it is sent with every trial.
-            numbers: of the trials to be made.
+            work: a function of a module that the workers can import, or a ``partial`` of one with what is the same for
+                all; small, as it is sent with every item.
+            items: such as the numbers of trials.
+            lost: what stands for an item whose worker dies even alone, by its place; which ends all else by default.
 
         Raises:
-            RigError: a trial's worker died twice, the cluster cannot be reached, its workers have another version, or
-                what the trial itself raises.
+            RigError: an item's worker died twice, the cluster cannot be reached, its workers have another version, or
+                what the work itself raises.
         """
-        yield from self._run(_Work(trial, lambda number: (settings, number)), numbers)
-
-    def each(
-        self, work: Callable[[Item], Result], items: Sequence[Item], lost: Lost[Result] | None = None
-    ) -> Iterator[tuple[int, Result]]:
-        """The number of every item with what is made of it, as they are done; as ``completed``, each item sent once.
-
-        Args:
-            lost: what stands for an item whose worker dies even alone, which ends all else by default.
-        """
-        yield from self._run(_Work(work, lambda number: (items[number],), lost), range(len(items)))
-
-    def _run(self, work: _Work[Result], numbers: Collection[int]) -> Iterator[tuple[int, Result]]:
+        own = _Work(work, items, lost)
         if self.cluster is not None:
-            yield from _on_cluster(self.cluster, work, numbers)
-        elif self.processes == 0 or not numbers:
-            for number in numbers:
-                yield number, work.function(*work.arguments(number))
+            yield from _on_cluster(self.cluster, own)
+        elif self.processes == 0 or not items:
+            for place, item in enumerate(items):
+                yield place, work(item)
         else:
-            yield from _in_processes(min(self.processes or processors(), len(numbers)), work, numbers)
+            yield from _in_processes(min(self.processes or processors(), len(items)), own)
 
 
 @dataclass(frozen=True)
-class _Work(Generic[Result]):
-    """What is done for each number.
+class _Work(Generic[Item, Result]):
+    """As of ``Workers.completed``."""
 
-    Attributes:
-        function: that workers can import. arguments: what it is called with.
-        lost: as of ``Workers.each``.
-    """
+    function: Callable[[Item], Result]
+    items: Sequence[Item]
+    lost: Lost[Result] | None
 
-    function: Callable[..., Result]
-    arguments: Callable[[int], tuple[Any, ...]]
-    lost: Lost[Result] | None = None
-
-    def given_up(self, number: int, why: str) -> Result:
+    def given_up(self, place: int, why: str) -> Result:
         if self.lost is None:
-            raise RigError(f"workers: trial {number}: {why}; {_KEPT}, with fewer workers")
-        return self.lost(number)
+            raise RigError(f"workers: trial {self.items[place]}: {why}; {_KEPT}, with fewer workers")
+        return self.lost(place)
 
 
 def _windowed(
     executor: Executor,
     window: int,
-    work: _Work[Result],
+    work: _Work[Item, Result],
     numbers: Collection[int],
+    deaths: tuple[type[Exception], ...],
+    died: list[int],
     waiting: Callable[[], None] = lambda: None,
-    deaths: tuple[type[Exception], ...] = (),
-    died: list[int] | None = None,
 ) -> Iterator[tuple[int, Result]]:
     """Submit no more than ``window`` at a time, so that little is lost or held when the work is ended.
 
     Args:
-        executor, window: where, and how many at a time. work, numbers: what.
+        executor, window: where, and how many at a time. work, numbers: what, and the places of its items.
+        deaths: what is raised where a worker died. died: gets the places of what was under way then.
         waiting: called about once a second while nothing is done.
-        deaths: what is raised where a worker died. died: gets the trials that were under way then.
     """
     left = iter(numbers)
     pending: dict[Future[Result], int] = {}
-    died = [] if died is None else died
     breaks = isinstance(executor, WorkerPool)  # as a whole, with one of its processes
 
     def submit() -> None:
@@ -162,7 +143,7 @@ def _windowed(
             if number is None:
                 return
             try:
-                pending[executor.submit(work.function, *work.arguments(number))] = number
+                pending[executor.submit(work.function, work.items[number])] = number
             except deaths:
                 return
 
@@ -187,16 +168,16 @@ def _windowed(
                 future.cancel()
 
 
-def _in_processes(count: int, work: _Work[Result], numbers: Collection[int]) -> Iterator[tuple[int, Result]]:
+def _in_processes(count: int, work: _Work[Item, Result]) -> Iterator[tuple[int, Result]]:
     """A pool that is made anew, for what is left, when one of its processes has been killed."""
-    left = set(numbers)
+    left = set(range(len(work.items)))
     suspects: list[int] = []
     while left:
         pool = WorkerPool(1 if suspects else count)
         window, wanted = (1, suspects) if suspects else (2 * count, sorted(left))
         died: list[int] = []
         try:
-            for number, result in _windowed(pool, window, work, wanted, deaths=(BrokenProcessPool,), died=died):
+            for number, result in _windowed(pool, window, work, wanted, (BrokenProcessPool,), died):
                 left.discard(number)
                 yield number, result
         except BaseException:
@@ -265,7 +246,7 @@ def _begin(given_up: Event) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _on_cluster(address: str, work: _Work[Result], numbers: Collection[int]) -> Iterator[tuple[int, Result]]:
+def _on_cluster(address: str, work: _Work[Item, Result]) -> Iterator[tuple[int, Result]]:
     with _client(address) as client:
         threads = sum(client.nthreads().values())
         if not threads:
@@ -285,11 +266,11 @@ def _on_cluster(address: str, work: _Work[Result], numbers: Collection[int]) -> 
         executor = client.get_executor(pure=False)
 
         def run(window: int, wanted: Collection[int], died: list[int]) -> Iterator[tuple[int, Result]]:
-            return _windowed(executor, window, work, wanted, deserted, (KilledWorker,), died)
+            return _windowed(executor, window, work, wanted, (KilledWorker,), died, deserted)
 
         try:
             suspects: list[int] = []
-            yield from run(2 * threads, sorted(numbers), suspects)
+            yield from run(2 * threads, range(len(work.items)), suspects)
             died: list[int] = []
             yield from run(1, suspects, died)
             for number in died:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 @pytest.mark.parametrize("processes", [0, 1, 2])
 def test_every_trial_is_made_once(processes: int) -> None:
-    found = dict(Workers(processes).completed(squares, 7, range(9)))
+    found = dict(Workers(processes).completed(partial(squares, 7), range(9)))
     assert sorted(found) == list(range(9))
     for number, table in found.items():
         assert table.equals(squares(7, number))
@@ -59,7 +60,7 @@ def test_every_trial_is_made_once(processes: int) -> None:
 def test_in_this_process_they_come_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is made that was not asked for yet: a study that ends has lost no more than the trial at hand."""
     made: list[int] = []
-    results = Workers(0).completed(lambda _, number: made.append(number), 0, range(5))
+    results = Workers(0).completed(made.append, range(5))
     next(results)
     assert made == [0]
     next(results)
@@ -74,7 +75,7 @@ def test_one_process_and_two_give_the_same_table(reference: bytes, tmp_path: Pat
 
 
 def test_a_killed_process_is_replaced(tmp_path: Path) -> None:
-    found = dict(Workers(2).completed(dying, str(tmp_path), range(8)))
+    found = dict(Workers(2).completed(partial(dying, str(tmp_path)), range(8)))
     assert (tmp_path / "died").exists()
     assert sorted(found) == list(range(8))
     assert all(table.equals(squares(0, number)) for number, table in found.items())
@@ -82,13 +83,13 @@ def test_a_killed_process_is_replaced(tmp_path: Path) -> None:
 
 def test_a_trial_that_no_process_survives_is_an_error() -> None:
     with pytest.raises(RigError, match=r"trial 0: its process was killed twice .* run the same command again"):
-        list(Workers(1).completed(always_dying, 0, range(2)))
+        list(Workers(1).completed(partial(always_dying, 0), range(2)))
 
 
 @pytest.mark.parametrize("processes", [0, 1])
 def test_what_a_trial_raises_comes_through(processes: int) -> None:
     with pytest.raises(RigError, match="trial 0: found nothing"):
-        list(Workers(processes).completed(failing, 0, range(3)))
+        list(Workers(processes).completed(partial(failing, 0), range(3)))
 
 
 def test_a_study_goes_on_where_it_was(reference: bytes, tmp_path: Path) -> None:
@@ -177,10 +178,10 @@ def test_orphaned_processes_end(tmp_path: Path) -> None:
     """The processes of a study that was killed do not wait for work for ever."""
     program = (
         "import os, sys, time; sys.path.insert(0, 'tests'); from pathlib import Path\n"
-        "from study_trials import squares; from scenarios.workers import Workers\n"
+        "from functools import partial; from study_trials import squares; from scenarios.workers import Workers\n"
         "import multiprocessing\n"
         "if __name__ == '__main__':\n"
-        "    results = Workers(1).completed(squares, 0, range(50)); next(results)\n"
+        "    results = Workers(1).completed(partial(squares, 0), range(50)); next(results)\n"
         "    child = multiprocessing.active_children()[0].pid\n"
         "    Path(sys.argv[1]).write_text(str(child)); time.sleep(60)\n"
     )
@@ -197,7 +198,7 @@ def test_orphaned_processes_end(tmp_path: Path) -> None:
 
 def test_a_study_that_is_given_up_leaves_no_process() -> None:
     """Nor an exception in the pool's own thread, which pytest would report."""
-    results = Workers(1).completed(squares, 0, range(200))
+    results = Workers(1).completed(partial(squares, 0), range(200))
     next(results)
     children = multiprocessing.active_children()
     assert len(children) == 1
@@ -255,13 +256,13 @@ def test_a_cluster_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(where, "_CLUSTER_TIMEOUT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense://x", "nonsense", "tcp://127.0.0.1"):
         with pytest.raises(RigError, match=f"cluster {address}: no Dask scheduler answers"):
-            list(Workers(cluster=address).completed(squares, 0, range(2)))
+            list(Workers(cluster=address).completed(partial(squares, 0), range(2)))
 
 
 def test_without_dask_the_way_to_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(RigError, match=r"pip install 'torusrig\[cluster\]'"):
-        list(Workers(cluster="tcp://127.0.0.1:9").completed(squares, 0, range(2)))
+        list(Workers(cluster="tcp://127.0.0.1:9").completed(partial(squares, 0), range(2)))
 
 
 def test_a_folder_holds_one_study(tmp_path: Path) -> None:

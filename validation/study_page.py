@@ -6,13 +6,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TypeVar
 
-import pyarrow as pa
-
 from rig.files import child, made_folder, write_text
 from rig.progress import Progress, unheard
-from scenarios.studies.store import StudyFolder
+from scenarios.studies.store import StudyFolder, Trial
 from scenarios.studies.table_files import fitting_together, rows_of
-from scenarios.workers import Trial, Workers
+from scenarios.workers import Workers
 from validation.markdown import page_of
 
 Row = TypeVar("Row")
@@ -23,7 +21,7 @@ def make_page(
     folder: Path,
     name: str,
     settings: Settings,
-    trial: Trial[Settings, pa.Table],
+    trial: Trial[Settings],
     count: int,
     row: type[Row],
     blocks: Callable[[Settings, tuple[Row, ...]], Iterable[str]],

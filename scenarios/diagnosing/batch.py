@@ -139,7 +139,7 @@ def outcomes(
     def lost(number: int) -> Outcome | Exception:
         return RigError(f"{tasks[number].run}: its process was killed (out of memory?), expected it to end")
 
-    for done, (number, result) in enumerate(workers.each(_attempt, tasks, lost), start=1):
+    for done, (number, result) in enumerate(workers.completed(_attempt, tasks, lost), start=1):
         progress(done / len(tasks))
         yield number, result
 

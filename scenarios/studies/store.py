@@ -15,11 +15,12 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -30,7 +31,11 @@ from rig.files import atomic_path, file_hash, made_folder, own_folder, sync_fold
 from rig.progress import Progress, unheard
 from scenarios.studies.table_files import opened_table, read_table, write_table
 from scenarios.version import package_version
-from scenarios.workers import Settings, Trial, Workers
+from scenarios.workers import Workers
+
+Settings = TypeVar("Settings")
+#: What one trial of a study gives, by its settings and its number.
+Trial = Callable[[Settings, int], pa.Table]
 
 FORMAT: Final = "rig-study/1"
 DOCUMENT: Final = "study.json"
@@ -123,7 +128,7 @@ class StudyFolder:
 
     def fill(
         self,
-        trial: Trial[Settings, pa.Table],
+        trial: Trial[Settings],
         settings: Settings,
         count: int,
         workers: Workers,
@@ -148,8 +153,9 @@ class StudyFolder:
             own_folder(self.path / _TRIALS)
             finished = self.finished()
             progress(len(finished) / count)
-            for number, table in workers.completed(trial, settings, sorted({*range(count)} - set(finished))):
-                finished[number] = self._keep(number, table)
+            missing = sorted({*range(count)} - set(finished))
+            for place, table in workers.completed(partial(trial, settings), missing):
+                finished[missing[place]] = self._keep(missing[place], table)
                 progress(len(finished) / count)
             return self._merge([finished[number] for number in range(count)])
 

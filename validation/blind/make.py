@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +75,7 @@ def make_set(order: Order, workers: Workers | None = None, progress: Progress = 
     count = len(order.plans)
     entries: dict[int, tuple[dict[str, str], dict[str, object]]] = {}
     with made_folder(folder, linked=False), made_folder(sealed / CHANGES, linked=False):
-        for number, entry in (workers or Workers(0)).completed(_make_one, order, range(count)):
+        for number, entry in (workers or Workers(0)).completed(partial(_make_one, order), range(count)):
             entries[number] = entry
             progress(len(entries) / count)
     open_half = [entries[number][0] for number in range(count)]

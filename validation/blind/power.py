@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.optimize import brentq
@@ -114,7 +115,9 @@ def power(study: PowerStudy, workers: Workers | None = None, progress: Progress 
     """
     count = len(study.strengths) * study.draws
     hits = np.zeros(len(study.strengths))
-    for done, (number, hit) in enumerate((workers or Workers(0)).completed(_trial, study, range(count)), start=1):
+    for done, (number, hit) in enumerate(
+        (workers or Workers(0)).completed(partial(_trial, study), range(count)), start=1
+    ):
         hits[number // study.draws] += hit
         progress(done / count)
     setting, effect = _drawn(study, study.strengths[0], 0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 from zipfile import ZipFile
@@ -165,7 +166,7 @@ def _run_baselines(
     missing = set(answers.missing(case["name"] for case in cases))
     left = tuple(case for case in cases if case["name"] in missing)
     asked = _Asked(str(folder), str(answers.folder), left)
-    for done, (number, _) in enumerate(workers.completed(_baseline_one, asked, range(len(left))), start=1):
+    for done, (number, _) in enumerate(workers.completed(partial(_baseline_one, asked), range(len(left))), start=1):
         answers.note(left[number]["name"])
         progress(done / len(left))
 

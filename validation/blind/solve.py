@@ -7,6 +7,7 @@ import time
 import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -70,7 +71,7 @@ def solve_cases(
     answers.begin()
     left = answers.missing(asked)
     task = Task(str(folder), str(output), tuple(asked[name] for name in left))
-    for done, (number, _) in enumerate(workers.completed(_solve_one, task, range(len(left))), start=1):
+    for done, (number, _) in enumerate(workers.completed(partial(_solve_one, task), range(len(left))), start=1):
         answers.note(left[number])
         progress(done / len(left))
     return len(left)
