@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from whitened_examples import data, discrepancies, recorded, unexplained  # noqa: F401
+from whitened_examples import data, discrepancies, louder, noise_of, recorded, unexplained  # noqa: F401
 
-from estimators.gap.data.basefit import set_up
+import scenarios
+from estimators.gap.data.basefit import learn_floor, set_up
 from estimators.gap.data.projection import Columns, project
 from estimators.gap.data.steps import Step
 from estimators.gap.data.whitened import WhitenedData
@@ -17,6 +18,7 @@ from estimators.gap.evidence.discrepancy import Discrepancies, weighed
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.terms import Errors, blocks_term
 from estimators.gap.hypotheses.sources import sources
+from estimators.gap.search.posterior import explain
 from rig.arm import Arm
 from rig.effects import EFFECTS, make_effect
 from rig.pose_nodes import quaternions
@@ -135,3 +137,22 @@ def test_two_terms_at_once_are_one_covariance(data: WhitenedData, discrepancies:
         logs = linear.log_evidence(gram[0, 0], gram[1:, 1:], gram[1:, 0], precision)
         expected = float(logs - alone) - 0.5 * np.linalg.slogdet(core)[1]
         assert found[i, j] == pytest.approx(expected, abs=1e-6 * float(left @ left))
+
+
+def test_a_floor_is_moved_beside_fewer_effects_too(arm: Arm) -> None:
+    """Beside a warm-up that does what a floor does, the floor is as it was learned: each that is weighed beside what
+    leads is weighed beside nothing, too."""
+    jitter = ("timing_jitter", {"where": "acquisition", "sigma_s": 0.03})
+    drift = ("bias_warmup", {"where": "magnetometer", "coefficient": (0.05, -0.05, 0.05), "tau_s": 300.0})
+    run, rest = recorded(1, jitter, drift, decimation=200), scenarios.load("ann-arbor").simulate_locked(seed=1)
+    rng = np.random.default_rng(2)
+    walks = louder(rest, 0.003 * noise_of(rest) * np.cumsum(rng.standard_normal((len(rest.t), 6)), axis=0))
+    data = set_up(run, learn_floor(walks, float(np.median(np.diff(run.t)))), arm)
+    without = [name for name in EFFECTS if name not in (jitter[0], drift[0])]
+    found = explain(data, without).hypotheses
+    moved = {one.state.name: set[tuple[str, ...]]() for one in found if one.state.steps and not one.other}
+    for one in found:
+        if one.state.name in moved and "timing_jitter@acquisition" in one.labels:
+            moved[one.state.name].add(one.explanation.key)
+    assert moved
+    assert all(() in sets for sets in moved.values()), moved

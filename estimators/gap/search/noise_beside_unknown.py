@@ -16,9 +16,12 @@ def weigh_noise_beside_unknown(work: Weighing) -> None:
     for state, gained in _without_unknown(work):
         if (leading := _unknown(work, plain=True)) and leading.log_mass + gained > work.best - NEAR:
             _moved(work, [state], leading)
-    for plain in (True, False):
-        while (leading := _unknown(work, plain)) and _moved(work, _learned(work, leading), leading):
-            plain = False
+    leading = _unknown(work, plain=True) or _unknown(work, plain=False)
+    while leading is not None:
+        before, moved = leading, _moved(work, _learned(work, leading), leading)
+        leading = _unknown(work, plain=False)
+        if not moved and (leading is before or before.state.steps):
+            break
 
 
 def _unknown(work: Weighing, plain: bool) -> Hypothesis | None:

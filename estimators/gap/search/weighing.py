@@ -272,15 +272,23 @@ class Weighing:
         return fitted[-1] if of_all_channels(self.leading.state) and 0.5 * fitted[-1].gain > FAR else None
 
     def move_floor_under_common(self, floor: NoiseState) -> None:
-        """The same beside other floors: as it was learned, the floor was judged beside nothing else."""
+        """The same beside other floors: as it was learned, the floor was judged beside nothing else. Each is moved
+        beside what leads, and beside fewer effects: beside one that does what the floor does, it is as it was."""
         leading = self.leading
         if (common := self._common()) is None or leading.state.steps:
             return
-        for state in self.noises.moved_under((floor, self.scanner), leading.explanation, common):
-            scanner = self.scanner.stepped(state.steps)
-            self.enter_common(self.alone(leading.explanation.on(scanner.fine.data), state))
-            if self.leading.state.name == state.name:
+        known, moved = leading.explanation, list[tuple[NoiseState, Scanner]]()
+        for members in {key_of(some): some for some in [known.members, *without_one(known.members), ()]}.values():
+            prior = self.noises.log_prior(floor, members)
+            each = replace(known, members=members, log_prior=prior, refitted=False)
+            for state in self.noises.moved_under((floor, self.scanner), each, common):
+                scanner = self.scanner.stepped(state.steps)
+                moved.append((state, scanner))
+                self.enter_common(self.alone(each.on(scanner.fine.data), state))
+        for state, scanner in moved:
+            if self.leading.state.steps is state.steps:
                 self._under_common(state, scanner, self.discrepancies_under(state, scanner))
+                return
 
     def moved(self, every: Sequence[Hypothesis], state: NoiseState) -> None:
         """The likeliest sets of hypotheses beside discrepancies under other noise, with what then can be added or left
