@@ -48,6 +48,17 @@ def test_noise_whose_spectrum_falls_is_as_it_was(kind: str) -> None:
     assert told < 3
 
 
+def test_a_falling_floor_with_a_part_too_many_is_as_it_was() -> None:
+    """A part that hardly pays is no reason for other noise: none of 20 draws, where every part counted against the
+    floor would have it so in two of three."""
+    known = ChannelNoise(1.0, ((1.1, 0.45), (0.14, 100.0)), samples=6000, duration_s=300.0, holds=3)
+    rng, decay = np.random.default_rng(4), np.exp(-0.05 / 0.45)
+    for _ in range(20):
+        drive = np.sqrt(1.1 * (1.0 - decay**2)) * rng.standard_normal((3, 2200))
+        poses = (rng.standard_normal((3, 2200)) + lfilter([1.0], [1.0, -decay], drive))[:, 200:]
+        assert resonant(list(poses), 20.0, DT, known) is known
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("block", [1, 3])
 def test_noise_of_another_spectrum_is_whitened_by_what_rest_tells(kind: str, block: int) -> None:

@@ -29,6 +29,9 @@ _STEP: Final = 0.05
 _WHITE, _COLOURED, _TIME, _FARTHEST = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5), 4.0
 #: Prior standard deviations of the logarithms of a coloured part's size and time about what was learned.
 _SIZES, _TIMES = 1.5, 0.7
+#: The same, and the bounds, of the time of a part that is as slow as half the time for which a pose was held: readings
+#: at rest tell how its spectrum falls, but hardly from where.
+_ANY_TIME, _LONG, _FROM_THERE = 2.0, 0.5, (-4.0, 4.0)
 #: A floor may go on below what the poses at rest show: parts so many times slower than each other, each as large as
 #: those that were seen, give or take a factor of exp(2); of a white one as large as just stays unseen, give or take
 #: exp(4), as nothing tells. Noise of electronics falls with one over the frequency for as long as anyone has looked
@@ -301,7 +304,8 @@ class Spectrum:
         """(free,) prior precisions of the logarithms of the white part, and of the coloured parts' sizes and times."""
         if self.believed is not None:
             return self.believed[1]
-        found = np.array([1e-2, *[1.0 / _SIZES**2, 1.0 / _TIMES**2] * (self.learned.free // 2)])
+        times = np.where(self._slow, _ANY_TIME, _TIMES)
+        found = np.array([1e-2, *np.column_stack([np.full(len(times), _SIZES), times]).ravel() ** -2.0])
         seen = self.learned.free > 1 + 2 * self.learned.unseen
         found[self.unseen] = 1.0 / (_UNSEEN if seen else _UNTOLD) ** 2
         return found
@@ -321,8 +325,17 @@ class Spectrum:
         return slice(self.learned.free - 2 * self.learned.unseen, None, 2)
 
     @property
+    def _slow(self) -> list[bool]:
+        """Of each coloured part, whether it was seen, but is as slow as a pose was held."""
+        noise = self.learned.noise
+        held_s, seen = noise.duration_s / noise.holds, noise.parts[: len(noise.seen) - self.learned.unseen]
+        return [part in seen and part[1] >= _LONG * held_s for part in noise.parts]
+
+    @property
     def _bounds(self) -> list[tuple[float, float]]:
-        found = [_WHITE, *[_COLOURED, _TIME] * (self.learned.free // 2)]
+        found = [_WHITE]
+        for slow in self._slow:
+            found += [_COLOURED, _FROM_THERE if slow else _TIME]
         found[self.unseen] = [(0.0, _FARTHEST * _UNTOLD - np.log(_NEXT_TO_NOTHING))] * self.learned.unseen
         return found
 
