@@ -149,3 +149,6 @@ def test_metadata_survive_json() -> None:
         Metadata(notes={1j})
     with pytest.raises(RigError, match="'arm', which has its own field"):
         Metadata(extra={"arm": "a465"})
+    with pytest.raises(RigError, match="'x SERIAL', which is read as 'serial' misspelt"):
+        Metadata(extra={"x SERIAL": 7})
+    assert Metadata(serial=3, extra={"x SERIAL": 7}).extra == {"x SERIAL": 7}

@@ -58,7 +58,8 @@ def recordings(draw: st.DrawFn) -> Recording:
             notes=draw(st.none() | texts | st.lists(texts)),
             magnetic_field_unit=draw(st.sampled_from([None, "G", "uT"])),
             extra={
-                "x " + key: value for key, value in draw(st.dictionaries(texts, NUMBERS | texts, max_size=2)).items()
+                f"of my own: {key}": value
+                for key, value in draw(st.dictionaries(texts, NUMBERS | texts, max_size=2)).items()
             },
         ),
     )

@@ -45,7 +45,8 @@ class Metadata:
         extra: further JSON keys, which are kept as they are.
 
     Raises:
-        RigError: a magnitude or rate that is not positive and finite, an unknown field unit, what JSON cannot hold.
+        RigError: a magnitude or rate that is not positive and finite, an unknown field unit, what JSON cannot hold, a
+            further key that is nearly a known one.
     """
 
     gravity_m_s2: float = 9.8
@@ -93,6 +94,8 @@ class Metadata:
         object.__setattr__(self, "extra", dict(self.extra))
         if taken := sorted(set(self.extra) & _RESERVED):
             raise RigError(f"metadata extra: found {taken[0]!r}, which has its own field")
+        if near := _nearly_known(self.to_json()):
+            raise RigError(f"metadata extra: found {near[0]!r}, which is read as {near[1]!r} misspelt")
         self.to_text()  # nothing may be accepted that cannot be written
 
     def stated_field_unit(self, sensor: str) -> str | None:
@@ -146,9 +149,8 @@ class Metadata:
         if (found := content.pop("format", FORMAT)) != FORMAT:
             raise RigError(f"{where}: metadata format: found {shown(found)}, expected {FORMAT!r}")
         content.pop("rows", None)  # of the file, not of the recording
-        for name in content:
-            if name not in _NAMES and (meant := misspelt(name, set(_NAMES) - set(content))):
-                raise RigError(f"{where}: unknown metadata key {name!r} (nearest: {meant!r})")
+        if near := _nearly_known(content):
+            raise RigError(f"{where}: unknown metadata key {near[0]!r} (nearest: {near[1]!r})")
         known = {name: content.pop(name) for name in _NAMES if name in content}
         try:
             return cls(**known, extra=content)
@@ -166,6 +168,13 @@ def misspelt(name: str, valid: Iterable[str]) -> str | None:
     choices = {choice.casefold(): choice for choice in valid}
     found = closest(name.casefold(), choices, 0.85)
     return None if found is None else choices[found]
+
+
+def _nearly_known(keys: Iterable[str]) -> tuple[str, str] | None:
+    """The first of some keys that is probably a known one that is not among them, and that one."""
+    missing = set(_NAMES) - set(keys)
+    own = ((name, misspelt(str(name), missing)) for name in keys if name not in _RESERVED)
+    return next(((name, meant) for name, meant in own if meant is not None), None)
 
 
 def _is_moment(value: Any) -> bool:
