@@ -7,6 +7,7 @@ from dataclasses import replace
 import effects_reference as reference
 import numpy as np
 import pytest
+from arm_files import IMU_M
 from effects_reference import AXES, OFFSET, SENSITIVITY, readings
 from effects_rig import TIMES, made, measured, pipeline, signals, volts
 from hypothesis import given
@@ -79,7 +80,7 @@ def site(t: Array, lever: Array) -> Array:
     path = []
     for q in reference.joint_angles(t):
         frame = reference.frames(q)[6]
-        path.append(frame[:3, 3] + frame[:3, :3] @ (lever + np.array([0.0, 0.0, reference.SENSOR_Z])))
+        path.append(frame[:3, 3] + frame[:3, :3] @ (lever + np.array([0.0, 0.0, IMU_M])))
     return np.array(path)
 
 
