@@ -210,7 +210,7 @@ class Explanation:
         return self.linear.averaged[0] + self.log_prior if self.felt else -np.inf
 
 
-#: Those that are linearised, in the order in which they were, and of how many numbers that is.
+#: Those that are linearised, each once, in the order in which they were, and of how many numbers that is.
 _kept: Final[deque[tuple[ref[Explanation], int]]] = deque()
 
 
@@ -224,5 +224,5 @@ def _keep(each: Explanation, numbers: int) -> None:
     while total > _NUMBERS and len(_kept) > 1:
         own, size = _kept.popleft()
         total -= size
-        if (gone := own()) is not None and not any(own() is gone for own, _ in _kept):
+        if (gone := own()) is not None:
             gone.let_go()
