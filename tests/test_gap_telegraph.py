@@ -12,7 +12,7 @@ from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence import telegraph
 from estimators.gap.evidence.discrepancy import Discrepancies, weighed
-from estimators.gap.evidence.telegraph import slow_power, two_levels
+from estimators.gap.evidence.telegraph import likely_levels, slow_power, two_levels
 from estimators.gap.floor.two_levels import forward, smoothed
 from rig.arrays import Array
 from rig.effects._numerics import gauss_markov
@@ -69,7 +69,7 @@ def test_two_levels_and_coloured_noise_of_one_spectrum_are_told_apart() -> None:
             course = course - course.mean()
             residual = noise - noise.mean() + size * course / np.linalg.norm(course)
             _, excess = slow_power(residual, np.ones(count))
-            evidence, _ = two_levels(residual, np.ones(count), excess)
+            evidence, _ = two_levels(residual, np.ones(count), likely_levels(excess))
             right[kind] += (evidence > normal_gain(residual, covariance)) is (kind == 0)
     assert min(right) >= 18
 
@@ -81,7 +81,7 @@ def test_white_noise_does_not_switch() -> None:
     for seed in range(40):
         residual = np.random.default_rng([8, seed]).standard_normal(3000)
         power, excess = slow_power(residual, np.ones(3000))
-        gains.append(two_levels(residual, np.ones(3000), excess)[0] if power > 0.0 else 0.0)
+        gains.append(two_levels(residual, np.ones(3000), likely_levels(excess))[0] if power > 0.0 else 0.0)
     assert np.mean(np.array(gains) > 3.0) < 0.15
 
 
@@ -104,3 +104,17 @@ def test_what_switches_is_told_as_that(
     parts = ("the offset of mag3", "the gain of mag3")
     others = [each for each in found if (each.term.source in parts if scaled else each.term.course == "time")]
     assert found[0].log_mass > max(each.log_mass for each in others) + 5.0
+
+
+def test_what_the_calibration_takes_of_levels_hides_none(data: WhitenedData, discrepancies: Discrepancies) -> None:
+    """Of a level that changes a few times the calibration takes its share, and the levels' evidence is of the rest: the
+    term is weighed wherever it would be worth it, here with a margin of one nat."""
+    rng = np.random.default_rng(9)
+    change = np.zeros((data.count, 6))
+    change[:, 3] = switching(rng, data.count, 8)
+    left = project(data.absorbed, data.whiten(change))
+    linear = unexplained(project(data.absorbed, rng.standard_normal(data.size)) + 200.0 * left / np.linalg.norm(left))
+    found = weighed(linear, discrepancies)[0]
+    assert (found.term.source, found.term.course) == ("the offset of mag1", telegraph.NAME)
+    again = weighed(linear, discrepancies, least=found.log_mass - 1.0)[0]
+    assert (again.term.source, again.term.course) == (found.term.source, found.term.course)

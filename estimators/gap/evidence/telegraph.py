@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
+from estimators.gap.data.projection import project
 from estimators.gap.evidence.fitted_courses import FittedCourses
 from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.floor.two_levels import forward, smoothed
@@ -26,6 +27,8 @@ from rig.arrays import Array
 _SAMPLES: Final = 8192
 #: So many sources are tried, those with most slow power, where this gains so much in log likelihood.
 _SOURCES, _WORTH = 3, 10.0
+#: Levels are looked for so many times at most, each about those found before, beside what the calibration takes.
+_ROUNDS: Final = 3
 #: Of what levels gain, means over pieces of one length tell at least this share.
 _OVERLOOKED: Final = 0.5
 #: A level lasts from so many samples to such a share of the recording; means over at least so many pieces tell of it.
@@ -68,14 +71,29 @@ class Telegraphs(FittedCourses):
                 found.append((gain, source, share, moments, informations, excess))
         terms = []
         for _, source, share, moments, informations, excess in sorted(found, key=lambda each: -each[0])[:_SOURCES]:
-            evidence, upper = two_levels(moments, informations, excess)
+            levels, gained = likely_levels(excess), -np.inf
+            for _ in range(_ROUNDS):
+                evidence, upper = two_levels(moments, informations, levels)
+                mean = float(informations @ upper / informations.sum())
+                moved = upper - mean
+                explained = 0.5 * float(moments @ moved) ** 2 / max(float(informations @ moved**2), 1e-300)
+                change = (source.series[0] * np.repeat(moved, together)[:count]).reshape(-1, 1)
+                alone = project(self.data.absorbed, change)[:, 0]
+                size = float(alone @ left) / max(float(alone @ alone), 1e-300)
+                cost = min(evidence - explained, 0.0)  # of the instants
+                before, gained = gained, cost + 0.5 * size * float(alone @ left)
+                if gained < before + 1.0:
+                    break
+                # where the calibration takes a part of a level, what it leaves has no two
+                taken = size * (change[:, 0] - alone).reshape(residual.shape)
+                moments = np.add.reduceat(np.einsum("cn,cn->n", source.series[0], residual + taken), edges)
+                levels = size * np.array([[[1.0 - mean, -mean]]])
             switches = int(np.count_nonzero(np.diff(upper > 0.5)))
-            if evidence + share < least or switches < (_STEPS if source.name in self.stepping else _FEWEST):
+            fewest = _STEPS if source.name in self.stepping else _FEWEST
+            if share + gained < least or switches < fewest:
                 continue
-            moved = upper - float(informations @ upper / informations.sum())
-            explained = 0.5 * float(moments @ moved) ** 2 / max(float(informations @ moved**2), 1e-300)
             course = Course(NAME, np.repeat(upper, together)[:count, None], np.ones(1))
-            terms += terms_along(self.data.absorbed, source, course, share + min(evidence - explained, 0.0))
+            terms += terms_along(self.data.absorbed, source, course, share + cost)
         return terms
 
 
@@ -101,24 +119,35 @@ def slow_power(moments: Array, informations: Array) -> tuple[float, float]:
     return best, excess
 
 
-def two_levels(moments: Array, informations: Array, excess: float) -> tuple[float, Array]:
-    """Log evidence of a level that switches between two, against none: averaged over all instants, over how often, and
-    over how long at either, at the likeliest distance of the levels; and (n,) the probability of the upper one.
+def likely_levels(excess: float) -> Array:
+    """(d, s, 2): an upper and a lower level of a mean of zero, at each distance and for each share of the time.
 
     Args:
         excess: the level's variance, as slow power tells it.
     """
+    share = np.array(_SHARES)
+    apart = np.sqrt(excess / (share * (1.0 - share))) * np.array(_APART)[:, None]
+    return np.stack([apart * (1.0 - share), -apart * share], axis=-1)
+
+
+def two_levels(moments: Array, informations: Array, levels: Array) -> tuple[float, Array]:
+    """Log evidence of a level that switches between two, against none: averaged over all instants, over how often, and
+    over how long at either, at the likeliest levels; and (n,) the probability of the upper one.
+
+    Args:
+        levels: (d, s, 2), upper and lower, for each share of the time; or (d, 1, 2), for all of them.
+    """
     longest = max(_LONGEST * len(moments), 2.0 * _SHORTEST)
     rates = 1.0 / np.geomspace(_SHORTEST, longest, _RATES)
-    apart, share, rate = (
-        each.ravel() for each in np.meshgrid(np.sqrt(excess) * np.array(_APART), _SHARES, rates, indexing="ij")
+    pair, which, rate = (
+        each.ravel() for each in np.meshgrid(range(len(levels)), range(len(_SHARES)), rates, indexing="ij")
     )
-    apart = apart / np.sqrt(share * (1.0 - share))
-    upper, lower = apart * (1.0 - share), -apart * share
-    odds = np.outer(moments, apart) - 0.5 * np.outer(informations, upper**2 - lower**2)
+    upper, lower = np.broadcast_to(levels, (len(levels), len(_SHARES), 2))[pair, which].T
+    share = np.array(_SHARES)[which]
+    odds = np.outer(moments, upper - lower) - 0.5 * np.outer(informations, upper**2 - lower**2)
     gains, filtered = forward(odds, share, rate)
     gains += lower * moments.sum() - 0.5 * lower**2 * informations.sum()
     best = int(np.argmax(gains))
-    alike = gains.reshape(len(_APART), -1)[best * len(_APART) // len(gains)]  # of the same distance
+    alike = gains.reshape(len(levels), -1)[pair[best]]  # of the same levels
     evidence = float(np.logaddexp.reduce(alike)) - log(len(alike))
     return evidence, smoothed(filtered[:, best], float(share[best]), float(rate[best]))

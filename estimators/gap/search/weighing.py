@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final
@@ -318,7 +318,7 @@ class Weighing:
         if len(some[0].members) > FEW:
             fewer = displaced(some[0], search.without_one(some[0]), discrepancies)
             queue += [search.fine(members, search.fitted(members)) for members in fewer]
-        extended = len(some) == 1
+        extended = set[Key]() if len(some) > 1 else None
         while queue:
             each = queue.pop(0)
             if each.key not in done or any(each is one for one in added):
@@ -334,19 +334,32 @@ class Weighing:
                 continue
             # what was needed without a discrepancy may do a part of what that does
             queue += [rest for rest in search.without_one(leading.explanation) if rest.key not in done]
-            if not queue and not extended:
-                extended = True
-                added = search.beside(leading.explanation, leading.terms[0].on_means)
-                queue += added
-                for one in added:
-                    self.enter(self.alone(one, state))
+            if queue or extended is None or leading.explanation.key in extended or len(extended) >= _OUTWARDS:
+                continue
+            extended.add(leading.explanation.key)
+            new = list(self._additions(leading, nameless, search))
+            added += new
+            queue += [one for one in new if one.key not in done]
+            for one in new:
+                self.enter(self.alone(one, state))
         return added
+
+    @staticmethod
+    def _additions(leading: Hypothesis, nameless: Sequence[Hypothesis], search: Search) -> Iterator[Explanation]:
+        """One effect more beside what leads with a discrepancy, and one in the place of each of its effects."""
+        yield from search.beside(leading.explanation, leading.terms[0].on_means)
+        for rest in search.without_one(leading.explanation):
+            own = [one for one in nameless if one.explanation.key == rest.key]
+            if own:
+                yield from search.beside(rest, max(own, key=lambda one: one.log_mass).terms[0].on_means)
 
     def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
         """Whether a set beside a discrepancy is far from likely: that gains no more beside a set than beside less."""
-        held = Counter(each.key)
-        own = [gain for under, fewer, gain in self.gains if under is state and Counter(fewer) < held]
-        return bool(own) and self.known(each, state) + min(own) < self.best - NEAR
+        held, own = Counter(each.key), dict[Key, float]()
+        for under, fewer, gain in self.gains:
+            if under is state and Counter(fewer) < held:
+                own[fewer] = max(gain, own.get(fewer, gain))
+        return bool(own) and self.known(each, state) + min(own.values()) < self.best - NEAR
 
 
 def of_all_channels(state: NoiseState) -> bool:
