@@ -15,7 +15,7 @@ from blind_answers import answer
 
 import estimators.gap
 import scenarios
-import validation.blind.score as scoring
+import validation.blind.scoring as scoring
 from rig.channels import CHANNELS
 from rig.effects import Effect, make_effect
 from rig.errors import RigError
@@ -33,7 +33,7 @@ from validation.blind.make import Order, _make_one, make_set
 from validation.blind.mechanics import MECHANISMS
 from validation.blind.power import crossing, half_power, ideal_power
 from validation.blind.report import page, write_report
-from validation.blind.score import is_right, score_set, summary, withheld_effect
+from validation.blind.scoring import is_right, score_set, summary, withheld_effect
 from validation.blind.seal import commitment, read_manifest, read_order, read_truth, sealed_folder
 from validation.blind.settings import FloorKind, draw_setting
 from validation.blind.solve import ANSWERS, solve_set

@@ -16,6 +16,7 @@ from rig.effects import EFFECTS
 from rig.maneuver import TorusSweep
 from validation.blind.mechanics import MECHANISMS, Mechanism
 from validation.blind.mechanics.drive import Driven, built, drive
+from validation.blind.mechanics.driven_readings import see
 from validation.blind.mechanics.mechanisms import (
     LashJoint,
     MagnetOnLink,
@@ -24,7 +25,6 @@ from validation.blind.mechanics.mechanisms import (
     SpringJoint,
     VibratingTable,
 )
-from validation.blind.mechanics.seen import see
 from validation.blind.settings import draw_setting
 
 DOWN = np.array([0.0, 0.0, -9.8])

@@ -16,7 +16,7 @@ from validation.blind.estimates import stated
 from validation.blind.floors import Floor
 from validation.blind.outcome import judge
 from validation.blind.probability import LEAST, Claim, calibration_error, check_answer, claims, proper, reliability
-from validation.blind.score import withheld_effect
+from validation.blind.scoring import withheld_effect
 from validation.blind.truth import TrueCause, Truth
 
 

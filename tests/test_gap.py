@@ -20,8 +20,8 @@ import scenarios
 from estimators.gap.data.projection import Basis, Columns, project
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
-from estimators.gap.hypotheses.alike import alike
 from estimators.gap.hypotheses.prior import Prior
+from estimators.gap.hypotheses.same_places import alike
 from estimators.gap.hypotheses.score import Explained, evidence
 from estimators.gap.report.by_channel import MAY_BE_FLOOR
 from rig.arm import Arm

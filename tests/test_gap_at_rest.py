@@ -9,8 +9,8 @@ import pytest
 
 import scenarios
 from estimators.gap.data.basefit import learn_floor
-from estimators.gap.floor.at_rest import sound
 from estimators.gap.floor.censored import uncut
+from estimators.gap.floor.clean_rest import sound
 from rig.effects import Effect, make_effect
 from rig.effects.tails import limit
 

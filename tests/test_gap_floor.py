@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, kstest
 
 from estimators.gap.data.blocks import block_means, block_size
-from estimators.gap.floor.alike import moved_together
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.learned import Learned, Spectrum, parts
+from estimators.gap.floor.moved_together import moved_together
 from estimators.gap.floor.periodogram import Periodogram
 
 DT = 0.25

@@ -12,7 +12,7 @@ import scenarios
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.resonant import resonant
-from estimators.gap.floor.tones import tone_words, without_tones
+from estimators.gap.floor.tones_at_rest import tone_words, without_tones
 from rig.arrays import Array
 from rig.maneuver import LockedPoses
 from rig.recording import Recording

@@ -12,7 +12,7 @@ from scipy.special import chdtrc
 import estimators
 from estimators.gap.diagnosis import Channel
 from estimators.gap.floor.channel_noise import ChannelNoise
-from estimators.gap.report.loud_floor import loud_floor_words
+from estimators.gap.report.louder_rest import loud_floor_words
 from estimators.loud_floor import times_too_loud
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS

@@ -76,7 +76,7 @@ def test_a_command_without_the_option_names_the_variable(rig: Rig, here: Path, c
 def test_a_file_is_refused_by_its_row_count(long: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, LEAST)
     monkeypatch.setattr("rig.memory._SMALL", 1 << 10)
-    monkeypatch.setattr("rig.recording.files._COPIES", 1 << 10)
+    monkeypatch.setattr("rig.recording.recording_files._COPIES", 1 << 10)
     with pytest.raises(RigError, match=r"long.parquet: 20000 rows of 8 columns: takes 1.22 GiB of memory"):
         scan_recording(long).read()
 

@@ -4,7 +4,7 @@ A study fits thousands of data sets that share their poses, or nearly so. Their 
 (``fit_many``): every step of the search is a few products over all of them.
 """
 
-from estimators.batch.fit import ManyFits, fit_many
+from estimators.batch.fits import ManyFits, fit_many
 from estimators.batch.parameters import ManyParameters
 
 __all__ = ["ManyFits", "ManyParameters", "fit_many"]

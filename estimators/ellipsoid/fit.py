@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimators.ellipsoid.estimate import Estimate, Readings, estimate
 from estimators.ellipsoid.levenberg import Start, levenberg_marquardt
 from estimators.ellipsoid.likelihood import Optimum, parameter_names
 from estimators.ellipsoid.monomials import FREE, packed
+from estimators.ellipsoid.optimum import Estimate, Readings, estimate
 from estimators.ellipsoid.refusal import Spread, problem_of, without_ellipsoid
 from estimators.ellipsoid.used_rows import Dropped, check_finite, usable
 from rig.arrays import Array, Rows

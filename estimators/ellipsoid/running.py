@@ -11,10 +11,10 @@ from dataclasses import replace
 
 from estimators.ellipsoid import outliers
 from estimators.ellipsoid.distances import Residuals
-from estimators.ellipsoid.estimate import STEP
 from estimators.ellipsoid.fit import EllipsoidFit, fit_of
 from estimators.ellipsoid.likelihood import solve
 from estimators.ellipsoid.moments import Moments
+from estimators.ellipsoid.optimum import STEP
 from estimators.ellipsoid.used_rows import Dropped, usable
 from rig.arrays import Array
 

@@ -20,7 +20,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.states import NoiseState
-from estimators.gap.floor.tones import tone_words
+from estimators.gap.floor.tones_at_rest import tone_words
 from estimators.gap.hypotheses.stochastic import EVERY
 from estimators.gap.report.closure import elsewhere
 from estimators.gap.report.corrected import corrected_calibration

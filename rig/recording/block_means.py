@@ -13,7 +13,7 @@ from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RigError
 from rig.memory import limit_bytes
-from rig.recording.files import RecordingScan, scan_recording
+from rig.recording.recording_files import RecordingScan, scan_recording
 from rig.recording.samples import Recording, arrays_of
 
 #: What a model of the rig makes of a recording's poses: sensor -> (n, 3) [recorded unit].

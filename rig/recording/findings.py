@@ -11,7 +11,7 @@ import numpy as np
 
 from rig.arrays import Array, Rows
 from rig.channels import ACCELEROMETER, MAGNETOMETER
-from rig.recording.files import RecordingScan
+from rig.recording.recording_files import RecordingScan
 from rig.recording.samples import Recording
 from rig.recording.thinning import thinned
 from rig.units import STANDARD_GRAVITY

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig.memory import limit_bytes
 from rig.recording.block_means import joined
-from rig.recording.files import RecordingScan, scan_recording
+from rig.recording.recording_files import RecordingScan, scan_recording
 from rig.recording.samples import Recording
 
 #: Samples of a stretch: successive ones are needed to see repeats and correlation, and many stretches to see all

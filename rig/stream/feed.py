@@ -13,7 +13,7 @@ from rig.errors import RigError
 from rig.recording import Metadata, Recording
 from rig.recording.checks import NORM_TOLERANCE
 from rig.recording.columns import QUATERNION, TIME
-from rig.recording.files import recording_of
+from rig.recording.recording_files import recording_of
 from rig.stream.clock import Clock
 from rig.stream.lines import LineReader
 from rig.stream.sources import ANEW, Source

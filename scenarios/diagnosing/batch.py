@@ -24,8 +24,8 @@ from rig.threads import one_blas_thread
 from scenarios.diagnosing.equivalents import equivalents_of
 from scenarios.diagnosing.improved_rig import improved_rig
 from scenarios.diagnosing.kept import origin
+from scenarios.diagnosing.several import residuals_of_each
 from scenarios.diagnosing.task import BYTES_A_SAMPLE, BYTES_ANYWAY, About, Outcome, Task
-from scenarios.diagnosing.together import residuals_of_each
 from scenarios.gap_report.advice import next_steps
 from scenarios.gap_report.gap_residuals import GapResiduals, gap_residuals
 from scenarios.gap_report.page import page

@@ -18,8 +18,8 @@ from rig.pose_nodes import quaternions
 from rig.recording import Metadata, Recording
 from rig.recording.metadata import FIELD_SIZES
 from scenarios.importing.bag_log import is_bag, read_bag
-from scenarios.importing.checks import rotations_of, shown_by
 from scenarios.importing.clocks import clock_offset
+from scenarios.importing.logged_conventions import rotations_of, shown_by
 from scenarios.importing.mapping import Conventions, Mapping
 from scenarios.importing.quantities import guess, is_numbered, is_time, kind_of
 from scenarios.importing.text_log import Log, read_text_log

@@ -17,7 +17,7 @@ from validation.blind.forms import FORMS
 from validation.blind.laboratories import LABORATORIES
 from validation.blind.likeness import ALIKE, TWIN, Likeness, columns_at, likenesses
 from validation.blind.mechanics import MECHANISMS
-from validation.blind.mechanics.seen import see
+from validation.blind.mechanics.driven_readings import see
 from validation.blind.outside import OUTSIDE
 from validation.blind.settings import FAST, SWEEPS, Setting, draw_setting
 from validation.blind.strata import MECHANICS, Plan

@@ -12,7 +12,7 @@ from scenarios.plots.style import new_figure, save, style
 from validation.blind.intervals import Rate
 from validation.blind.outcome import Outcome
 from validation.blind.probability import reliability
-from validation.blind.score import CaseScore, is_right
+from validation.blind.scoring import CaseScore, is_right
 from validation.blind.strata import MECHANICS, STRATA, STRENGTHS, WITHHELD
 
 #: In this order along a bar, with its colour: by how good an answer it is.

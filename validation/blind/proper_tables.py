@@ -10,7 +10,7 @@ import numpy as np
 from validation.blind.intervals import Rate
 from validation.blind.laboratories import LABORATORIES
 from validation.blind.probability import Proper, calibration_error, reliability
-from validation.blind.score import CaseScore
+from validation.blind.scoring import CaseScore
 from validation.blind.strata import MECHANICS, STRATA, WITHHELD
 from validation.markdown import Table
 

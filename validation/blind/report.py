@@ -19,7 +19,7 @@ from validation.blind.proper_tables import (
     reliability_table,
     time_table,
 )
-from validation.blind.score import CaseScore, is_right
+from validation.blind.scoring import CaseScore, is_right
 from validation.blind.strata import MECHANICS
 from validation.blind.tables import (
     baseline_table,

@@ -10,7 +10,7 @@ import numpy as np
 from validation.blind.baselines import BASELINES
 from validation.blind.intervals import Rate
 from validation.blind.outcome import Outcome
-from validation.blind.score import CaseScore
+from validation.blind.scoring import CaseScore
 from validation.blind.strata import FURTHER, MECHANICS, STRATA, STRENGTHS
 from validation.markdown import Table
 

@@ -193,7 +193,7 @@ def _score(
     from validation.blind.answers import Answers
     from validation.blind.power import PowerStudy, power
     from validation.blind.report import page, write_report
-    from validation.blind.score import score_set, summary
+    from validation.blind.scoring import score_set, summary
     from validation.blind.seal import read_order, sealed_folder
     from validation.blind.solve import ANSWERS
 

@@ -10,7 +10,7 @@ from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import rivals
 from rig.maneuver import StaticPoses, TorusSweep
 from rig.recording import Recording
-from scenarios.diagnosing.together import residuals_of_each
+from scenarios.diagnosing.several import residuals_of_each
 from scenarios.plan.next_maneuver import next_maneuver
 
 

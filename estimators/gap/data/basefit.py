@@ -10,14 +10,15 @@ import numpy as np
 from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
 from estimators.dispatch import calibrate
-from estimators.gap.data.whitened import WhitenedData, known
-from estimators.gap.floor.at_rest import sound
+from estimators.gap.data.modelled import known
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.floor.clean_rest import sound
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.resonant import resonant
 from estimators.gap.floor.rounded import COARSE, rounded_floor
 from estimators.gap.floor.shared import correlations
-from estimators.gap.floor.tones import without_tones
+from estimators.gap.floor.tones_at_rest import without_tones
 from estimators.gap.floor.unsteady import Unsteady, unsteadiness
 from estimators.goodness.residuals import residuals_of
 from estimators.known_angle.from_recording import arm_of

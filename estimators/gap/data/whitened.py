@@ -8,7 +8,7 @@ A long recording is put on the data as means over blocks of samples; the rig is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,27 +16,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data import tangent
-from estimators.gap.data.blocks import bent, block_means, block_poses, each_used, neighbours, points_within
+from estimators.gap.data.blocks import bent, block_means, block_poses, neighbours, points_within
+from estimators.gap.data.modelled import ModelledRig, known
 from estimators.gap.data.projection import Basis, Columns, project
 from estimators.gap.data.steps import Gaps, Step, after_steps
 from estimators.gap.data.tangent import ChannelTangent
 from estimators.gap.floor.channel_noise import ChannelNoise, Whitener
 from estimators.gap.floor.shared import decorrelation
 from rig.arrays import Array
-from rig.channels import CHANNELS, COLUMNS_OF, MAGNETOMETER
+from rig.channels import CHANNELS
 from rig.effects import Effect, Stage
-from rig.effects.base import apply_stage
 from rig.pipeline import Pipeline
-from rig.signals import Signals
 
 
 @dataclass(frozen=True)
-class WhitenedData:
+class WhitenedData(ModelledRig):
     """A recording of n samples beside its base fit, as ``count`` block means.
 
     Attributes:
-        base: the recording's angles or poses after all stages of the fitted pipeline, without effects; n samples.
-        pipeline: the fitted pipeline, without effects.
         readings: (n, 6) [recorded unit]; channels that are not there are NaN.
         noises: the floor of each channel, of block means.
         weights: (count, 6) factor of each whitened mean: zero where it is left out, less than one where it is noisier.
@@ -45,14 +42,9 @@ class WhitenedData:
         block: samples a mean.
         samples: how many of the recorded samples a mean is of; as ``block``, but on pointwise data.
         steps: what selected noise adds to the whitening, in this order.
-        given: mean effects that the model has, as a fitted rig has them; all others are asked for beside these.
-        within: of pointwise data, the recording at some samples of each block, poses known: where effects are evaluated
-            whose mean over a block is not their value at its mean pose. bent: whether that holds for every effect.
         moved: whether these are around another calibration than that of the recording by itself.
     """
 
-    base: Signals
-    pipeline: Pipeline
     readings: Array
     noises: tuple[ChannelNoise, ...]
     weights: Array
@@ -61,9 +53,6 @@ class WhitenedData:
     block: int = 1
     samples: int = 1
     steps: tuple[Step, ...] = ()
-    given: tuple[Effect, ...] = ()
-    within: Signals | None = None
-    bent: bool = False
     moved: bool = False
 
     @property
@@ -125,16 +114,6 @@ class WhitenedData:
     def interval_s(self) -> float:
         """Between means [s]."""
         return float(np.median(np.diff(self.t)))
-
-    @cached_property
-    def given_change(self) -> Array:
-        """(n, 6) [recorded unit] what the given effects change, with the calibration held."""
-        return self._changed(self.given) if self.given else np.broadcast_to(0.0, self.base.volts.shape)
-
-    @property
-    def modelled(self) -> Array:
-        """(n, 6) [recorded unit] the base fit, given effects included."""
-        return self.base.volts + self.given_change if self.given else self.base.volts
 
     @cached_property
     def residual(self) -> Array:
@@ -215,7 +194,8 @@ class WhitenedData:
 
     def channel(self, white: Array, column: int) -> Array:
         """The part of a whitened vector that belongs to a channel."""
-        return white[self.columns.index(column) * self.count :][: self.count]
+        first = self.columns.index(column) * self.count
+        return white[first : first + self.count]
 
     @cached_property
     def tangents(self) -> list[ChannelTangent]:
@@ -255,79 +235,6 @@ class WhitenedData:
     def whitened(self) -> Array:
         """(c count,) the whitened residual with the tangent projected out."""
         return project(self.absorbed, self.whiten(self.residual))
-
-    def change(self, effects: Sequence[Effect]) -> Array:
-        """(n, 6) [recorded unit] what mean effects change, with the calibration held."""
-        if not effects:
-            return np.zeros_like(self.base.volts)
-        if len(effects) == 1 and effects[0].stage is Stage.FIELD and not self.given and not self.bent:
-            found = self._of_field(effects[0])
-            if found is not None:
-                return found
-        return self._changed((*self.given, *effects)) - self.given_change
-
-    def _of_field(self, effect: Effect) -> Array | None:
-        """As ``change``, of an effect that adds to the magnetic field alone: the readings are linear in that."""
-        base = self.base
-        moved = apply_stage((effect,), Stage.FIELD, base, np.random.default_rng(0))
-        if moved.gravity is not base.gravity or moved.acceleration is not base.acceleration:
-            return None
-        change = np.zeros_like(base.volts)
-        if MAGNETOMETER in self.pipeline.sensors:
-            change[:, COLUMNS_OF[MAGNETOMETER]] = np.einsum("nki,ni->nk", self._felt, moved.magnetic - base.magnetic)
-        return change
-
-    @cached_property
-    def _felt(self) -> Array:
-        """(n, 3, 3) [recorded unit over the field's] what the magnetometer's channels read of a field, base frame."""
-        sensor = self.pipeline.sensors[MAGNETOMETER]
-        return np.asarray(
-            np.einsum("nij,kj->nki", self.base.R_base_tool, np.reshape(sensor.sensitivity, (-1, 1)) * sensor.axes)
-        )
-
-    def _changed(self, effects: Sequence[Effect]) -> Array:
-        """(n, 6) [recorded unit] what effects change, those that the model has among them."""
-        base = self._base_for(effects)
-        rng = np.random.default_rng(0)  # mean effects draw nothing
-        return self._means_within(replace(self.pipeline, effects=tuple(effects)).carried(base, rng).volts - base.volts)
-
-    def _base_for(self, effects: Sequence[Effect]) -> Signals:
-        """Where effects are evaluated."""
-        return self._within if self.bent or any(each.jumps or each.rapid for each in effects) else self.base
-
-    @property
-    def _within(self) -> Signals:
-        """``within`` after all stages of the fitted pipeline: made anew, as it is large and these data are many."""
-        if self.within is None:
-            return self.base
-        return self.pipeline.expected(self.within, np.random.default_rng(0), first=Stage.FIELD)
-
-    def _means_within(self, change: Array) -> Array:
-        """(n, 6) a change of the readings (n, 6), or at some samples of each block (k n, 6)."""
-        count = len(self.base)
-        return change if len(change) == count else np.asarray(change.reshape(count, -1, change.shape[1]).mean(axis=1))
-
-    def changes(
-        self, effects: Sequence[Effect], index: int, moved: Sequence[Effect], channels: NDArray[np.bool_]
-    ) -> Iterator[Array]:
-        """As ``change``, with one of the effects as each of several others in turn; the stages before it run once.
-
-        Args:
-            channels: (6,) of these alone; what a sensor without any reads is not evaluated, and NaN.
-        """
-        rng, stage = np.random.default_rng(0), effects[index].stage
-        here = [name for name, own in COLUMNS_OF.items() if name in self.pipeline.sensors and channels[own].any()]
-        pipeline, base = self.pipeline, self._base_for((*self.given, *effects))
-        if here and len(here) < len(pipeline.sensors):
-            pipeline, inputs = pipeline.restricted(here), np.full_like(base.inputs, np.nan)
-            for name in here:
-                inputs[:, COLUMNS_OF[name]] = base.inputs[:, COLUMNS_OF[name]]
-            base = replace(base, inputs=inputs)
-        begun = None
-        for effect in moved:
-            pipeline = replace(pipeline, effects=(*self.given, *effects[:index], effect, *effects[index + 1 :]))
-            begun = begun or pipeline.begun(base, rng, stage)
-            yield self._means_within(pipeline.carried(base, rng, begun, stage).volts - base.volts) - self.given_change
 
     def having(self, effects: Sequence[Effect]) -> WhitenedData:
         """The data whose model has some mean effects: what others change is asked for beside these."""
@@ -381,20 +288,11 @@ class WhitenedData:
             return self
         rng = np.random.default_rng(0)
         base = self.pipeline.expected(block_poses(self.base, self.block), rng)
-        turning = (several := points > 1 and base.q_encoder is not None) and bent(self.base, self.block)
+        several = points > 1 and base.q_encoder is not None
+        turning = several and bent(self.base, self.block)
         within = points_within(self.base, self.block, self.block if turning else points) if several else None
         means = np.stack([self.means(column, self.residual[:, column]) for column in range(len(CHANNELS))], axis=1)
         found = replace(
             self, base=known(base), readings=base.volts + means, kept=None, block=1, within=within, bent=turning
         )
         return replace(found, readings=found.modelled + means) if self.given else found
-
-
-def known(base: Signals) -> Signals:
-    """The signals with what is asked for again and again: joint velocities and link poses, or the log's nodes.
-
-    Link poses of more samples than are used one by one are asked for a few times, and are ten times the readings.
-    """
-    if base.q_encoder is None:
-        return replace(base, known_nodes=(base.pose_nodes,))
-    return base.knowing_links() if each_used(len(base)) else replace(base, velocity=base.joint_velocity)

@@ -20,8 +20,8 @@ from estimators.gap.data.steps import Step, after_steps
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.piecewise_spectrum import RANGE, piecewise
-from estimators.gap.floor.alike import moved_together
 from estimators.gap.floor.learned import board_of, going_on, groups, remembers
+from estimators.gap.floor.moved_together import moved_together
 from estimators.gap.hypotheses.prior import (
     FLOOR_MOVED,
     FLOOR_RAISED,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.projection import Basis, Columns, orthonormal, project, side_by_side
-from estimators.gap.hypotheses.tails import chi2_logsf
+from estimators.gap.hypotheses.log_tail import chi2_logsf
 from rig.arrays import Array
 
 #: A direction of which the projection leaves less than this share of its length is absorbed: nobody can see it.

@@ -17,8 +17,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from estimators.gap.data.modelled import known
 from estimators.gap.data.projection import orthonormal, project
-from estimators.gap.data.whitened import WhitenedData, known
+from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Cause, Diagnosis
 from estimators.gap.evidence.refine import Fitted, explained_by, refit, started, tangents
 from estimators.gap.floor.channel_noise import ChannelNoise

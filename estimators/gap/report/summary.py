@@ -18,7 +18,7 @@ from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.pooled import pooled
 from estimators.gap.report import by_channel, closed_shares, closure, left_over, marginal
 from estimators.gap.report.by_recording import of_several
-from estimators.gap.report.loud_floor import loud_floor_words
+from estimators.gap.report.louder_rest import loud_floor_words
 from estimators.gap.report.one_of import at_least_one
 from estimators.gap.report.p_values import defect_probability, doubts
 from estimators.gap.report.recorded_units import in_recorded_units

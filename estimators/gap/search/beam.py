@@ -17,9 +17,9 @@ from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.refine import Refit, explained_by, started
-from estimators.gap.hypotheses.alike import alike
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import Drawn, Prior
+from estimators.gap.hypotheses.same_places import alike
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beside_discrepancy import scores_beside

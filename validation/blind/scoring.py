@@ -27,7 +27,6 @@ from scenarios.studies.table_files import fitting_together
 from scenarios.workers import Workers
 from validation.blind.answers import Answers
 from validation.blind.baselines import BASELINES, baseline_answers
-from validation.blind.closure import Closure, closure
 from validation.blind.estimates import Stated, stated
 from validation.blind.laboratories import TIP
 from validation.blind.outcome import CONFIDENT, Outcome, judge
@@ -35,6 +34,7 @@ from validation.blind.probability import Claim, Proper, check_answer, claims, pr
 from validation.blind.seal import CHANGES, TRUTH, check_recording, read_manifest, read_truth
 from validation.blind.solve import ANSWERS, solve_cases
 from validation.blind.strata import MECHANICS
+from validation.blind.true_closure import Closure, closure
 from validation.blind.truth import Truth
 
 WITHHELD_FOLDER: Final = "withheld"
