@@ -252,3 +252,10 @@ def test_what_does_not_suit_is_refused(case: str) -> None:
     scenario, options, message = unsuitable()[case]
     with pytest.raises(RigError, match=message.replace("(", r"\(")):
         Settings.of(scenario, **{"counts": 5, **options})  # type: ignore[arg-type]
+
+
+def test_a_digital_sensor_has_its_own_units() -> None:
+    scenario = scenarios.load("renk2005-table2")
+    digital = scenario.with_acquisition(units=("m_s2", "uT"), bits=None, range_V=None)
+    assert expected(Settings.of(scenario, (100,))).units == {"accelerometer": ("V", "m_s2")}
+    assert expected(Settings.of(digital, (100,))).units == {"accelerometer": ("m_s2", "m_s2")}

@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from estimators.gap.choices import and_words, cause_name
+from estimators.gap.hypotheses.sources import STRENGTH
 from estimators.gap.share_words import percent
 
 #: How the name of a noise that is left over begins, and what else its name holds.
 _NOISE: Final = "noise of "
 _ALONE: Final = " by itself"
-#: How the name of an error begins that is in the form of a cause: in the catalogue it has one strength throughout.
-STRENGTH: Final = "the strength of "
 #: What has less of the squared gap is told, but is no reason to look at the rig.
 WORTH_A_LOOK: Final = 0.01
 #: A discrepancy's course, where its name alone would not say enough -> the variable in words.
@@ -71,7 +70,7 @@ def is_second(each: Mapping[str, Any]) -> bool:
 def source_words(source: str) -> str:
     """What is off, in words."""
     if source.startswith(STRENGTH):
-        return f"the strength of {of_constant_strength(source)}"
+        return f"{STRENGTH}{of_constant_strength(source)}"
     return source.replace(_ALONE, " alone").replace("field along link", "field fixed in link")
 
 

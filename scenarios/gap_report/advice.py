@@ -8,9 +8,9 @@ from typing import Final
 from estimators.gap.cause_words import naming
 from estimators.gap.choices import and_words, cause_names, count_words, parted
 from estimators.gap.diagnosis import NAMED, Diagnosis
+from estimators.gap.hypotheses.sources import STRENGTH
 from estimators.gap.parameter_words import sizes_words
 from estimators.gap.remainder_words import (
-    STRENGTH,
     WORTH_A_LOOK,
     error_words,
     grouped,

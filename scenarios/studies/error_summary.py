@@ -14,6 +14,7 @@ from scipy.stats import t
 
 from estimators.known_angle.model import Method, columns_of_channels
 from rig.arrays import Array, Mask
+from rig.units import parameter_unit
 from scenarios.studies.coordinates import Coordinates
 from scenarios.studies.intervals import LEVEL, clopper_pearson, spread_interval
 from scenarios.studies.settings import Expected, Order, Settings, expected, increments
@@ -149,6 +150,7 @@ class _Group:
 
     Attributes:
         sensor, method, order, noise_factor: which.
+        units: of the readings and of the field, as recorded.
         coordinates: about the truth. counts: (c,).
         errors: (c, m, p). covered: (c, m, p). told: (c, m).
         block: (m,) the block of each draw.
@@ -159,6 +161,7 @@ class _Group:
     method: Method
     order: Order
     noise_factor: float
+    units: tuple[str, str | None]
     coordinates: Coordinates
     counts: Array
     errors: Array
@@ -202,7 +205,7 @@ class _Group:
                         self.noise_factor,
                         int(count),
                         name,
-                        unit_of(name, self.sensor),
+                        parameter_unit(name, *self.units),
                         float(self.coordinates.values[p]),
                         m,
                         float(self.told[c].mean()),
@@ -287,6 +290,7 @@ def _groups(settings: Settings, poses: Expected, table: pa.Table) -> Iterator[_G
                         method,
                         order,
                         factor,
+                        poses.units[sensor],
                         coordinates,
                         counts,
                         _stacked(part, "error", coordinates.names, shape).astype(float),
@@ -300,13 +304,6 @@ def _groups(settings: Settings, poses: Expected, table: pa.Table) -> Iterator[_G
 
 def _stacked(part: pa.Table, stem: str, names: tuple[str, ...], shape: tuple[int, int]) -> NDArray[Any]:
     return np.stack([part[f"{stem}_{name}"].to_numpy().reshape(shape) for name in names], axis=2)
-
-
-def unit_of(name: str, sensor: str) -> str:
-    """The unit of a coordinate of a study."""
-    if name.endswith("_deg"):
-        return "deg"
-    return "V" if name.startswith("offset") else "V s²/m" if sensor == "accelerometer" else "V/field"
 
 
 def first_draw(errors: pa.Table | None, cells: Sequence[Cell]) -> Array | None:

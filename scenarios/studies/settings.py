@@ -12,7 +12,7 @@ from scipy.stats.qmc import Halton
 
 from estimators.known_angle.model import METHODS, Method, SensorParameters
 from rig.arrays import Array, Rows
-from rig.channels import COLUMNS_OF
+from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Kind
 from rig.errors import RigError, check_name, unknown_name
 from rig.memory import check_fits
@@ -162,15 +162,17 @@ class Expected:
 
     Attributes:
         rotations: (n, 9) vec R_base_tool by rows, as recorded.
-        readings: sensor -> (n, 3) [V].
+        readings: sensor -> (n, 3) [recorded unit].
         truth: sensor -> its parameters.
-        noise: sensor -> (3,) standard deviation of the white noise, and of the converter's rounding, together [V].
+        noise: sensor -> (3,) standard deviation of the white noise, and of the converter's rounding, together.
+        units: sensor -> the units of its readings and of the field.
     """
 
     rotations: Array
     readings: dict[str, Array]
     truth: dict[str, SensorParameters]
     noise: dict[str, Array]
+    units: dict[str, tuple[str, str | None]]
 
 
 @lru_cache(maxsize=2)
@@ -183,7 +185,9 @@ def _expected(text: str, name: str) -> Expected:
     truth = {name: SensorParameters.of(axes, environment.field(name)) for name, axes in scenario.truth.sensors.items()}
     readings = {sensor: recording.readings(sensor) for sensor in truth}
     noise = {sensor: sigma[COLUMNS_OF[sensor]] for sensor in truth}
-    return Expected(recording.rotations(scenario.rig.arm), readings, truth, noise)
+    fields = {ACCELEROMETER: "m_s2", MAGNETOMETER: scenario.magnetic_field_unit}
+    units = {sensor: (scenario.rig.acquisition.unit_of[sensor], fields[sensor]) for sensor in truth}
+    return Expected(recording.rotations(scenario.rig.arm), readings, truth, noise, units)
 
 
 def expected(settings: Settings) -> Expected:

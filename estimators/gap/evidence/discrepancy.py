@@ -37,7 +37,7 @@ from estimators.gap.evidence.terms import (
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import Course, courses, history_course, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
-from estimators.gap.hypotheses.sources import Source, sources
+from estimators.gap.hypotheses.sources import STRENGTH, Source, sources
 from rig.arrays import Array
 
 #: Makes the (c n,) whitened change of an effect, and the derivatives (c n, p) of that by its parameters.
@@ -141,7 +141,7 @@ class Discrepancies:
             effect, where = split(member[0])
             change, own = changed()
             series = change.reshape(1, len(self.means.fine.columns), -1)
-            single = Source(f"the strength of {effect} at {where}", series, "gain")
+            single = Source(f"{STRENGTH}{effect} at {where}", series, "gain")
             share = -float(np.log(len(self.courses) + 1))
             taken, source = self.means.fine.absorbed.extended(own), _on_means(self.means, single)
             found = smooth_terms(taken, [source], [self.courses], [share], self.functions, self.means)[1]

@@ -19,6 +19,8 @@ from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import EFFECTS, make_effect
 
+#: How the name of an error begins that is in the form of a cause: in the catalogue it has one strength throughout.
+STRENGTH: Final = "the strength of "
 #: Angle [rad] and delay [s] at which derivatives are taken.
 _STEP: Final = 1e-5
 _DELAY: Final = 1e-4

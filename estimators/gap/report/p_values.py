@@ -14,7 +14,7 @@ from estimators.gap.evidence.states import left_of
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.score import Explained
-from estimators.gap.remainder_words import STRENGTH
+from estimators.gap.hypotheses.sources import STRENGTH
 from estimators.gap.report import homogeneity, reach
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
