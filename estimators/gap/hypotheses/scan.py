@@ -79,11 +79,13 @@ class Look:
 
     Attributes:
         nearby: the look beside fewer effects, whose derivatives tell well enough which shape a fit begins at.
+        before: the look that these data had before further steps of whitening, and the steps.
     """
 
     data: WhitenedData
     kept: dict[tuple[str, str], Kept] = field(default_factory=dict)
     nearby: Look | None = None
+    before: tuple[Look, Sequence[Step]] | None = None
 
     def best(
         self, candidate: Candidate, explained: Explained, shapes: Sequence[Shape] | None = None
@@ -98,7 +100,7 @@ class Look:
         for shape in every if shapes is None else shapes:
             key = candidate.label, str(shape)
             if key not in self.kept:
-                columns = candidate.columns(self.data, shape)
+                columns = self.columns(candidate, shape)
                 self.kept[key] = Kept(columns, explained.projected(columns))
             score = _possible(candidate, explained.score(self.kept[key].columns, self.kept[key].gram))
             found.append(ScoreTest(candidate, shape, score, len(every)))
@@ -109,16 +111,18 @@ class Look:
         return sorted(found, key=lambda tested: -tested.score.statistic)
 
     def columns(self, candidate: Candidate, shape: Shape) -> Columns:
-        """A candidate's columns at a shape, those that were kept where it was looked at."""
-        kept = self.kept.get((candidate.label, str(shape)))
-        return candidate.columns(self.data, shape) if kept is None else kept.columns
+        """A candidate's columns at a shape, kept where it was looked at, here or before further steps."""
+        key = candidate.label, str(shape)
+        if key in self.kept:
+            return self.kept[key].columns
+        if self.before is not None and key in self.before[0].kept:
+            look, steps = self.before
+            return look.data.after(steps, look.kept[key].columns)
+        return candidate.columns(self.data, shape)
 
     def stepped(self, steps: Sequence[Step]) -> Look:
-        """With further steps of whitening, which the columns go through."""
-        data = self.data.stepped(steps)
-        absorbed = Explained(data.absorbed, data.whitened)
-        columns = {key: self.data.after(steps, each.columns) for key, each in self.kept.items()}
-        return Look(data, {key: Kept(each, absorbed.projected(each)) for key, each in columns.items()})
+        """With further steps of whitening, which the columns go through when they are asked for."""
+        return Look(self.data.stepped(steps), before=(self, steps))
 
 
 @dataclass(frozen=True)

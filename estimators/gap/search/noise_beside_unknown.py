@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from estimators.gap.evidence.discrepancy import left_beside
+from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.noises import Given
 from estimators.gap.search.weighing import FAR, HARDLY, NEAR, Weighing
 
 
@@ -13,8 +15,8 @@ def weigh_noise_beside_unknown(work: Weighing) -> None:
 
     Where it is likelier there, causes are looked for under that noise.
     """
-    for state, gained in _without_unknown(work):
-        if (leading := _unknown(work, plain=True)) and leading.log_mass + gained > work.best - NEAR:
+    for state, log_mass in _without_unknown(work):
+        if (leading := _unknown(work, plain=True)) and _likely(work, state, log_mass, leading):
             _moved(work, [state], leading)
     leading = _unknown(work, plain=True) or _unknown(work, plain=False)
     while leading is not None:
@@ -34,8 +36,33 @@ def _unknown(work: Weighing, plain: bool) -> Hypothesis | None:
     return leading if leading.log_mass > max(without, default=float("-inf")) else None
 
 
+def _likely(work: Weighing, state: NoiseState, log_mass: float, leading: Hypothesis) -> bool:
+    """Whether noise that was learned without an unknown may be there beside it: not where it is what that noise was
+    learned from, and far likelier.
+
+    Args:
+        log_mass: without one.
+    """
+    if log_mass > leading.log_mass - FAR:
+        return True
+    given, less = _left(work, leading)
+    gained = work.noises.worth(state, given, leading.explanation, less) - _before(leading, less)
+    return leading.log_mass + gained > work.best - FAR
+
+
+def _left(work: Weighing, leading: Hypothesis) -> tuple[Given, Linear]:
+    """What a hypothesis with a discrepancy leaves, under its state."""
+    given = leading.state, work.scanner.stepped(leading.state.steps)
+    return given, left_beside(leading.explanation.linear, leading.terms[0], work.discrepancies_under(*given))
+
+
+def _before(leading: Hypothesis, less: Linear) -> float:
+    """Log mass of its set, of what it leaves."""
+    return less.averaged[0] + leading.explanation.log_prior + leading.state.log_weight
+
+
 def _without_unknown(work: Weighing) -> list[tuple[NoiseState, float]]:
-    """States of the noise without a named part under which no unknown was weighed, with what they gain without one."""
+    """States of the noise without a named part under which no unknown was weighed, with their log mass without one."""
     plain, found = float("-inf"), dict[str, Hypothesis]()
     unknown = {each.state.name for each in work.hypotheses.values() if each.terms and not each.state.labels}
     for each in work.hypotheses.values():
@@ -45,15 +72,14 @@ def _without_unknown(work: Weighing) -> list[tuple[NoiseState, float]]:
             plain = max(plain, each.log_mass)
         elif each.state.name not in unknown:
             found[each.state.name] = max(each, found.get(each.state.name, each), key=lambda one: one.log_mass)
-    gained = [(each.state, each.log_mass - plain) for each in sorted(found.values(), key=lambda one: -one.log_mass)]
-    return [(state, gain) for state, gain in gained if gain > HARDLY]
+    likelier = [each for each in found.values() if each.log_mass > plain + HARDLY]
+    return [(each.state, each.log_mass) for each in sorted(likelier, key=lambda one: -one.log_mass)]
 
 
 def _learned(work: Weighing, leading: Hypothesis) -> list[NoiseState]:
     """The likeliest states of each kind beyond that of a hypothesis with a discrepancy, learned beside that."""
-    given = leading.state, work.scanner.stepped(leading.state.steps)
-    less = left_beside(leading.explanation.linear, leading.terms[0], work.discrepancies_under(*given))
-    before = less.averaged[0] + leading.explanation.log_prior + leading.state.log_weight
+    given, less = _left(work, leading)
+    before = _before(leading, less)
     promises = sorted(work.noises.beside(given, leading.explanation, less), key=lambda one: one.log_mass)
     least = before + max(HARDLY, work.best - NEAR - leading.log_mass)
     likely = {one.state.name: one for one in promises if one.log_mass > max(least, promises[-1].log_mass - FAR)}

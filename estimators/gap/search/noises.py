@@ -292,6 +292,12 @@ class Noises:
             found.append(Promise(mass, own, given, each, determinant, under.ahead if each.members else 0.0))
         return found
 
+    def worth(self, state: NoiseState, given: Given, each: Explanation, linear: Linear) -> float:
+        """Log mass of a state that was learned beside something else, beside an explanation as it is linearised."""
+        pieces = pieces_of(given[1].fine.data, linear)
+        under, _ = under_steps(pieces, linear, state.steps[len(given[0].steps) :])
+        return under.averaged[0] + self.log_prior(state, each.members) + state.log_weight
+
     def learned_again(self, one: Promise) -> Promise:
         """The same, its last noise effect learned anew from what calibration and causes leave by its weights."""
         given, each = one.given, one.explanation
