@@ -321,7 +321,8 @@ class Weighing:
         extended = set[Key]() if len(some) > 1 else None
         while queue:
             each = queue.pop(0)
-            if each.key not in done or any(each is one for one in added):
+            elsewhere = not each.refitted and any(each is one for one in added)  # a tone's own frequency
+            if each.key not in done or elsewhere:
                 done.add(each.key)
                 self.enter_common(self.alone(each, state))
                 if not self._hopeless(each, state):
@@ -339,7 +340,7 @@ class Weighing:
             extended.add(leading.explanation.key)
             new = list(self._additions(leading, nameless, search))
             added += new
-            queue += [one for one in new if one.key not in done]
+            queue += new
             for one in new:
                 self.enter(self.alone(one, state))
         return added
