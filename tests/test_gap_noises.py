@@ -17,7 +17,7 @@ from estimators.gap.data.basefit import estimated_floor, posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
 from estimators.gap.evidence.states import SLOWER, NoiseState
 from estimators.gap.hypotheses.candidates import all_candidates
-from estimators.gap.hypotheses.considered import set_prior, unseen_places
+from estimators.gap.hypotheses.considered import set_prior, unseen_places, visible
 from estimators.gap.hypotheses.noise_effects import fit_effect
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
@@ -163,6 +163,18 @@ def test_a_promise_that_leads_is_kept_only_where_its_effects_are_refitted(locked
     assert noises.kept([boasting, other]) == [other, kept]
     less = replace(boasting, log_mass=one.log_mass - 1.0)
     assert noises.kept([less, other]) == [other, less]
+
+
+def test_a_state_is_worth_beside_an_explanation_what_it_promises_there(locked: Recording) -> None:
+    one, _ = beside_a_warmup(0, locked, WARMUP)
+    data = one.explanation.data
+    candidates, _ = visible(data, one.given[1], ())
+    noises = Noises(set_prior(candidates, unseen_places(data, ()), data, {}), (), at_rest=True)
+    found = noises.beside(one.given, one.explanation, one.explanation.linear)
+    assert found
+    for each in found:
+        worth = noises.worth(each.state, each.given, each.explanation, each.explanation.linear)
+        assert worth == pytest.approx(each.log_mass, rel=1e-12)
 
 
 def test_jitter_is_fitted_as_noise_that_follows_the_signal() -> None:

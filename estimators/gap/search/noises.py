@@ -95,8 +95,7 @@ class Noises:
 
     def beside(self, given: Given, each: Explanation, linear: Linear) -> list[Promise]:
         """The same, learned from what is left, as it is linearised: with it, or beside something else."""
-        data = given[1].fine.data
-        data = data.around(each.data.pipeline) if each.members else data
+        data = _around(given, each)
         lefts = left_of(data, Explained(data.absorbed, linear.left))
         states = named(lefts, self.without, given[0])
         if not given[0].name:
@@ -294,7 +293,7 @@ class Noises:
 
     def worth(self, state: NoiseState, given: Given, each: Explanation, linear: Linear) -> float:
         """Log mass of a state that was learned beside something else, beside an explanation as it is linearised."""
-        pieces = pieces_of(given[1].fine.data, linear)
+        pieces = pieces_of(_around(given, each), linear)
         under, _ = under_steps(pieces, linear, state.steps[len(given[0].steps) :])
         return under.averaged[0] + self.log_prior(state, each.members) + state.log_weight
 
@@ -323,6 +322,12 @@ class Noises:
             kept.append(replace(first, log_mass=own.log_mass + first.state.log_weight, ahead=0.0))
             kept.sort(key=lambda one: -one.log_mass)
         return kept
+
+
+def _around(given: Given, each: Explanation) -> WhitenedData:
+    """The data under a state, around an explanation's calibration."""
+    data = given[1].fine.data
+    return data.around(each.data.pipeline) if each.members else data
 
 
 def _unexplained(here: Explanation) -> Array:
