@@ -41,6 +41,8 @@ def course_words(course: str) -> str:
         return "that drifts steadily with time"
     if course == "time, steadily from a start":
         return "that drifts steadily with time from a start"
+    if course == "time, irregularly":
+        return "that changes irregularly with time"
     if start == "time" and rest == "between two levels":
         return "that switches between two levels"
     if start == "time" and rest.endswith("jumps"):

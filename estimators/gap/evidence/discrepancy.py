@@ -23,6 +23,7 @@ from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.on_samples import OnSamples
+from estimators.gap.evidence.processes import Processes
 from estimators.gap.evidence.repeats import Repeats
 from estimators.gap.evidence.telegraph import Telegraphs
 from estimators.gap.evidence.terms import (
@@ -45,7 +46,7 @@ Changed = Callable[[], tuple[Array, Array]]
 #: Blocks of time in each of which a source may be off by something else: what changes faster than the cosines.
 BLOCKS: Final = (128, 512)
 #: Of courses that only a residual tells, the kinds.
-_FITTED: Final[tuple[type[FittedCourses], ...]] = (Repeats, Jumps, Telegraphs)
+_FITTED: Final[tuple[type[FittedCourses], ...]] = (Repeats, Jumps, Telegraphs, Processes)
 #: A term that could not gain this much, its prior counted, is not weighed.
 _HOPELESS: Final = -9.0
 #: Log odds against the likeliest term beyond which what repeats, jumps and telegraphs are not weighed.
