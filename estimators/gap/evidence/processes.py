@@ -2,9 +2,10 @@
 walks by, a motor that shakes the arm now and then, a line that picks up what goes past.
 
 Smooth courses are slow, and have every freedom by itself. What one thing does moves all channels in one ratio: by that
-it is told from noise, which each channel has by itself. The direction is the leading eigenvector of the products of the
-freedoms' cosine transforms, each frequency with the weight that its power gives it, as in principal components in the
-frequency domain (Brillinger, Time Series: Data Analysis and Theory, 1975, chapter 9).
+it is told from noise, which each channel has by itself; of a single channel nothing tells it. The direction is the
+leading eigenvector of the products of the freedoms' cosine transforms, each frequency with the weight that its power
+gives it, as in principal components in the frequency domain (Brillinger, Time Series: Data Analysis and Theory, 1975,
+chapter 9).
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ class Processes(FittedCourses):
         residual = left.reshape(len(self.data.columns), self.data.count)
         found: list[tuple[float, int, _Process]] = []
         for index, (source, root) in enumerate(zip(self.every, self._roots, strict=True)):
+            if source.column >= 0:  # of one channel: that is noise
+                continue
             waves = dct(root.T @ np.einsum("fcn,cn->fn", source.series, residual), norm="ortho")[:, 1:]
             if root.size and (process := likeliest(waves)) is not None:
                 found.append((process.gain - process.cost + self.shares[index], index, process))
