@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import sys
 import time
 from collections.abc import Callable
@@ -19,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from benchmarks._child import peak_MiB
 
 _CHUNK = 1 << 20  # bytes, of a bare read
 
@@ -134,16 +135,11 @@ def main() -> None:
         "decode": decode,
         "read": read,
     }
-    start = _peak_MiB()
+    start = peak_MiB()
     busy, begun = time.process_time(), time.perf_counter()
     found = steps[name](Path(path), *map(int, numbers))
     spent = {"seconds": time.perf_counter() - begun, "cpu_seconds": time.process_time() - busy}
-    print(json.dumps({**found, **spent, "peak_MiB": _peak_MiB(), "start_MiB": start}))
-
-
-def _peak_MiB() -> float:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / 2**20 if sys.platform == "darwin" else peak / 2**10
+    print(json.dumps({**found, **spent, "peak_MiB": peak_MiB(), "start_MiB": start}))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -15,6 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import brentq
 
+from benchmarks._child import Spent, spent_by
 from benchmarks._measure import Column, Goal, Report, Settings, Table
 from estimators.live.residual_blocks import Blocks
 from estimators.live.sensor_watch import SensorWatch
@@ -67,13 +67,13 @@ while done < count:
 def run(settings: Settings) -> Report:
     few, many = settings.of(400_000, 200_000), settings.of(10_000_000, 400_000)
     start, half, flood = (_session(count, 0.0) for count in (2_000, few, many))
-    rate = (many - few) / (flood["cpu"] - half["cpu"])
-    grown = (flood["peak_MiB"] - half["peak_MiB"]) / (many - few) * 1e6
+    rate = (many - few) / (flood.cpu_s - half.cpu_s)
+    grown = (flood.peak_MiB - half.peak_MiB) / (many - few) * 1e6
     seconds = settings.of(20, 5)
     begun = _session(2_000, 0.0, view=True)
     bare, shown = (_session(1000 * seconds, 1000.0, view=view) for view in (False, True))
     # Loading the viewer's stream takes as long as a quick session: the difference would be of what else runs.
-    display = float("nan") if settings.quick else (shown["cpu"] - begun["cpu"]) / seconds
+    display = float("nan") if settings.quick else (shown.cpu_s - begun.cpu_s) / seconds
     delays = _delays(settings.of(200, 20))
     hours = settings.of(1000, 20)
     alarms, expected = _false_alarms(hours)
@@ -84,11 +84,11 @@ def run(settings: Settings) -> Report:
         (Column("what"), Column("found")),
         (
             (f"from {few:,} samples to {many:,} [thousand samples/s of processor time]", rate / 1e3),
-            (f"peak memory of {many:,} samples [MiB]", flood["peak_MiB"]),
+            (f"peak memory of {many:,} samples [MiB]", flood.peak_MiB),
             ("more of it for a million samples more [MiB]", grown),
-            ("share of a core at 1 kHz, no display", (bare["cpu"] - start["cpu"]) / seconds),
+            ("share of a core at 1 kHz, no display", (bare.cpu_s - start.cpu_s) / seconds),
             ("share of a core at 1 kHz, with the viewer's stream", display),
-            ("processor time before the first sample is seen, with the viewer's stream [s]", begun["cpu"]),
+            ("processor time before the first sample is seen, with the viewer's stream [s]", begun.cpu_s),
             ("from a line to an estimate with it, median [ms]", 1e3 * float(np.median(delays))),
             ("from a line to an estimate with it, 95 % [ms]", 1e3 * float(np.quantile(delays, 0.95))),
             (f"false alarms in {hours:,} hours of white noise, stated {expected:.1f}", float(alarms)),
@@ -106,7 +106,7 @@ def run(settings: Settings) -> Report:
         tables=(costs, watch),
         goals=(
             Goal("samples a second of one core, no display", rate, "at least", 200_000.0),
-            Goal("peak memory [MiB]", flood["peak_MiB"], "at most", 300.0),
+            Goal("peak memory [MiB]", flood.peak_MiB, "at most", 300.0),
             Goal("share of a core at 1 kHz with the display", display, "at most", 0.33),
             Goal("from a line to an estimate, 95 % [ms]", 1e3 * float(np.quantile(delays, 0.95)), "at most", 100.0),
             Goal("false alarms over those stated", alarms / expected, "at most", 1.0),
@@ -114,30 +114,16 @@ def run(settings: Settings) -> Report:
     )
 
 
-def _session(count: int, rate: float, view: bool = False) -> dict[str, float]:
+def _session(count: int, rate: float, view: bool = False) -> Spent:
     """A sender into ``rig live``: its processor time [s] and its peak memory [MiB]."""
     with tempfile.TemporaryDirectory(prefix="rig-live-") as folder:
         sender = subprocess.Popen([sys.executable, "-c", _SENDER, str(count), str(rate)], stdout=subprocess.PIPE)
         command = [sys.executable, "-m", "scenarios.cli", "live", "-", "-o", "run.csv", "--keep-going", "--json"]
         command += ["--view-file", "run.rrd"] if view else []
-        code = (
-            "import json, resource, subprocess, sys; "
-            "subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL); "
-            "used = resource.getrusage(resource.RUSAGE_CHILDREN); "
-            "print(json.dumps({'cpu': used.ru_utime + used.ru_stime, 'peak_MiB': used.ru_maxrss / 1024}))"
-        )
         environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-        done = subprocess.run(
-            [sys.executable, "-c", code, *command],
-            stdin=sender.stdout,
-            stdout=subprocess.PIPE,
-            cwd=folder,
-            env=environment,
-            check=True,
-        )
+        spent = spent_by(command, stdin=sender.stdout, stderr=subprocess.DEVNULL, cwd=folder, env=environment)
         sender.wait()
-        found: dict[str, float] = json.loads(done.stdout)
-        return found
+        return spent
 
 
 def _delays(lines: int) -> Array:

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from benchmarks._child import Spent, spent_by
 from benchmarks._measure import Column, Goal, Report, Settings, Table
 from benchmarks.stream import ROW_BYTES, alone
 
@@ -28,16 +26,6 @@ _CALLS: Final = (
     ("noise rest.parquet --memory 512M", "rest", 512),
     ("diagnose short.parquet --memory 2G --out found", "short", 2048),
 )
-
-
-@dataclass(frozen=True)
-class _Spent:
-    """What a command took."""
-
-    status: int
-    seconds: float
-    cpu_s: float
-    peak_MiB: float
 
 
 def run(settings: Settings, rows: int | None = None) -> Report:
@@ -81,7 +69,7 @@ def run(settings: Settings, rows: int | None = None) -> Report:
     return Report((table,), goals)
 
 
-def _spent(folder: Path, line: str) -> _Spent:
+def _spent(folder: Path, line: str) -> Spent:
     """Run a command in a process of its own.
 
     Raises:
@@ -89,16 +77,10 @@ def _spent(folder: Path, line: str) -> _Spent:
     """
     root = str(Path(__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))}
-    begun = time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "scenarios.cli", *line.split()], cwd=folder, env=environment, stdout=subprocess.DEVNULL
-    )
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode not in (0, 1):
-        raise RuntimeError(f"rig {line}: exit status {process.returncode}")
-    peak = used.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-    return _Spent(process.returncode, time.perf_counter() - begun, used.ru_utime + used.ru_stime, peak)
+    spent = spent_by([sys.executable, "-m", "scenarios.cli", *line.split()], cwd=folder, env=environment)
+    if spent.status not in (0, 1):
+        raise RuntimeError(f"rig {line}: exit status {spent.status}")
+    return spent
 
 
 def main() -> None:
