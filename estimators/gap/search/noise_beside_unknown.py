@@ -37,8 +37,8 @@ def _unknown(work: Weighing, plain: bool) -> Hypothesis | None:
 
 
 def _likely(work: Weighing, state: NoiseState, log_mass: float, leading: Hypothesis) -> bool:
-    """Whether noise that was learned without an unknown may be there beside it: not where it is what that noise was
-    learned from, and far likelier.
+    """Whether noise that was learned without an unknown may be there beside it: not where the unknown is what it was
+    learned from. That is far likelier than the noise then, and leaves nothing for it.
 
     Args:
         log_mass: without one.
