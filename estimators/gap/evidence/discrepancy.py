@@ -210,13 +210,13 @@ def weighed(
 def _leading_on_samples(linear: Linear, found: Sequence[Weighed], on_samples: OnSamples) -> list[Weighed]:
     """The same, the likeliest first, sample by sample where these gain so much that what means lose of it counts."""
     ranked = sorted(found, key=lambda each: -each.log_mass)
-    of_means = [
-        each for each in ranked if each.term.of_samples is not None
-    ]  # one of samples may lead by what means lose
-    for each in of_means[:_ON_SAMPLES]:
-        if float(each.gains.max()) > _WEAK and each.log_mass > of_means[0].log_mass - _NEAR:
+    # held against each other: a term of samples may lead these by what means lose
+    of_means = [index for index, each in enumerate(ranked) if each.term.of_samples is not None]
+    least = ranked[of_means[0]].log_mass - _NEAR if of_means else 0.0
+    for index in of_means[:_ON_SAMPLES]:
+        each = ranked[index]
+        if float(each.gains.max()) > _WEAK and each.log_mass > least:
             again = weighed_terms(linear, [on_samples(each.term)])
-            index = next(number for number, one in enumerate(ranked) if one is each)
             ranked[index] = replace(again[0], log_share=each.log_share) if again else each
     return sorted(ranked, key=lambda each: -each.log_mass)
 
