@@ -10,6 +10,7 @@ import numpy as np
 from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
 from estimators.dispatch import calibrate
+from estimators.gap.data.defects import lattice
 from estimators.gap.data.modelled import known
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import ChannelNoise
@@ -27,7 +28,6 @@ from rig.arm import Arm
 from rig.arrays import Array, Rows
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect
-from rig.effects.converter import lattice_step
 from rig.effects.tails import beside_neighbours, drawn_in, student, tails_of, variance_beside_neighbours
 from rig.environment import Environment
 from rig.errors import RigError
@@ -44,6 +44,9 @@ _ENDS_S = 0.5
 #: A locked recording is thinned to this many samples for each of the sweep's: finer steps teach nothing about its
 #: colour.
 _FINER = 10
+#: Normal noise of so many steps leaves of their lattice a ripple of 2 exp(-2 pi^2 .7^2) = 1e-4 (Widrow and Kollar,
+#: Quantization Noise, 2008).
+_DITHER = 0.7
 
 
 def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...]:
@@ -61,10 +64,11 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         raise _never_at_rest(locked)
     channels, tails, coarse, known, still, tones = {}, {}, {}, {}, {}, {}
     thinned, held_still = readings[::stride], labels[::stride]
-    unsteady = _unsteady(thinned, held_still, stride / locked.rate_Hz)
+    steps = lattice(readings)
+    unsteady = _unsteady(thinned, steps, held_still, stride / locked.rate_Hz)
     for column in np.flatnonzero(np.isfinite(readings[0])):
         segments = [readings[labels == label, column] for label in numbers]
-        step = lattice_step(readings[:, column])
+        step = float(steps[column])
         own = held(segments, 1.0 / locked.rate_Hz)
         if own.segments and own.variance > 0.0 and step**2 > COARSE**2 * own.variance:
             coarse[int(column)] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
@@ -102,8 +106,12 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
     )
 
 
-def _unsteady(readings: Array, labels: Rows, interval_s: float) -> dict[int, Unsteady]:
-    """Of each channel whose level changes at rest."""
+def _unsteady(readings: Array, steps: Array, labels: Rows, interval_s: float) -> dict[int, Unsteady]:
+    """Of each channel whose level changes at rest.
+
+    Dithered, as of noise of a few of the converter's steps (6,) the sizes depend on where between two the pose is.
+    """
+    readings = readings + _DITHER * np.nan_to_num(steps) * np.random.default_rng(0).standard_normal(readings.shape)
     boards = [range(6)[where] for where in COLUMNS_OF.values() if np.isfinite(readings[0, where]).all()]
     found = unsteadiness(readings, labels, interval_s, boards)
     return {column: unsteady for unsteady in found for column in unsteady.columns}

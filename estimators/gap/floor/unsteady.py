@@ -30,6 +30,10 @@ _SHORTEST: Final = 3.0
 _RATIOS: Final = (2.0, 4.0, 8.0, 16.0, 32.0)
 _LOUD: Final = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5)
 _STAYS: Final = 8
+#: Times of which two levels are told, at most; in a longer recording several readings are one time.
+_TIMES_OF_LEVELS: Final = 2**15
+#: Frequencies that are used each by itself; beyond, those within this share of one are one.
+_EACH, _WITHIN = 1024, 0.01
 #: Pieces of time with a level each: so many in a correlation time, of so many readings at least, and so many in all.
 _PIECES, _LONG, _MOST = 3.0, 2, 600
 #: Steps to the likeliest level, and one that is none.
@@ -193,13 +197,17 @@ def _of_levels(squares: Array, many: Array, ratio: Array, share: Array, rate: Ar
 
 def _two_levels(squares: Array, many: Array, interval_s: float) -> TwoLevels | None:
     """The likeliest, None where a steady level is; arguments as of ``TwoLevels.gain``."""
+    several = -(-len(squares) // _TIMES_OF_LEVELS)
+    if several > 1:
+        starts = np.arange(0, len(squares), several)
+        squares, many = np.add.reduceat(squares, starts), np.add.reduceat(many, starts)
     stays = np.geomspace(_SHORTEST, max(0.25 * len(squares), _SHORTEST), _STAYS)
     ratio, share, rate = (each.ravel() for each in np.meshgrid(_RATIOS, _LOUD, 0.5 / stays, indexing="ij"))
     gains, _, _ = _of_levels(squares, many, ratio, share, rate)
     best = int(np.argmax(gains))
     if gains[best] < 1.5 * np.log(len(squares)):
         return None
-    return TwoLevels(float(ratio[best]), float(share[best]), float(rate[best]) / interval_s)
+    return TwoLevels(float(ratio[best]), float(share[best]), float(rate[best]) / (several * interval_s))
 
 
 def _mean_first(channels: int) -> Array:
@@ -220,6 +228,14 @@ def _unpredicted(readings: Array) -> Array:
     return np.column_stack(found)
 
 
+def _bands(count: int) -> Rows:
+    """Numbers of the first of each band of so many frequencies: every one of the lowest, then geometric bands."""
+    if count <= _EACH:
+        return np.arange(count)
+    beyond = np.geomspace(_EACH, count, int(log(count / _EACH) / _WITHIN) + 2)[:-1]
+    return np.concatenate([np.arange(_EACH), np.unique(beyond.astype(np.intp))])
+
+
 def _gains(scores: Array, times: Array) -> tuple[Array, float]:
     """(s, t) gain in log likelihood of each share and correlation time of a common level; that of one that remembers
     nothing.
@@ -231,14 +247,17 @@ def _gains(scores: Array, times: Array) -> tuple[Array, float]:
     """
     count, channels = scores.shape
     power = np.abs(rfft(scores @ _mean_first(channels), axis=0)[1 : count // 2]) ** 2 / count
-    mean, rest = power[:, 0], float(power[:, 1:].sum())
-    angle = 2.0 * np.pi * np.arange(1, count // 2) / count
+    rest = float(power[:, 1:].sum())
+    starts = _bands(len(power))
+    weight = np.diff(starts, append=len(power))
+    mean = np.add.reduceat(power[:, 0], starts) / weight
+    angle = 2.0 * np.pi * (starts + 0.5 * (weight + 1.0)) / count
 
     def likelihood(share: float, decay: float) -> float:
         shape = (1.0 - decay**2) / (1.0 - 2.0 * decay * np.cos(angle) + decay**2)
         spectrum = channels * share * shape + 1.0 - share
-        of_rest = (channels - 1) * len(angle) * log(1.0 - share) + rest / (1.0 - share)
-        return -float(np.sum(np.log(spectrum) + mean / spectrum) + of_rest)
+        of_rest = (channels - 1) * len(power) * log(1.0 - share) + rest / (1.0 - share)
+        return -float(weight @ (np.log(spectrum) + mean / spectrum) + of_rest)
 
     none = likelihood(0.0, 0.0)
     gains = np.array([[likelihood(share, decay) for decay in np.exp(-1.0 / times)] for share in _SHARES]) - none
