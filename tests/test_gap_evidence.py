@@ -73,7 +73,7 @@ def test_a_tone_is_expected_anywhere_in_its_band(data: WhitenedData, name: str) 
     width_Hz = float(shape_prior(tone, item, data)[1][0]) * item.typical
     assert 1.0 / (np.sqrt(2.0 * np.pi) * width_Hz) == pytest.approx(1.0 / band, rel=1e-12)
     (phase,) = [each for each in candidate.effect.parameters() if each.name == "phase_rad"]
-    assert (shape_prior(tone, phase, data)[1] == 1.0).all()
+    np.testing.assert_allclose(np.sqrt(2.0 * np.pi) * shape_prior(tone, phase, data)[1] * phase.typical, np.pi)
     if not bands:  # of several recordings the one in which it acts says how fast it was read, single samples counted
         beside = SimpleNamespace(parts=[data, SimpleNamespace(samples=4, interval_s=2.0)])
         second = only_in(candidate.effect, 1).from_mapping(vars(tone))

@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import scenarios
+from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.evidence.laplace import Linear
-from estimators.gap.hypotheses.prior import LENGTHS
+from estimators.gap.hypotheses.prior import LENGTHS, scales
+from estimators.gap.hypotheses.shapes import shape_prior
+from rig.arm import Arm
+from rig.effects import EFFECTS
 
 
 @pytest.mark.parametrize("alike", [0.0, 0.9, 1.0 - 1e-13])
@@ -36,12 +41,12 @@ def test_one_axis_alone_or_all_of_them_are_averaged(fault: tuple[float, ...]) ->
     owner, there = np.zeros(3, dtype=np.intp), np.ones(3, dtype=bool)
     linear = Linear(left, tangent, np.zeros(3), there, np.ones(3), owner, by_axis=there)
     logs = []
-    for scale in linear.grids[0]:
+    for scale, weight in zip(*scales(np.sqrt(3.0)), strict=True):
         variance = float(scale) ** 2
         own = 0.5 * np.array(fault) ** 2 * variance / (1.0 + variance) - 0.5 * np.log1p(variance)
-        logs += [np.log(0.5) + own.sum(), *(np.log(0.5 / 3.0) + own)]
-    expected = np.logaddexp.reduce(logs) - np.log(len(linear.grids[0])) - 0.5 * left @ left
-    allowed = 1e-6 * (float(linear.grids[0][-1]) ** 2 + float(left @ left))
+        logs += [weight + np.log(0.5) + own.sum(), *(weight + np.log(0.5 / 3.0) + own)]
+    expected = np.logaddexp.reduce(logs) - 0.5 * left @ left
+    allowed = 1e-6 * (30.0**2 + float(left @ left))
     assert linear.averaged[0] == pytest.approx(expected, abs=allowed)
     all_alike = replace(linear, by_axis=~there).averaged[0]
     assert (linear.averaged[0] > all_alike) == (sum(value != 0.0 for value in fault) == 1)
@@ -56,13 +61,51 @@ def test_cosines_of_a_course_are_those_of_a_process_of_any_memory(course: tuple[
     owner, there = np.zeros(3, dtype=np.intp), np.ones(3, dtype=bool)
     linear = Linear(left, tangent, np.zeros(3), there, np.ones(3), owner, orders=np.array([1, 2, 3]))
     logs = []
-    for scale in linear.grids[0]:
+    for scale, weight in zip(*scales(np.sqrt(3.0)), strict=True):
         for length in LENGTHS:
             fall = 1.0 / (3.0 / length**2 + (np.pi * np.array([1.0, 2.0, 3.0])) ** 2)
             variance = float(scale) ** 2 * fall**2 / np.mean(fall**2)
             own = 0.5 * np.array(course) ** 2 * variance / (1.0 + variance) - 0.5 * np.log1p(variance)
-            logs.append(float(own.sum()))
-    expected = np.logaddexp.reduce(logs) - np.log(len(logs)) - 0.5 * left @ left
+            logs.append(weight - np.log(len(LENGTHS)) + float(own.sum()))
+    expected = np.logaddexp.reduce(logs) - 0.5 * left @ left
     assert linear.averaged[0] == pytest.approx(expected, abs=1e-9)
     alike = replace(linear, orders=None).averaged[0]
     assert (linear.averaged[0] > alike) == (course[1] == 0.0)
+
+
+def test_scales_beyond_those_expected_are_as_much_less_likely_as_they_are_larger() -> None:
+    """A strength of 1,000 typical sizes costs the logarithm of how far that is beyond 30, not its square."""
+    scale, weight = scales(10.0, 1000.0)
+    assert scale[0] == pytest.approx(0.5)
+    assert scale[-1] > 1000.0 > scale[-2]
+    np.testing.assert_allclose(np.diff(np.log(scale)), np.log(3.0))
+    within = scale <= 30.0
+    np.testing.assert_allclose(np.exp(weight[within] - weight[0]), 1.0)
+    last = scale[within][-1]
+    np.testing.assert_allclose(np.exp(weight[~within] - weight[0]), last / scale[~within])
+    further = np.exp(weight[-1]) / (3.0 - 1.0)  # a geometric series from there on
+    assert np.exp(weight).sum() + further == pytest.approx(1.0)
+    np.testing.assert_array_equal(scales(10.0)[0], scale[within])
+
+
+@pytest.mark.parametrize("strength", [25.0, 2500.0])
+def test_a_strength_far_beyond_what_is_typical_is_no_worse_than_one_that_is(strength: float) -> None:
+    """Felt with a signal-to-noise of one a typical size; fitted exactly: the evidence falls with its logarithm."""
+    tangent = np.zeros((10, 1))
+    tangent[0] = 1.0
+    owner, there = np.zeros(1, dtype=np.intp), np.ones(1, dtype=bool)
+    left = np.zeros(10)
+    found = Linear(left, tangent, np.array([strength]), there, np.ones(1), owner).averaged[0]
+    assert -0.5 * 9.0 - 2.0 * np.log(3.0 * strength) < found < -np.log(strength)
+
+
+@pytest.mark.parametrize("effect", ["joint_eccentricity", "base_rocking"])
+def test_a_phase_has_half_a_turn(effect: str, arm: Arm) -> None:
+    """A strength has either sign: a density of one over pi, that of a normal number of this width at its middle."""
+    run = scenarios.load("ann-arbor").with_acquisition(decimation=200).simulate(0)
+    data = set_up(run, estimated_floor(run, arm), arm)
+    (phase,) = [item for item in EFFECTS[effect].parameters() if item.name == "phase_rad"]
+    where = EFFECTS[effect].places[0]
+    away, width = shape_prior(EFFECTS[effect].from_mapping({"where": where}), phase, data)
+    assert not away.any()
+    np.testing.assert_allclose(np.sqrt(2.0 * np.pi) * width * phase.typical, np.pi)

@@ -79,14 +79,17 @@ class Linear:
         return all(length[self.owner == index].sum() > _UNFELT for index in range(count))
 
     @cached_property
-    def grids(self) -> list[Array]:
-        """The scales of each effect's strengths."""
+    def _grids(self) -> list[tuple[Array, Array]]:
+        """The scales of each effect's strengths, and their log probabilities."""
         length = np.diag(self.gram)
         count = int(self.owner.max()) + 1 if len(self.owner) else 0
         found = []
         for index in range(count):
             own = self.strength & (self.owner == index)
-            found.append(scales(float(np.sqrt(length[own].sum()))) if own.any() else np.ones(1))
+            if own.any():
+                found.append(scales(float(np.sqrt(length[own].sum())), float(np.abs(self.point[own]).max())))
+            else:
+                found.append((np.ones(1), np.zeros(1)))
         return found
 
     def precision(self, chosen: Sequence[float] | Array) -> Array:
@@ -156,11 +159,10 @@ class Linear:
     def _ways(self) -> list[list[_Way]]:
         """What the strengths of each effect may be like before the data."""
         found = []
-        for index, grid in enumerate(self.grids):
+        for index, (grid, weights) in enumerate(self._grids):
+            scaled = list(zip(grid.tolist(), weights.tolist(), strict=True))
             alike = self._alike(self.owner == index)
-            found.append(
-                [(float(c), factors, float(np.log(share / len(grid)))) for factors, share in alike for c in grid]
-            )
+            found.append([(c, factors, float(np.log(share)) + own) for factors, share in alike for c, own in scaled])
         return found
 
     def _alike(self, own: NDArray[np.bool_]) -> list[tuple[Array, float]]:
@@ -192,7 +194,7 @@ class Linear:
     def averaged(self) -> tuple[float, Array]:
         """The log evidence under the floor, averaged over the ways of its strengths; the likeliest scale of each."""
         square, moment = float(self.left @ self.left), self.tangent.T @ self.left
-        if not self.grids:
+        if not self._ways:
             return -0.5 * square, np.zeros(0)
 
         def at(every: Sequence[Sequence[_Way]]) -> Array:
@@ -205,7 +207,7 @@ class Linear:
             values = at(combinations)
             best = combinations[int(np.argmax(values))]
             return float(np.logaddexp.reduce(values)) - self.searched, np.array([scale for scale, *_ in best])
-        chosen = [ways[len(self.grids[index]) // 2] for index, ways in enumerate(self._ways)]
+        chosen = [ways[len(grid) // 2] for ways, (grid, _) in zip(self._ways, self._grids, strict=True)]
 
         def along(index: int) -> Array:
             return at([[*chosen[:index], way, *chosen[index + 1 :]] for way in self._ways[index]])

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.noise_effects import fit_effect, fitted_noises
-from estimators.gap.hypotheses.prior import GRID, LARGEST, ONE_AXIS, VISIBLE
+from estimators.gap.hypotheses.prior import ONE_AXIS, scales
 from estimators.gap.hypotheses.stochastic import FittedNoise, Left
 from rig.effects import Effect
 
@@ -54,15 +54,16 @@ def _judged(fitted: FittedNoise) -> tuple[FittedNoise, float]:
     spread = np.maximum(fitted.spread, 1e-300)
     least = np.sqrt(spread)  # the amplitude whose variance is as large as that
     width = np.minimum(0.5 * spread / np.maximum(values, 1e-300), least)
-    start = VISIBLE * float(np.sqrt(np.mean(least**2)))
-    top = max(LARGEST * strength.typical, start)
-    scale = start * GRID ** np.arange(int(np.log(top / start) / np.log(GRID)) + 1)[:, None]
+    shown = strength.typical / float(np.sqrt(np.mean(least**2)))
+    own, weights = scales(shown, float(values.max()) / strength.typical)
+    scale = strength.typical * own[:, None]
     each = np.log(2.0 * width / scale) - 0.5 * (values / scale) ** 2
-    shape = -float(np.log(len(scale))) - float(np.log(fitted.searched))
-    together = float(np.logaddexp.reduce(each.sum(axis=1)))
+    shape = -float(np.log(fitted.searched))
+    together = float(np.logaddexp.reduce(each.sum(axis=1) + weights))
     if not (strength.by_axis and fitted.rank > 1):
         return fitted, together + shape
-    alone = np.logaddexp.reduce(each, axis=0) - 0.5 * (fitted.gain - fitted.gains) + np.log(ONE_AXIS / fitted.rank)
+    alone = np.logaddexp.reduce(each + weights[:, None], axis=0) - 0.5 * (fitted.gain - fitted.gains)
+    alone += np.log(ONE_AXIS / fitted.rank)
     every = np.append(alone, together + np.log(1.0 - ONE_AXIS))
     total = float(np.logaddexp.reduce(every))
     nothing = 1.0 - np.exp(alone - total) - np.exp(every[-1] - total)  # of each axis, that another has it alone

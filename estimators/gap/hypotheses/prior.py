@@ -49,7 +49,8 @@ FLOOR_WALKS: Final = 0.1
 #: A joint that stands still has little to bend under: a tenth.
 STILL: Final = 0.1
 #: Strengths are normal about zero with a scale between the one that this recording just shows, a signal-to-noise of
-#: this, and so many times the typical size; all scales of a geometric grid are alike.
+#: this, and so many times the typical size; all scales of a geometric grid are alike. Beyond, each is as much less
+#: likely as it is larger: typical sizes are guesses, and a normal number's tail would be certain that they hold.
 VISIBLE: Final = 5.0
 LARGEST: Final = 30.0
 GRID: Final = 3.0
@@ -102,17 +103,19 @@ class Prior:
         return log(remaining) + arrangements + sum(self.log_single(drawn) for drawn in members)
 
 
-def scales(length: float) -> Array:
-    """(k,) scales of an effect's strengths, in typical sizes.
+def scales(length: float, found: float = 0.0) -> tuple[Array, Array]:
+    """(k,) scales of an effect's strengths, in typical sizes, and their log probabilities: up to the strength that was
+    found, as those beyond have none of it.
 
     Args:
         length: whitened signal-to-noise that the effect has at its typical size, with the calibration projected out.
+        found: the largest of its strengths, in typical sizes.
     """
     least = VISIBLE / max(length, 1e-12)
-    if least >= LARGEST:
-        return np.array([least])
-    count = int(np.floor(log(LARGEST / least) / log(GRID))) + 1
-    return np.asarray(least * GRID ** np.arange(count))
+    expected = max(int(np.floor(log(LARGEST / least) / log(GRID))) + 1, 1)
+    count = max(expected, int(np.ceil(log(max(found / least, 1.0)) / log(GRID))) + 1)
+    beyond = np.maximum(np.arange(count) - expected + 1, 0)
+    return np.asarray(least * GRID ** np.arange(count)), -beyond * log(GRID) - log(expected + 1.0 / (GRID - 1.0))
 
 
 def read_prior(path: str | os.PathLike[str]) -> dict[str, float]:

@@ -20,7 +20,8 @@ def shape_prior(effect: Effect, item: Parameter, data: WhitenedData) -> tuple[Ar
     """Prior mean less the value, and prior width, of a parameter's components in typical sizes.
 
     A shape that is searched on a grid is normal in the grid's steps, about its middle, with the density of its values
-    there; a tone's frequency has a density of one over its band; others are expected where they are.
+    there; a tone's frequency has a density of one over its band, a phase of one over half a turn, as the strength has
+    either sign; others are expected where they are.
 
     Args:
         effect: with its values. item: one of its parameters.
@@ -30,6 +31,8 @@ def shape_prior(effect: Effect, item: Parameter, data: WhitenedData) -> tuple[Ar
         own = data.parts[part_of(type(effect)) or 0]
         band = sum(high - low for low, high in effect.bands) if effect.bands else 0.5 * own.samples / own.interval_s
         return nothing, nothing + band / _NORMAL / item.typical
+    if item.spanned and not item.unit_vector:
+        return nothing, nothing + np.pi / _NORMAL / item.typical
     grids = searched(type(effect), item, data)
     if not grids:
         return nothing, nothing + 1.0
