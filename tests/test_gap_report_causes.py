@@ -237,6 +237,10 @@ def test_the_largest_share_of_what_is_left_is_told_first_and_next_to_nothing_giv
         ("every 60 s", "Look for what is switched, pulsed or sent every 60 s: what is left"),
         ("a sine of 0.5 Hz", "Look at the supply, temperature and wiring of accel2"),
         ("time", "Look at the supply, temperature and wiring of accel2"),
+        (
+            "time, irregularly",
+            "Look at the supply, temperature and wiring of accel2; look for what comes and goes nearby, too: draughts",
+        ),
     ],
 )
 def test_what_repeats_is_looked_for_where_it_has_its_period(course: str, look: str) -> None:

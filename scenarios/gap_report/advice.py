@@ -51,6 +51,9 @@ _REPEATS: Final = (
     ),
     (re.compile(r"every (.* s)"), "look for what is switched, pulsed or sent every {0}"),
 )
+#: Where else, of what changes at any rate.
+_IRREGULARLY: Final = "time, irregularly"
+_COMES_AND_GOES: Final = "; look for what comes and goes nearby, too: draughts, vehicles, other machines"
 #: A command on the recordings of a diagnosis.
 _OF_RECORDINGS: Final = re.compile(r"rig diagnose RUN(?: OTHER| NEXT)?")
 #: So many errors at most are looked for.
@@ -261,7 +264,7 @@ def _look(source: str, course: str) -> str:
         if found := pattern.fullmatch(course):
             return words.format(readable(found[1]))
     words = next((words for start, words in _LOOK.items() if source.startswith(start)), "")
-    return words.format(source=_owner(source))
+    return words.format(source=_owner(source)) + (_COMES_AND_GOES if words and course == _IRREGULARLY else "")
 
 
 def _looks(diagnosis: Diagnosis) -> list[str]:

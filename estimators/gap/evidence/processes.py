@@ -22,7 +22,7 @@ from typing_extensions import override
 from estimators.gap.evidence.fitted_courses import FittedCourses
 from estimators.gap.evidence.piecewise_spectrum import piecewise
 from estimators.gap.evidence.terms import Term, terms_along
-from estimators.gap.hypotheses.courses import Course
+from estimators.gap.hypotheses.courses import Course, half_waves
 from rig.arrays import Array
 
 #: So many sources are weighed, those that promise most.
@@ -101,8 +101,7 @@ def _course(excess: Array) -> Course:
     """The cosines in which a process is strongest, each with its size."""
     strongest = np.sort(np.argsort(-excess, kind="stable")[:_MOST])
     strongest = strongest[excess[strongest] > 0.0]
-    clock = (np.arange(len(excess) + 1) + 0.5) / (len(excess) + 1)
-    return Course(NAME, np.sqrt(2.0) * np.cos(np.pi * np.outer(clock, strongest + 1)), np.sqrt(excess[strongest]))
+    return Course(NAME, half_waves(len(excess) + 1, strongest + 1), np.sqrt(excess[strongest]))
 
 
 def _root(gram: Array) -> Array:

@@ -55,46 +55,70 @@ class Telegraphs(FittedCourses):
             if len(source.series) == 1
         ]
 
+    @property
+    def _together(self) -> int:
+        """Samples that are added up first."""
+        return -(-self.data.count // _SAMPLES)
+
+    def _summed(self, values: Array) -> Array:
+        return np.asarray(np.add.reduceat(values, np.arange(0, self.data.count, self._together)))
+
     @override
     def terms(self, left: Array, least: float = -np.inf) -> list[Term]:
         """Those that have most slow power, each along its likely levels."""
-        count = self.data.count
-        residual = left.reshape(len(self.data.columns), count)
-        together = -(-count // _SAMPLES)
-        edges = np.arange(0, count, together)
+        residual = left.reshape(len(self.data.columns), self.data.count)
         found = []
         for source, share, told in self._single:
-            moments = np.add.reduceat(np.einsum("cn,cn->n", source.series[0], residual), edges)
-            informations = np.add.reduceat(told, edges)
+            moments, informations = self._moments(source, residual), self._summed(told)
             gain, excess = slow_power(moments, informations)
             if gain > max(_WORTH, _OVERLOOKED * (least - share)):
                 found.append((gain, source, share, moments, informations, excess))
         terms = []
         for _, source, share, moments, informations, excess in sorted(found, key=lambda each: -each[0])[:_SOURCES]:
-            levels, gained = likely_levels(excess), -np.inf
-            for _ in range(_ROUNDS):
-                evidence, upper = two_levels(moments, informations, levels)
-                mean = float(informations @ upper / informations.sum())
-                moved = upper - mean
-                explained = 0.5 * float(moments @ moved) ** 2 / max(float(informations @ moved**2), 1e-300)
-                change = (source.series[0] * np.repeat(moved, together)[:count]).reshape(-1, 1)
-                alone = project(self.data.absorbed, change)[:, 0]
-                size = float(alone @ left) / max(float(alone @ alone), 1e-300)
-                cost = min(evidence - explained, 0.0)  # of the instants
-                before, gained = gained, cost + 0.5 * size * float(alone @ left)
-                if gained < before + 1.0:
-                    break
-                # where the calibration takes a part of a level, what it leaves has no two
-                taken = size * (change[:, 0] - alone).reshape(residual.shape)
-                moments = np.add.reduceat(np.einsum("cn,cn->n", source.series[0], residual + taken), edges)
-                levels = size * np.array([[[1.0 - mean, -mean]]])
+            upper, gained, cost = self._refined(source, residual, moments, informations, excess)
             switches = int(np.count_nonzero(np.diff(upper > 0.5)))
             fewest = _STEPS if source.name in self.stepping else _FEWEST
             if share + gained < least or switches < fewest:
                 continue
-            course = Course(NAME, np.repeat(upper, together)[:count, None], np.ones(1))
+            course = Course(NAME, self._every(upper)[:, None], np.ones(1))
             terms += terms_along(self.data.absorbed, source, course, share + cost)
         return terms
+
+    def _moments(self, source: Source, residual: Array) -> Array:
+        return self._summed(np.einsum("cn,cn->n", source.series[0], residual))
+
+    def _every(self, values: Array) -> Array:
+        """At every sample, of values at the sums."""
+        return np.repeat(values, self._together)[: self.data.count]
+
+    def _refined(
+        self, source: Source, residual: Array, moments: Array, informations: Array, excess: float
+    ) -> tuple[Array, float, float]:
+        """(k,) the probability of the upper level at each sum; what such levels gain in log likelihood, and what their
+        instants cost of it.
+
+        Where the calibration takes a part of a level, what it leaves has no two: levels are looked for again about
+        those found, beside what it takes of these.
+
+        Args:
+            residual: (c, n) whitened. moments, informations, excess: as ``slow_power`` takes and tells them.
+        """
+        levels, gained, left = likely_levels(excess), -np.inf, residual.ravel()
+        for _ in range(_ROUNDS):
+            evidence, upper = two_levels(moments, informations, levels)
+            mean = float(informations @ upper / informations.sum())
+            moved = upper - mean
+            explained = 0.5 * float(moments @ moved) ** 2 / max(float(informations @ moved**2), 1e-300)
+            change = (source.series[0] * self._every(moved)).ravel()
+            alone = project(self.data.absorbed, change[:, None])[:, 0]
+            size = float(alone @ left) / max(float(alone @ alone), 1e-300)
+            cost = min(evidence - explained, 0.0)
+            before, gained = gained, cost + 0.5 * size * float(alone @ left)
+            if gained < before + 1.0:
+                break
+            moments = self._moments(source, residual + size * (change - alone).reshape(residual.shape))
+            levels = size * np.array([[[1.0 - mean, -mean]]])
+        return upper, gained, cost
 
 
 def slow_power(moments: Array, informations: Array) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from estimators.gap.data.whitened import WhitenedData
-from rig.arrays import Array
+from rig.arrays import Array, Rows
 from rig.effects._numerics import curvature, play
 from rig.effects.transmission import smooth_sign
 
@@ -208,13 +208,17 @@ def level_courses(data: WhitenedData, column: int) -> list[Course]:
 
 
 @lru_cache(maxsize=4)
-def cosines(count: int, most: int = COSINES) -> Array:
-    """(n, most) cosines over a recording, the constant first, each of mean square one."""
-    clock = (np.arange(count) + 0.5) / count
-    waves = np.cos(np.pi * np.outer(clock, np.arange(most)))
-    waves[:, 1:] *= np.sqrt(2.0)
+def cosines(count: int) -> Array:
+    """(n, k) the slowest cosines over a recording, the constant first, each of mean square one."""
+    waves = half_waves(count, np.arange(COSINES))
     waves.setflags(write=False)  # every caller has the same
-    return np.asarray(waves)
+    return waves
+
+
+def half_waves(count: int, orders: Rows) -> Array:
+    """(n, k) cosines over a recording, of so many half waves (k,) each, of mean square one."""
+    clock = (np.arange(count) + 0.5) / count
+    return np.asarray(np.cos(np.pi * np.outer(clock, orders)) * np.where(orders > 0, np.sqrt(2.0), 1.0))
 
 
 def matern(length: float, most: int = COSINES) -> Array:

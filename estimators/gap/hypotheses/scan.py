@@ -161,6 +161,8 @@ class Scanner:
 
     def stepped(self, steps: Sequence[Step]) -> Scanner:
         """The scanner of the data with further steps of whitening."""
+        if not steps:
+            return self
         return replace(self._with(steps), _source=(self, tuple(steps)))
 
     def _with(self, steps: Sequence[Step]) -> Scanner:
