@@ -280,7 +280,7 @@ def test_a_calibration_that_gets_worse_is_not_followed(arm: Arm, monkeypatch: py
         fresh = rebased(data, effects)
         off = np.zeros(data.tangent.shape[1])
         off[1] = 0.1 * (len(tried) + 1)  # the first channel's offset
-        tried.append(fresh.around(stepped(fresh.pipeline, off)))
+        tried.append(fresh.around(stepped(fresh.pipeline, off), fresh.in_place))
         return tried[-1]
 
     monkeypatch.setattr(converge, "rebased", worse)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.calibration import Calibration
+from estimators.gap.data.anchor import Anchor
 from estimators.gap.data.basefit import (
     all_readings,
     estimated_floor,
@@ -23,7 +24,7 @@ from estimators.gap.data.basefit import (
     signals_of,
 )
 from estimators.gap.data.defects import lattice
-from estimators.gap.data.stack import Anchor, Stack, running_on
+from estimators.gap.data.stack import Stack, running_on
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.goodness.raw_readings import copies

@@ -29,6 +29,7 @@ class ModelledRig:
         within: where each sample stands for a block of them, the recording at some of each block, poses known: where
             effects are evaluated whose mean over a block is not their value at its mean pose.
         bent: whether that holds for every effect.
+        in_place: mean effects beside which the pipeline was fitted.
     """
 
     base: Signals
@@ -36,6 +37,7 @@ class ModelledRig:
     given: tuple[Effect, ...] = field(default=(), kw_only=True)
     within: Signals | None = field(default=None, kw_only=True)
     bent: bool = field(default=False, kw_only=True)
+    in_place: tuple[Effect, ...] = field(default=(), kw_only=True)
 
     @cached_property
     def given_change(self) -> Array:
@@ -46,6 +48,13 @@ class ModelledRig:
     def modelled(self) -> Array:
         """(n, 6) [recorded unit] the base fit, given effects included."""
         return self.base.volts + self.given_change if self.given else self.base.volts
+
+    @property
+    def felt(self) -> Signals:
+        """What the sensors feel with the effects that are in place: a slipped sensor has turned its gains along."""
+        effects = (*self.given, *self.in_place)
+        pipeline = replace(self.pipeline, effects=effects)
+        return pipeline.begun(self.base, np.random.default_rng(0), Stage.VOLTS) if effects else self.base
 
     def change(self, effects: Sequence[Effect]) -> Array:
         """(n, 6) [recorded unit] what mean effects change, with the calibration held."""

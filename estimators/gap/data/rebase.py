@@ -31,7 +31,7 @@ def rebased(data: WhitenedData, effects: Sequence[Effect]) -> WhitenedData:
     scale = np.sqrt(np.diag(gram))
     scale[scale == 0.0] = np.inf
     step = np.linalg.pinv(gram / np.outer(scale, scale), rcond=_FELT, hermitian=True) @ (moment / scale) / scale
-    return data.around(stepped(data.pipeline, step))
+    return data.around(stepped(data.pipeline, step), effects)
 
 
 def stepped(pipeline: Pipeline, step: Array) -> Pipeline:

@@ -31,24 +31,28 @@ class ChannelTangent:
     values: Array
 
 
-def of_readings(base: Signals, pipeline: Pipeline) -> dict[int, ChannelTangent]:
+def of_readings(felt: Signals, pipeline: Pipeline) -> dict[int, ChannelTangent]:
     """For each channel, in recorded units, those of six parameters.
 
     Its sensitivity, its offset, two tangent coordinates of its axis, and the two of the field that the channels of
     a sensor share.
+
+    Args:
+        felt: what the sensors feel, after all stages but the last.
     """
     found: dict[int, ChannelTangent] = {}
     total = 0
     for name, sensor in pipeline.sensors.items():
         field = pipeline.environment.gravity if name == ACCELEROMETER else pipeline.environment.magnetic
-        rotation = base.R_base_tool
-        in_tool = np.matmul(field, rotation)  # (n, 3)
+        there = felt.gravity - felt.acceleration if name == ACCELEROMETER else felt.magnetic
+        rotation = felt.R_base_tool
+        in_tool = np.matmul(there, rotation) if there.ndim == 1 else np.einsum("ni,nij->nj", there, rotation)
         turned = [np.matmul(along, rotation) for along in tangent_basis(field / np.linalg.norm(field))]
         columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
         shared = [total + 4 * len(columns), total + 4 * len(columns) + 1]
         for column, axis, sensitivity in zip(columns, sensor.axes, sensor.sensitivity, strict=True):
-            own = np.empty((6, len(base))).T
-            own[:, 0] = in_tool @ axis
+            own = np.empty((6, len(felt))).T
+            own[:, 0] = felt.inputs[:, column]
             own[:, 1] = 1.0
             own[:, 2:4] = sensitivity * in_tool @ tangent_basis(axis).T
             for index, along in enumerate(turned):

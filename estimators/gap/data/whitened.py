@@ -79,10 +79,14 @@ class WhitenedData(ModelledRig):
         """What some recording lacks for an effect, in words; empty where all have all."""
         return next(filter(None, (effect.lacking(part.base) for part in self.parts)), "")
 
-    def around(self, pipeline: Pipeline) -> WhitenedData:
-        """The data with another calibration."""
+    def around(self, pipeline: Pipeline, in_place: Sequence[Effect] = ()) -> WhitenedData:
+        """The data with another calibration, which was fitted beside mean effects."""
         base = pipeline.expected(self.base, np.random.default_rng(0), first=Stage.FIELD)  # the poses are what they were
-        return replace(self, pipeline=pipeline, base=base, moved=True)
+        return replace(self, pipeline=pipeline, base=base, moved=True, in_place=tuple(in_place))
+
+    def like(self, other: WhitenedData) -> WhitenedData:
+        """The data with the calibration of other data."""
+        return self.around(other.pipeline, other.in_place)
 
     @property
     def floor_samples(self) -> Array:
@@ -200,7 +204,7 @@ class WhitenedData(ModelledRig):
     @cached_property
     def tangents(self) -> list[ChannelTangent]:
         """What the calibration's parameters do to the whitened readings of each channel."""
-        own = tangent.of_readings(self.base, self.pipeline)
+        own = tangent.of_readings(self.felt, self.pipeline)
         white = [self.whiten_means(each, self.means(each, own[each].values.T))[:, None] for each in self.columns]
         if self.decorrelation is None:
             white = [self.beside_each_other(values, index) for index, values in enumerate(white)]
@@ -222,7 +226,7 @@ class WhitenedData(ModelledRig):
         """(n, 6) [recorded unit] what the calibration cannot absorb of a change (n, 6)."""
         absorbed, *_ = np.linalg.lstsq(self.tangent, self.whiten(change), rcond=1e-9)
         left = change.copy()
-        for column, own in tangent.of_readings(self.base, self.pipeline).items():
+        for column, own in tangent.of_readings(self.felt, self.pipeline).items():
             left[:, column] -= own.values @ absorbed[own.numbers]
         return left
 

@@ -26,7 +26,7 @@ def converged(fits: Sequence[Fitted], data: WhitenedData, rough: WhitenedData | 
     """
     if rough is not None and rough is not data and all(fit.candidate.smooth for fit in fits):
         first = converged(fits, rough)
-        fits, data = first.fits, data if first.data is rough else data.around(first.data.pipeline)
+        fits, data = first.fits, data if first.data is rough else data.like(first.data)
     found = refit(fits, data)
     least = np.inf
     for _ in range(_ROUNDS if found.fits else 0):
@@ -38,4 +38,6 @@ def converged(fits: Sequence[Fitted], data: WhitenedData, rough: WhitenedData | 
             break
         data, least = fresh, misfit
         found = refit(found.fits, data, most=4)
+    if found.fits and not data.in_place:  # what the calibration takes of a strong cause, it takes beside that
+        found = refit(found.fits, data.around(data.pipeline, [fit.effect for fit in found.fits]), most=4)
     return found

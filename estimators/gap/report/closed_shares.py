@@ -54,7 +54,7 @@ def of_causes(
     leading = told.explanation
     own = under_floor(leading)
     if len(reported) < len(leading.members):
-        data = floor.around(leading.data.pipeline)
+        data = floor.like(leading.data)
         change = project(data.absorbed, data.whiten(data.change([leading.fits[index].effect for index in reported])))
         own = replace(own, left=floor.whitened - change, tangent=own.tangent[:, np.isin(own.owner, reported)])
     fitted = floor.whitened - own.left
@@ -101,7 +101,7 @@ def shapes_apart(explanation: Explanation, floor: WhitenedData) -> list[Array]:
     that at its own, (k, m) whitened and with the calibration projected out."""
     if not any(member.widths for member in explanation.members):
         return []
-    data = floor.around(explanation.data.pipeline)
+    data = floor.like(explanation.data)
     now = data.change([fit.effect for fit in explanation.fits])
     found = []
     for sets in zip(*(explanation.moved(float(by)) for by in _LIKELY), strict=True):

@@ -72,7 +72,7 @@ def corrected_calibration(recording: Recording, data: WhitenedData, posterior: P
     centre = max(components, key=lambda each: each.weight).pipeline
     mean, covariance = mixed(components, centre)
     leading = posterior.leading.explanation
-    settled = data.around(leading.data.pipeline)
+    settled = data.like(leading.data)
     change = settled.given_change + settled.change([fit.effect for fit in leading.fits])
     return _assembled(cleared(recording, change), data, stepped(centre, mean), covariance, source)
 

@@ -51,6 +51,11 @@ class Place:
 def twins(posterior: Posterior) -> dict[str, str]:
     """Label -> label of what does the same to this recording; the likelier of two stands for both."""
     found: dict[str, str] = {}
+    for each in posterior.hypotheses:  # what scored alike does the same, whatever floor it was fitted beside
+        for member in each.explanation.members:
+            if member.label not in found:
+                others = set(member.labels[1:]) - set(found.values()) - found.keys()
+                found |= dict.fromkeys(others, member.label)
     leading = posterior.hypotheses[0].log_mass
     near = [each for each in posterior.hypotheses if each.log_mass > leading - _COMPARED and not each.terms]
     for index, one in enumerate(near):
@@ -59,14 +64,12 @@ def twins(posterior: Posterior) -> dict[str, str]:
                 continue
             mine = set(one.explanation.key) - set(two.explanation.key)
             theirs = set(two.explanation.key) - set(one.explanation.key)
-            if len(mine) == len(theirs) == 1 and _distance(one, two) < _TWINS:
-                (kept,), (gone,) = mine, theirs
-                found.setdefault(gone, found.get(kept, kept))
-    for each in posterior.hypotheses:  # what scored alike does the same, whatever floor it was fitted beside
-        for member in each.explanation.members:
-            if member.label not in found:
-                others = set(member.labels[1:]) - set(found.values()) - found.keys()
-                found |= dict.fromkeys(others, member.label)
+            if len(mine) != 1 or len(theirs) != 1:
+                continue
+            (kept,), (gone,) = mine, theirs
+            kept = found.get(kept, kept)
+            if gone not in found and gone != kept and _distance(one, two) < _TWINS:
+                found = {label: kept if same == gone else same for label, same in found.items()} | {gone: kept}
     return found
 
 

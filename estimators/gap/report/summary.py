@@ -104,7 +104,7 @@ def conclude(
     )
     causes = in_recorded_units(causes, recordings[0].units)
     kind = verdict_of(masses, hypotheses, causes)
-    settled = data.around(leading.explanation.data.pipeline) if effects else data
+    settled = data.like(leading.explanation.data) if effects else data
     other = masses["other"] >= 0.5
     gap = float(np.median(whole))
     remainder = left_over.remainder(
@@ -246,7 +246,7 @@ def _at_every_sample(leading: Found, data: WhitenedData) -> list:  # type: ignor
     fits = leading.explanation.fits
     if data.block == 1 or not fits:
         return fits
-    full = data.stepped(leading.explanation.data.steps).around(leading.explanation.data.pipeline)
+    full = data.stepped(leading.explanation.data.steps).like(leading.explanation.data)
     return converged(fits, full).fits
 
 

@@ -245,7 +245,7 @@ class Search:
         key = parent.key, parent.fine, data is self.data
         if key not in self.explained:
             if data is self.data or _smooth(parent.members):
-                moved = data if not parent.members else data.around(parent.data.pipeline)
+                moved = data if not parent.members else data.like(parent.data)
                 self.explained[key] = explained_by(parent.fits, moved)
             else:  # what needs single samples is not to be seen on means: it is summed up from these
                 means, fine = Means(self.data, self.rough), self._left(parent, self.data)
@@ -389,7 +389,7 @@ class Search:
         if key not in self.found:
             if rough is None or rough.fine:
                 return self._fitted(members, self.data)
-            moved = self.data.around(rough.data.pipeline)
+            moved = self.data.like(rough.data)
             self.found[key] = replace(rough, data=moved, fine=True, refitted=False)
         return self.found[key]
 

@@ -115,7 +115,7 @@ class Explanation:
 
     def on(self, data: WhitenedData) -> Explanation:
         """The same set as it was fitted, in other data, or under other noise."""
-        return replace(self, data=data.around(self.data.pipeline), refitted=False)
+        return replace(self, data=data.like(self.data), refitted=False)
 
     @property
     def seeds(self) -> list[tuple[Member, ...]]:

@@ -327,7 +327,7 @@ class Noises:
 def _around(given: Given, each: Explanation) -> WhitenedData:
     """The data under a state, around an explanation's calibration."""
     data = given[1].fine.data
-    return data.around(each.data.pipeline) if each.members else data
+    return data.like(each.data) if each.members else data
 
 
 def _unexplained(here: Explanation) -> Array:

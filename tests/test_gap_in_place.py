@@ -1,0 +1,84 @@
+"""The calibration's freedom beside effects that are in place: it takes what it takes of what the sensors feel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from whitened_examples import data, recorded  # noqa: F401
+
+from estimators.gap.data import tangent
+from estimators.gap.data.basefit import estimated_floor, set_up
+from estimators.gap.data.rebase import stepped
+from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.converge import converged
+from estimators.gap.evidence.laplace import linearised
+from estimators.gap.evidence.refine import Fitted
+from estimators.gap.hypotheses.candidates import all_candidates
+from rig.arm import Arm
+from rig.effects import make_effect
+
+SLIP = ("mounting_slip", {"where": "mount", "rotation_rad": (-0.01, 0.02, 0.05), "at_s": 300.0})
+SOFT = ("link_soft_iron", {"where": "link5", "chi": (0.02, 0.03, -0.01, 0.02, 0.03, -0.02)})
+HARD = ("link_hard_iron", {"where": "link1", "field": (0.0, 0.02, 0.01)})
+LEVER = ("motion_acceleration", {"where": "accelerometer", "lever_m": (0.05, 0.02, 0.1)})
+
+
+@pytest.mark.parametrize(
+    ("effects", "turned"),
+    [((), True), ((SLIP, HARD, LEVER), True), ((SLIP, SOFT), False)],
+    ids=["nothing", "slip, hard iron, lever", "slip, soft iron"],
+)
+def test_the_tangent_beside_effects_is_the_derivative_of_the_readings(
+    data: WhitenedData,  # noqa: F811
+    effects: tuple[tuple[str, dict[str, object]], ...],
+    turned: bool,
+) -> None:
+    """By central differences, to their rounding of some volts over the step. A soft iron turns with the field, which is
+    left out: of the field's direction the tangent is then not compared."""
+    made = [make_effect(*each) for each in effects]
+    beside = data.around(data.pipeline, made)
+    found = tangent.of_readings(beside.felt, data.pipeline)
+    every = tangent.size(list(found.values()))
+    for number in range(every):
+        step = np.zeros(every)
+        step[number] = 1e-5
+        ahead, behind = (
+            replace(stepped(data.pipeline, sign * step), effects=tuple(made))
+            .expected(data.base, np.random.default_rng(0))
+            .volts
+            for sign in (1.0, -1.0)
+        )
+        slope = (ahead - behind) / 2e-5
+        for column, own in found.items():
+            here = own.numbers.index(number) if number in own.numbers else None
+            if here in (4, 5) and not turned:
+                continue
+            expected = np.zeros(len(slope)) if here is None else own.values[:, here]
+            np.testing.assert_allclose(slope[:, column], expected, rtol=0.0, atol=1e-8 * np.abs(slope).max() + 1e-9)
+
+
+def test_what_the_calibration_takes_is_not_told_beside_a_slip(arm: Arm) -> None:
+    """A soft iron of link 5 that is alike all round joint 6's axis is a gain of two axes, whether the sensor has
+    slipped since or not: what is told of it keeps more than three quarters of any prior. The slip's own angle is its,
+    to five standard deviations."""
+    slip = {"where": "mount", "rotation_rad": (-0.002, 0.002, 0.03), "at_s": 300.0}
+    iron = {"where": "link5", "chi": (0.0, 0.0, 0.0, 0.0, 0.002, -0.0025)}
+    run = recorded(0, ("mounting_slip", slip), ("link_soft_iron", iron))
+    whitened = set_up(run, estimated_floor(run, arm), arm)
+    candidates = {each.label: each for each in all_candidates(whitened)}
+    start = [
+        Fitted(candidates["mounting_slip@mount"], np.array([0.0, 0.0, 0.02]), {"at_s": 300.0}),
+        Fitted(candidates["link_soft_iron@link5"], np.array([0.0, 0.0, 0.0, 0.0, 0.001, -0.001]), {}),
+    ]
+    found = converged(start, whitened)
+    assert found.data.in_place
+    linear = linearised(found)
+    prior = 10.0  # typical sizes
+    covariance = np.linalg.inv(linear.gram + np.eye(len(linear.gram)) / prior**2)
+    alike = np.zeros(len(covariance))
+    alike[3:5] = np.sqrt(0.5)
+    assert alike @ covariance @ alike > (0.75 * prior) ** 2
+    turned, std = found.fits[0].values[2], 1e-3 * np.sqrt(covariance[2, 2])
+    assert abs(turned - 0.03) < 5.0 * std < 0.005
