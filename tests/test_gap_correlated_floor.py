@@ -53,6 +53,17 @@ def test_noise_of_each_channel_by_itself_is_shared_by_none() -> None:
         assert np.array_equal(correlations(readings, np.zeros(1000, dtype=int)), np.eye(6))
 
 
+@pytest.mark.parametrize("wanders", [0.0, 0.05])
+def test_what_channels_share_at_some_frequencies_alone_is_not_shared_from_reading_to_reading(wanders: float) -> None:
+    """A hum, or a fan whose phase wanders [rad a reading]: taken out of every reading it would put at all other
+    frequencies what it takes out at its own."""
+    rng = np.random.default_rng(5)
+    labels = np.repeat(np.arange(3), 4000)
+    turns = 2.0 * np.pi * 0.3 * np.arange(len(labels)) + np.cumsum(wanders * rng.standard_normal(len(labels)))
+    readings = rng.standard_normal((len(labels), 6)) + 1.2 * np.sin(turns)[:, None]
+    np.testing.assert_array_equal(correlations(readings, labels), np.eye(6))
+
+
 def test_two_channels_that_are_the_same_at_rest_can_be_told_apart_in_the_sweep() -> None:
     """As of a column that was written twice: to one part in as many readings."""
     rng = np.random.default_rng(4)

@@ -78,6 +78,22 @@ def test_only_joints_that_move_and_not_steadily_are_clocks(data: WhitenedData) -
     assert [each.name for each in clocks(posed)] == [""]
 
 
+def test_a_bit_of_a_converter_repeats_in_the_level(data: WhitenedData) -> None:
+    """Of 78 mV, two standard deviations of the noise too large where it is set: told by its period of 156 mV, to the
+    share of it that the span's twenty periods tell."""
+    level = data.modelled[:, 3]
+    bit = np.floor(level / 0.078) % 2.0
+    change = np.zeros_like(data.readings)
+    change[:, 3] = 2.0 * np.sqrt(data.floor[3].variance) * bit
+    left = project(data.absorbed, data.whiten(change) + np.random.default_rng(1).standard_normal(data.size))
+    found = weighed_terms(unexplained(left), repeats(data).terms(left))[0]
+    assert found.term.source == "the offset of mag1"
+    course = re.fullmatch(r"(?:every|a sine of) (.*) % of the span of mag1", found.term.course)
+    assert course is not None
+    periods = float(np.ptp(level)) / 0.156
+    assert float(course[1]) / 100.0 * np.ptp(level) == pytest.approx(0.156, rel=0.25 / periods)
+
+
 def test_words_of_a_period() -> None:
     assert course_words("every 24 deg of joint5") == "that repeats every 24 deg of joint5"
     assert course_words("a sine of 24 deg of joint5") == "that repeats as a sine of 24 deg of joint5"

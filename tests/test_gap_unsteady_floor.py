@@ -17,6 +17,7 @@ from estimators.gap.evidence.states import left_of
 from estimators.gap.evidence.unsteady_floor import UNSTEADY, unsteady_floor
 from estimators.gap.floor.unsteady import TwoLevels, Unsteady, unsteadiness
 from estimators.gap.hypotheses.score import Explained
+from rig.channels import COLUMNS_OF
 from rig.maneuver import LockedPoses
 from rig.recording import Recording
 
@@ -96,6 +97,23 @@ def test_bursts_have_two_levels(longer: int) -> None:
     assert 4.0 <= found.levels.ratio <= 16.0
     assert found.levels.share == pytest.approx(float(np.mean(factor > 1.0)), abs=0.06)
     assert 0.028 / 3.0 < found.levels.rate_Hz * 0.1 < 0.028 * 3.0
+
+
+def test_bursts_at_rest_are_no_spikes() -> None:
+    """What is large then is of the floor: its variance is that of all readings, to three tenths of a tenth of these."""
+    still = scenarios.load("ann-arbor").with_acquisition(decimation=1).simulate_locked(0)
+    factor = bursts(len(still), 5)[:, None]
+    rng, loud = np.random.default_rng(1), {}
+    for sensor in still.sensors:
+        readings = still.readings(sensor)
+        loud[sensor] = readings + 5.0 * np.std(np.diff(readings, axis=0), axis=0) * factor * rng.standard_normal(
+            (len(readings), 3)
+        )
+    floor = learn_floor(replace(still, **loud), 0.025)
+    for sensor, columns in COLUMNS_OF.items():
+        poses = np.array_split(loud[sensor], 3)
+        whole = np.mean([np.diff(own, axis=0).var(axis=0) / 2.0 for own in poses], axis=0)
+        np.testing.assert_allclose([channel.variance for channel in floor[columns]], whole, rtol=0.05)
 
 
 @pytest.mark.parametrize("kind", ["swelling", "bursts"])

@@ -43,11 +43,16 @@ _LOOK: Final = {
     "single readings": "look at the cable, the connector and the converter's range",
 }
 
-#: What repeats, in a joint's angle or in time: as what it is left over acts, whatever is off -> what to look at.
+#: What repeats, in a joint's angle, a channel's level or in time: as what it is left over acts, whatever is off -> what
+#: to look at.
 _REPEATS: Final = (
     (
         re.compile(r"(?:every|a sine of) .* of (joint\d+)"),
         "look at {0} for what has that period: gear teeth, bearings, the poles of its motor, the lines of its encoder",
+    ),
+    (
+        re.compile(r"(?:every|a sine of) .* of the span of (\w+)"),
+        "look at the converter of {0}: a bit that sticks, codes of unequal width",
     ),
     (re.compile(r"every (.* s)"), "look for what is switched, pulsed or sent every {0}"),
 )

@@ -73,11 +73,12 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         if own.segments and own.variance > 0.0 and step**2 > COARSE**2 * own.variance:
             coarse[int(column)] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
             continue
-        segments, known[int(column)] = sound(readings[:, column], labels, step)
+        louder = unsteady.get(int(column))
+        steady = louder is None or not louder.normal  # else what is large is of louder times
+        segments, known[int(column)] = sound(readings[:, column], labels, step, spiky=steady)
         segments, tones[int(column)] = without_tones(segments)
         less, *tails[int(column)] = _relieved(segments)
-        louder = unsteady.get(int(column))
-        segments = segments if louder is not None and louder.normal else less
+        segments = less if steady else segments
         phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
         still[int(column)] = segments
         channels[int(column)] = held(phases, stride / locked.rate_Hz)
@@ -95,7 +96,7 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         )
         for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
     }
-    shared = correlations(thinned, held_still)
+    shared = correlations(_toneless(thinned, held_still, [column for column in tones if tones[column]]), held_still)
     return tuple(
         replace(
             fitted.get(column, ChannelNoise(np.nan)),
@@ -104,6 +105,16 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         )
         for column, (row, unit) in enumerate(zip(shared, np.eye(len(shared)), strict=True))
     )
+
+
+def _toneless(readings: Array, labels: Rows, columns: Sequence[int]) -> Array:
+    """Readings (n, 6) without the tones of some channels: a hum is not what channels share from reading to reading."""
+    found = readings.copy()
+    poses = [labels == label for label in np.unique(labels) if label >= 0]
+    for column in columns:
+        for rows, left in zip(poses, without_tones([readings[rows, column] for rows in poses])[0], strict=True):
+            found[rows, column] = left
+    return found
 
 
 def _unsteady(readings: Array, steps: Array, labels: Rows, interval_s: float) -> dict[int, Unsteady]:

@@ -1,7 +1,8 @@
-"""An error source that repeats by itself, in time or in a joint's angle: a sine, or any waveform of some harmonics.
+"""An error source that repeats by itself, in time, in a joint's angle or in a channel's own level: a sine, or any
+waveform of some harmonics.
 
-A vibration, an unbalance, a filter that rings; a coil that is pulsed; a gear's tooth, a motor's pole: whatever has a
-period of its own, and no name. What the catalogue has as a tone may be one line of it.
+A vibration, an unbalance, a filter that rings; a coil that is pulsed; a gear's tooth, a motor's pole; a converter's bit
+that sticks: whatever has a period of its own, and no name. What the catalogue has as a tone may be one line of it.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import COSINES, LOCKED, ORDERS, Course
 from estimators.gap.hypotheses.tones import of_waves
 from rig.arrays import Array, Rows
+from rig.channels import CHANNELS
 
 #: So many sources along clocks are weighed, those of the best sines.
 _MOST: Final = 4
@@ -35,6 +37,8 @@ _BETWEEN: Final = 1.25
 _CYCLES: Final = 3.0
 #: A joint is time where it is off from turning steadily by less than this share of its shortest period.
 _STEADY: Final = 0.1
+#: Of a channel's level: a period of so many standard deviations of its noise is seen through this.
+_THROUGH: Final = 3.0
 #: Frequencies a cell, over two cells to either side, about the best of which it is polished.
 _NEAR: Final = 4
 
@@ -44,7 +48,7 @@ class Clock:
     """What an error can repeat in.
 
     Attributes:
-        name: empty of time. unit: of its period, and of how many of x that is.
+        name: of a joint. unit: of its period, and of how many of x that is.
         x: (n,) from zero. step: of the grid that it is put on.
         low, high: of the frequency of a sine, in steps of ``cell``; what is slower has courses of its own.
     """
@@ -90,7 +94,7 @@ class Clock:
         if harmonics > 1:
             name = f"every {period}"
         else:
-            name = f"a sine of {period}" if self.name else f"a sine of {frequency:.4g} Hz"
+            name = f"a sine of {frequency:.4g} Hz" if self.unit[0] == "s" else f"a sine of {period}"
         return Course(name, np.hstack([np.cos(turns), np.sin(turns)]), weight)
 
 
@@ -125,13 +129,36 @@ def clocks(data: WhitenedData) -> list[Clock]:
     return found
 
 
+def levels(data: WhitenedData) -> dict[int, Clock]:
+    """Of each channel, by its number, its own level, in which an error of its converter repeats."""
+    found = {}
+    for column in data.columns:
+        level = data.means(column, np.nan_to_num(data.modelled[:, column]))
+        level = level - level.min()
+        reach = float(level.max())
+        fastest = min(1.0 / (_THROUGH * float(np.sqrt(data.floor[column].variance))), data.count / max(reach, 1e-300))
+        unit = (f"% of the span of {CHANNELS[column]}", reach / 100.0)
+        own = Clock("", unit, level, 1.0 / (4.0 * fastest), 0, 0)
+        if (
+            reach * fastest > _CYCLES
+            and (high := int(fastest / own.cell)) > (low := int(_CYCLES / reach / own.cell)) + 1
+        ):
+            found[column] = replace(own, low=low, high=high)
+    return found
+
+
 @dataclass(frozen=True)
 class Repeats(FittedCourses):
     """What any source would leave that repeats."""
 
     @cached_property
-    def _clocks(self) -> list[Clock]:
-        return clocks(self.data)
+    def _clocks(self) -> list[list[Clock]]:
+        """Of each source."""
+        shared, own = clocks(self.data), levels(self.data)
+        return [
+            [*shared, own[source.column]] if source.of_one_offset and source.column in own else shared
+            for source in self.every
+        ]
 
     @cached_property
     def _inverses(self) -> list[Array]:
@@ -144,14 +171,14 @@ class Repeats(FittedCourses):
         found: list[tuple[float, int, int, Clock, Array]] = []
         for index, source in enumerate(self.every):
             own = np.einsum("fcn,cn->fn", source.series, residual)
-            for clock in self._clocks:
+            for clock in self._clocks[index]:
                 squares = of_waves(clock.spectra(own)[:, clock.low :], self._inverses[index])
                 # each of its freedoms has a sine and a cosine
                 gained = 0.5 * float(squares.max()) - 2.0 * _COST * len(own) - np.log(clock.high - clock.low)
                 found.append((gained, len(found), index, clock, own))
         terms = []
         for _, _, index, clock, own in sorted(found, key=lambda each: each[:2], reverse=True)[:_MOST]:
-            share = self.shares[index] - float(np.log(len(self._clocks) * len(_HARMONICS)))
+            share = self.shares[index] - float(np.log(len(self._clocks[index]) * len(_HARMONICS)))
             for gained, harmonics, frequency, tried in _ways(clock, own, self._inverses[index]):
                 if _BETWEEN * gained - len(own) * harmonics + share - np.log(tried) < least:
                     continue  # each sine and cosine costs a half at least

@@ -26,7 +26,7 @@ _NEARBY: Final = 25
 _LIMITS: Final = 2
 
 
-def sound(values: Array, labels: Rows, step: float) -> tuple[list[Array], float]:
+def sound(values: Array, labels: Rows, step: float, spiky: bool = True) -> tuple[list[Array], float]:
     """The segments (n,) of a channel at rest, one a pose, and the share that they tell of what so many readings do.
 
     Poses with readings at a limit of the channel are left out where any other is long enough to be one; where none is,
@@ -36,6 +36,7 @@ def sound(values: Array, labels: Rows, step: float) -> tuple[list[Array], float]
     Args:
         values: (n,) [recorded unit]. labels: (n,) number of the pose, -1 where the arm moves.
         step: of the converter [recorded unit], zero for none.
+        spiky: whether spikes are looked for.
     """
     held = labels >= 0
     own, poses = values[held], labels[held]
@@ -44,8 +45,9 @@ def sound(values: Array, labels: Rows, step: float) -> tuple[list[Array], float]
     free = [at for at in rows if not cut[at].any()]
     clean = not cut.any() or any(np.count_nonzero(at) >= SHORTEST_POSE for at in free)
     judged = np.any(free, axis=0) if clean else ~cut
-    own = own.copy()
-    own[judged] = _without_spikes(own[judged], poses[judged])
+    if spiky:
+        own = own.copy()
+        own[judged] = _without_spikes(own[judged], poses[judged])
     if clean:
         return [own[at] for at in free], 1.0
     return uncut([own[at] for at in rows], [cut[at] for at in rows], step)

@@ -30,7 +30,7 @@ _SHORTEST: Final = 3.0
 _RATIOS: Final = (2.0, 4.0, 8.0, 16.0, 32.0)
 _LOUD: Final = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5)
 _STAYS: Final = 8
-#: Times of which two levels are told, at most; in a longer recording several readings are one time.
+#: Times of which two levels are told, at most.
 _TIMES_OF_LEVELS: Final = 2**15
 #: Frequencies that are used each by itself; beyond, those within this share of one are one.
 _EACH, _WITHIN = 1024, 0.01
@@ -196,18 +196,29 @@ def _of_levels(squares: Array, many: Array, ratio: Array, share: Array, rate: Ar
 
 
 def _two_levels(squares: Array, many: Array, interval_s: float) -> TwoLevels | None:
-    """The likeliest, None where a steady level is; arguments as of ``TwoLevels.gain``."""
+    """The likeliest, None where a steady level is; arguments as of ``TwoLevels.gain``.
+
+    In a long recording short stays are told by a stretch of it, long ones by sums over several readings.
+    """
     several = -(-len(squares) // _TIMES_OF_LEVELS)
+    ways = [_likeliest_levels(squares[:_TIMES_OF_LEVELS], many[:_TIMES_OF_LEVELS], interval_s)]
     if several > 1:
         starts = np.arange(0, len(squares), several)
-        squares, many = np.add.reduceat(squares, starts), np.add.reduceat(many, starts)
+        summed, numbers = np.add.reduceat(squares, starts), np.add.reduceat(many, starts)
+        gain, levels = _likeliest_levels(summed, numbers, several * interval_s)
+        ways.append((gain * _TIMES_OF_LEVELS / len(squares), levels))  # as much of the recording as the stretch
+    return max(ways, key=lambda way: way[0])[1]
+
+
+def _likeliest_levels(squares: Array, many: Array, interval_s: float) -> tuple[float, TwoLevels | None]:
+    """What two levels gain in log likelihood, and they; neither where a steady one is likelier."""
     stays = np.geomspace(_SHORTEST, max(0.25 * len(squares), _SHORTEST), _STAYS)
     ratio, share, rate = (each.ravel() for each in np.meshgrid(_RATIOS, _LOUD, 0.5 / stays, indexing="ij"))
     gains, _, _ = _of_levels(squares, many, ratio, share, rate)
     best = int(np.argmax(gains))
     if gains[best] < 1.5 * np.log(len(squares)):
-        return None
-    return TwoLevels(float(ratio[best]), float(share[best]), float(rate[best]) / (several * interval_s))
+        return 0.0, None
+    return float(gains[best]), TwoLevels(float(ratio[best]), float(share[best]), float(rate[best]) / interval_s)
 
 
 def _mean_first(channels: int) -> Array:
