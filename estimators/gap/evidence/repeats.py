@@ -25,6 +25,7 @@ from estimators.gap.hypotheses.courses import COSINES, LOCKED, ORDERS, Course
 from estimators.gap.hypotheses.tones import of_waves
 from rig.arrays import Array, Rows
 from rig.channels import CHANNELS
+from rig.effects.converter import lattice_step
 
 #: So many sources along clocks are weighed, those of the best sines.
 _MOST: Final = 4
@@ -37,8 +38,9 @@ _BETWEEN: Final = 1.25
 _CYCLES: Final = 3.0
 #: A joint is time where it is off from turning steadily by less than this share of its shortest period.
 _STEADY: Final = 0.1
-#: Of a channel's level: a period of so many standard deviations of its noise is seen through this.
-_THROUGH: Final = 3.0
+#: Of a channel's level: a period of so many standard deviations of its noise is seen through this, and of so many steps
+#: it is no rounding.
+_THROUGH, _ROUNDED = 3.0, 2.0
 #: Frequencies a cell, over two cells to either side, about the best of which it is polished.
 _NEAR: Final = 4
 
@@ -136,7 +138,8 @@ def levels(data: WhitenedData) -> dict[int, Clock]:
         level = data.means(column, np.nan_to_num(data.modelled[:, column]))
         level = level - level.min()
         reach = float(level.max())
-        fastest = min(1.0 / (_THROUGH * float(np.sqrt(data.floor[column].variance))), data.count / max(reach, 1e-300))
+        sigma, step = float(np.sqrt(data.floor[column].variance)), lattice_step(data.readings[:, column])
+        fastest = min(1.0 / max(_THROUGH * sigma, _ROUNDED * step), data.count / max(reach, 1e-300))
         unit = (f"% of the span of {CHANNELS[column]}", reach / 100.0)
         own = Clock("", unit, level, 1.0 / (4.0 * fastest), 0, 0)
         if (
