@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from estimators.gap.hypotheses.prior import FURTHER
 from estimators.gap.report.closed_shares import of_causes
 from estimators.gap.report.reach import gains, log_prior_of_image
 from estimators.gap.search.beam import Search
-from estimators.gap.search.further_unknowns import first_as
+from estimators.gap.search.further_unknowns import first_as, following
 from estimators.gap.search.posterior import Posterior, explain
 from estimators.gap.search.weighing import FAR
 from rig.effects import EFFECTS, Effect, make_effect
@@ -224,3 +225,20 @@ def test_a_cause_is_found_beside_an_error_that_switches() -> None:
             ("backlash", "joint1")
         }
         assert [each["source"] for each in found.remainder.follows] == ["the offset of mag1"]
+
+
+def test_what_is_nearly_as_likely_is_weighed_without_each_of_its_causes_too() -> None:
+    """The likeliest first, each once, and nothing that is far from what leads, or has no unknown or no cause."""
+
+    def held(log_mass: float, terms: int = 1, members: int = 1) -> SimpleNamespace:
+        explanation = SimpleNamespace(members=(None,) * members)
+        return SimpleNamespace(
+            log_mass=log_mass, terms=(None,) * terms, explanation=explanation, state=SimpleNamespace(fitted=())
+        )
+
+    leading, near, far = held(0.0), held(-2.0), held(-4.0)
+    every = [far, held(-1.0, terms=0), held(-1.0, members=0), near, leading]
+    work = SimpleNamespace(best=0.0, hypotheses=dict(enumerate(every)))
+    assert following(work, []) is leading  # type: ignore[arg-type]
+    assert following(work, [leading]) is near  # type: ignore[arg-type, list-item]
+    assert following(work, [leading, near]) is None  # type: ignore[arg-type, list-item]

@@ -17,9 +17,10 @@ from estimators.gap.search.weighing import FAR, KEPT, Weighing, of_all_channels
 
 #: Log probability of a second such thing, and of each further one: things are rarely alone.
 SECOND: Final = float(np.log(FURTHER))
-#: Log odds against the leading hypothesis within which a discrepancy may have a second one beside it.
+#: Log odds against the leading hypothesis within which a discrepancy may have a second one beside it, or in a cause's
+#: place.
 _DOUBTED: Final = 3.0
-#: So many further things at most, and so many times what leads then is weighed without each of its causes.
+#: So many further things at most, and so many hypotheses are weighed without each of their causes.
 _MOST, _ROUNDS = 8, 3
 
 
@@ -36,16 +37,28 @@ def weigh_further(work: Weighing) -> None:
     for leading in likely:
         discrepancies = _discrepancies(work, leading)
         work.enter(_with_further(work, leading, discrepancies))
-    for _ in range(_ROUNDS):
-        leading = _likeliest(work)[0]
-        discrepancies = _discrepancies(work, leading)
-        for rest in _rests(work, leading, discrepancies):
+    tried: list[Hypothesis] = []
+    while len(tried) < _ROUNDS and (one := following(work, tried)) is not None:
+        tried.append(one)
+        discrepancies = _discrepancies(work, one)
+        for rest in _rests(work, one, discrepancies):
             ways = [_with_further(work, rest, discrepancies)]
-            if leading.further:  # or what was found beside what leads, in that order
-                ways.append(_with_further(work, first_as(rest, leading), discrepancies, leading.further))
-            work.enter(max(ways, key=lambda one: one.log_mass))
-        if _likeliest(work)[0] is leading:
-            return
+            same = first_as(rest, one)
+            if one.further or same.terms[0] is not rest.terms[0]:  # or what was found beside it, in that order
+                ways.append(_with_further(work, same, discrepancies, one.further))
+            work.enter(max(ways, key=lambda each: each.log_mass))
+
+
+def following(work: Weighing, tried: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The likeliest with a discrepancy beside something that it could stand for, of those nearly as likely as what
+    leads; of causes that are several of one unknown kind, each is weighed in the place of the last."""
+    near = [
+        one
+        for one in work.hypotheses.values()
+        if one.terms and (one.explanation.members or of_all_channels(one.state))
+        if one.log_mass > work.best - _DOUBTED and not any(one is each for each in tried)
+    ]
+    return max(near, key=lambda one: one.log_mass, default=None)
 
 
 def _likeliest(work: Weighing) -> list[Hypothesis]:
