@@ -46,7 +46,7 @@ def test_one_axis_alone_or_all_of_them_are_averaged(fault: tuple[float, ...]) ->
         own = 0.5 * np.array(fault) ** 2 * variance / (1.0 + variance) - 0.5 * np.log1p(variance)
         logs += [weight + np.log(0.5) + own.sum(), *(weight + np.log(0.5 / 3.0) + own)]
     expected = np.logaddexp.reduce(logs) - 0.5 * left @ left
-    allowed = 1e-6 * (30.0**2 + float(left @ left))
+    allowed = 1e-6 * (float(scales(np.sqrt(3.0))[0][-1]) ** 2 + float(left @ left))
     assert linear.averaged[0] == pytest.approx(expected, abs=allowed)
     all_alike = replace(linear, by_axis=~there).averaged[0]
     assert (linear.averaged[0] > all_alike) == (sum(value != 0.0 for value in fault) == 1)

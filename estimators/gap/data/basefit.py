@@ -49,12 +49,13 @@ _FINER = 10
 _DITHER = 0.7
 
 
-def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...]:
+def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None) -> tuple[ChannelNoise, ...]:
     """The noise of each channel at rest; channels that were not recorded have none.
 
     Args:
         locked: several poses held still.
         interval_s: between samples of the sweep.
+        steps: (6,) of its converter, where they are known.
     """
     labels = held_poses(locked)
     stride = max(1, int(interval_s * locked.rate_Hz / _FINER))
@@ -64,7 +65,7 @@ def learn_floor(locked: Recording, interval_s: float) -> tuple[ChannelNoise, ...
         raise _never_at_rest(locked)
     channels, tails, coarse, known, still, tones = {}, {}, {}, {}, {}, {}
     thinned, held_still = readings[::stride], labels[::stride]
-    steps = lattice(readings)
+    steps = lattice(readings) if steps is None else steps
     unsteady = _unsteady(thinned, steps, held_still, stride / locked.rate_Hz)
     for column in np.flatnonzero(np.isfinite(readings[0])):
         segments = [readings[labels == label, column] for label in numbers]

@@ -209,7 +209,8 @@ def floor_and_step(
                 "expected the sensors and units of the recording"
             )
     interval = float(np.median(np.diff(recording.t)))
-    return learn_floor(rest, interval), lattice(all_readings(rest)), "locked recording"
+    steps = lattice(all_readings(rest))
+    return learn_floor(rest, interval, steps), steps, "locked recording"
 
 
 def _each(locked: Locked, count: int) -> list[Recording | PathLike | None]:

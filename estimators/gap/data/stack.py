@@ -175,10 +175,10 @@ class Stack(WhitenedData):
 
     def around(self, pipeline: Pipeline, in_place: Sequence[Effect] = ()) -> Stack:
         """As of ``WhitenedData``."""
-        own = (
-            (each, pipeline.restricted(each.pipeline.sensors), acting(in_place, n)) for n, each in enumerate(self.each)
-        )
-        members = [member.around(restricted, effects) for member, restricted, effects in own]
+        members = [
+            member.around(pipeline.restricted(member.pipeline.sensors), acting(in_place, number))
+            for number, member in enumerate(self.each)
+        ]
         found = Stack.of(members, self.names, pipeline, self.began, self.steps)
         return replace(found, moved=True, in_place=tuple(in_place))
 

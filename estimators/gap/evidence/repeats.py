@@ -50,7 +50,7 @@ class Clock:
     """What an error can repeat in.
 
     Attributes:
-        name: of a joint. unit: of its period, and of how many of x that is.
+        name: of a joint, else empty. unit: of its period, and of how many of x that is.
         x: (n,) from zero. step: of the grid that it is put on.
         low, high: of the frequency of a sine, in steps of ``cell``; what is slower has courses of its own.
     """
@@ -142,10 +142,8 @@ def levels(data: WhitenedData) -> dict[int, Clock]:
         fastest = min(1.0 / max(_THROUGH * sigma, _ROUNDED * step), data.count / max(reach, 1e-300))
         unit = (f"% of the span of {CHANNELS[column]}", reach / 100.0)
         own = Clock("", unit, level, 1.0 / (4.0 * fastest), 0, 0)
-        if (
-            reach * fastest > _CYCLES
-            and (high := int(fastest / own.cell)) > (low := int(_CYCLES / reach / own.cell)) + 1
-        ):
+        low, high = (int(limit / own.cell) for limit in (_CYCLES / max(reach, 1e-300), fastest))
+        if high > low + 1:
             found[column] = replace(own, low=low, high=high)
     return found
 

@@ -50,8 +50,11 @@ def weigh_further(work: Weighing) -> None:
 
 
 def following(work: Weighing, tried: Sequence[Hypothesis]) -> Hypothesis | None:
-    """The likeliest with a discrepancy beside something that it could stand for, of those nearly as likely as what
-    leads; of causes that are several of one unknown kind, each is weighed in the place of the last."""
+    """The likeliest hypothesis with a discrepancy and a cause, or noise that all channels share, of those not tried yet
+    and nearly as likely as what leads; None where there is none.
+
+    Not what leads alone: causes that stand for several errors without a name go one after another.
+    """
     near = [
         one
         for one in work.hypotheses.values()
