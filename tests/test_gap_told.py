@@ -5,12 +5,13 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
 from diagnosed_recordings import recorded
 
 import estimators
 from estimators.gap.diagnosis import Hypothesis
 from estimators.gap.report.marginal import Place
-from estimators.gap.report.summary import _told_of
+from estimators.gap.report.summary import _at_least, _told_of
 from rig.effects import EFFECTS
 
 DIPOLE = ("base_dipole", "base")
@@ -44,3 +45,9 @@ def test_weights_that_were_given_are_told() -> None:
     plain, weighed = (estimators.diagnose(run, locked, without=without, prior=own) for own in (None, {"backlash": 5.0}))
     assert plain.warnings == ()
     assert weighed.warnings == ("the probabilities rest on given weights of effects: backlash 5",)
+
+
+def test_of_an_effect_that_is_there_twice_the_first_is_there_where_either_is() -> None:
+    assert _at_least([0.9, 0.5]) == pytest.approx([0.95, 0.45])
+    assert _at_least([0.9, 0.6, 0.5]) == pytest.approx([0.98, 0.75, 0.27])
+    assert _at_least([0.7]) == pytest.approx([0.7])

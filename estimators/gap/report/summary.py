@@ -228,6 +228,14 @@ def _believed(each: Found, doubted: Sequence[float] | None) -> list[tuple[str, f
     return list(zip(labels, doubted or (1.0,) * len(labels), strict=True))
 
 
+def _at_least(probabilities: Sequence[float]) -> list[float]:
+    """The probability that at least one, two, ... of independent things are there."""
+    of_so_many = np.ones(1)
+    for probability in probabilities:
+        of_so_many = np.convolve(of_so_many, [1.0 - probability, probability])
+    return [float(share) for share in np.cumsum(of_so_many[:0:-1])[::-1]]
+
+
 def _subsets(causes: Sequence[tuple[tuple[str, str], float]]) -> list[tuple[tuple[tuple[str, str], ...], float]]:
     """Every subset of independent causes that has a share of the probability to speak of."""
     found: list[tuple[tuple[tuple[str, str], ...], float]] = [((), 1.0)]
@@ -277,8 +285,10 @@ def _causes(
             believed.setdefault(same.get(label, label), []).append((share, index))
         for label, shares in believed.items():
             # an effect can be there twice at one place: the first is the one that is most believed
-            for copy, (share, index) in enumerate(sorted(shares, key=lambda one: -one[0])):
-                holders.setdefault((label, copy), []).append((each, float(weight) * share, index))
+            shares.sort(key=lambda one: -one[0])
+            at_least = _at_least([share for share, _ in shares])
+            for copy, ((share, index), so_many) in enumerate(zip(shares, at_least, strict=True)):
+                holders.setdefault((label, copy), []).append((each, float(weight) * so_many, index))
                 if each is leading and share >= _REPORTED:
                     reported.add((label, copy))
     found = []
