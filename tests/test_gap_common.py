@@ -125,7 +125,7 @@ def test_two_terms_at_once_are_one_covariance(data: WhitenedData, discrepancies:
     linear = Linear(left, tangent, np.zeros(causes), there, np.ones(causes), owner)
     found = weighed_with(linear, noise, other, data.absorbed, [0, 3, 7])
     assert np.isneginf(found[1]).all()
-    precision = linear.precision(linear.averaged[1])
+    precision = linear.likeliest
     alone = linear.log_evidence(left @ left, tangent.T @ tangent, tangent.T @ left, precision)
     columns = np.column_stack([left, tangent])
     each_noise = noise.made(np.eye(len(noise.values)))

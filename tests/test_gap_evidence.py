@@ -22,13 +22,13 @@ from estimators.gap.evidence.refine import Fitted
 from estimators.gap.evidence.repeats import Repeats
 from estimators.gap.evidence.states import NoiseState, log_det, pieces_of, under_steps, unseen_floor
 from estimators.gap.hypotheses.candidates import all_candidates
-from estimators.gap.hypotheses.courses import courses
+from estimators.gap.hypotheses.courses import FADING, courses
 from estimators.gap.hypotheses.prior import FLOOR_RAISED
 from estimators.gap.hypotheses.shapes import shape_prior
 from estimators.gap.hypotheses.sources import sources
 from rig.arm import Arm
 from rig.effects import EFFECTS, make_effect
-from rig.effects._numerics import play
+from rig.effects._numerics import low_passed, play
 
 
 def test_a_floor_that_nothing_at_rest_shows_costs_what_it_is_raised_by() -> None:
@@ -271,6 +271,25 @@ def test_hysteresis_of_any_form_is_an_offset_that_follows_its_history(
     best = weighed(unexplained(left), discrepancies)[0]
     assert (best.term.source, best.term.course) == ("the offset of mag2", "the history of its level")
     assert best.log_mass > 0.5 * 0.75 * 20.0**2 - 40.0
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"), [((4,), "the offset of mag2"), ((3, 4, 5), "the offsets of the magnetometer")]
+)
+def test_what_creeps_is_an_offset_that_follows_a_fading_memory(
+    data: WhitenedData, discrepancies: Discrepancies, columns: tuple[int, ...], told: str
+) -> None:
+    """After a field of a while ago, an amplifier's or a steel tool's: a time constant amid those of the course. Six of
+    these hold .99 of the square of 25 standard deviations."""
+    change = np.zeros((data.count, 6))
+    clock = np.arange(data.count) * data.interval_s
+    for column in columns:
+        change[:, column] = low_passed(clock, data.modelled[:, [column]], 10.0)[:, 0]
+    change = project(data.absorbed, data.whiten(change))
+    noise = project(data.absorbed, np.random.default_rng(8).standard_normal(data.size))
+    best = weighed(unexplained(noise + 25.0 * change / np.linalg.norm(change)), discrepancies)[0]
+    assert (best.term.source, best.term.course.replace("their levels", "its level")) == (told, FADING)
+    assert best.log_mass > 0.5 * 0.99 * 25.0**2 - 40.0
 
 
 def test_bumps_along_a_joint_are_told_place_by_place(data: WhitenedData, discrepancies: Discrepancies) -> None:

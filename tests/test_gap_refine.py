@@ -77,7 +77,7 @@ def test_a_frequency_is_told_to_the_bound_of_a_recording_so_long(arm: Arm) -> No
     found = refit([first_fit(data, candidate.label)], data)
     snr = float(np.linalg.norm(project(data.absorbed, data.whiten(data.change([found.fits[0].effect])))))
     linear = linearised(found)
-    covariance = linear.posterior(linear.precision(linear.averaged[1]))[1] * np.outer(*2 * [found.fits[0].scale])
+    covariance = linear.posterior(linear.likeliest)[1] * np.outer(*2 * [found.fits[0].scale])
     (place,) = [n for n, name in enumerate(_names(found.fits[0])) if name == "freq_Hz"]
     bound = np.sqrt(12.0) / (2.0 * np.pi * float(np.ptp(data.t)) * snr)
     assert np.sqrt(covariance[place, place]) == pytest.approx(bound, rel=0.1)

@@ -40,6 +40,7 @@ def angle(data: WhitenedData, joint: int) -> Array:
         (lambda data: (np.rad2deg(angle(data, 5)) / 24.0) % 1.0, ("every ", 24.0, " deg of joint5")),
         (lambda data: np.sin(2.0 * np.pi * np.rad2deg(angle(data, 1)) / 24.0), ("a sine of ", 24.0, " deg of joint1")),
         (lambda data: np.sin(2.0 * np.pi * 0.31 * data.t), ("a sine of ", 0.31, " Hz")),
+        (lambda data: np.sin(2.0 * np.pi * 0.013 * data.t), ("a sine of ", 0.013, " Hz")),
     ],
 )
 def test_a_waveform_is_told_with_its_clock_and_its_period(

@@ -35,7 +35,7 @@ def widths(misfit: Callable[[np.random.Generator], Array]) -> tuple[int, float, 
     found, model, wide = np.empty((3, DRAWS))
     for draw in range(DRAWS):
         linear = fitted(10.0 * misfit(rng).ravel(), tangent)
-        precision = linear.precision(linear.averaged[1])
+        precision = linear.likeliest
         model[draw] = linear.posterior(precision)[1][0, 0]
         mean, covariance = robust.moments(linear, CHANNELS)
         found[draw], wide[draw] = linear.point[0] + mean[0], covariance[0, 0]

@@ -247,6 +247,25 @@ def test_one_repeated_row_is_a_dropout(data: WhitenedData) -> None:
     assert np.flatnonzero(found.affected.all(axis=1)).tolist() == [700]
 
 
+def test_channels_that_each_miss_a_reading_now_and_then_are_dropouts(data: WhitenedData) -> None:
+    """Twenty of ten thousand readings, each channel by itself. On the converter's steps of a tenth of the noise some
+    eighty repeat by chance, of finer ones none: that none is missed has a chance of 1e-20 and less there."""
+    dropouts, rng = EFFECTS["dropouts"], np.random.default_rng(3)
+    readings, missed = (
+        data.readings + rng.uniform(-6e-4, 6e-4, data.readings.shape),
+        np.zeros(data.readings.shape, bool),
+    )
+    fine = readings_of(replace(data, readings=readings), np.zeros(6))
+    assert dropouts.examined(fine, "acquisition") is None
+    missed[rng.choice(np.arange(1, data.count), 20, replace=False), rng.integers(6, size=20)] = True
+    for row, column in np.argwhere(missed):
+        readings[row, column] = readings[row - 1, column]
+    found = dropouts.examined(readings_of(replace(data, readings=readings), np.zeros(6)), "acquisition")
+    assert found is not None
+    np.testing.assert_array_equal(found.affected, missed)
+    assert found.effect.share == pytest.approx(20 / missed.size)  # type: ignore[attr-defined]
+
+
 def test_channels_that_each_repeat_are_no_dropouts(data: WhitenedData) -> None:
     """A log faster than what it logs: each channel, or each sensor, repeats a reading three times in ten by itself.
 

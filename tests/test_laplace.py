@@ -73,6 +73,16 @@ def test_cosines_of_a_course_are_those_of_a_process_of_any_memory(course: tuple[
     assert (linear.averaged[0] > alike) == (course[1] == 0.0)
 
 
+def test_the_likeliest_precisions_are_those_of_the_course_that_is() -> None:
+    """A first cosine a hundred times the second: a long memory, whose third has all but none."""
+    tangent = np.linalg.qr(np.random.default_rng(3).standard_normal((40, 3)))[0]
+    owner, there = np.zeros(3, dtype=np.intp), np.ones(3, dtype=bool)
+    left = tangent @ np.array([30.0, 0.3, 0.0])
+    linear = Linear(left, tangent, np.zeros(3), there, np.ones(3), owner, orders=np.array([1, 2, 3]))
+    first, _, third = linear.likeliest
+    assert third / first == pytest.approx(((3.0 / 0.25 + 9.0 * np.pi**2) / (3.0 / 0.25 + np.pi**2)) ** 2)
+
+
 def test_scales_beyond_those_expected_are_as_much_less_likely_as_they_are_larger() -> None:
     """A strength of 1,000 typical sizes costs the logarithm of how far that is beyond 30, not its square."""
     scale, weight = scales(10.0, 1000.0)

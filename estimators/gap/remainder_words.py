@@ -24,6 +24,8 @@ _VARIABLES: Final = {
     "level": "level of the reading",
     "level and direction": "level of the reading, rising or falling",
     "the history of its level": "history of the reading",
+    "the fading memory of its level": "fading memory of the reading",
+    "the fading memory of their levels": "fading memory of the readings",
 }
 
 

@@ -36,8 +36,11 @@ _STANDS_OUT: Final = 6.5
 _SEVERAL, _LESS = 3, 4.5
 #: A chance as good as none.
 _NEVER: Final = 1e-12
-#: Readings count as equal that differ by less than this share of the noise, where no converter is known.
+#: Readings count as equal to a limit that differ by less than this share of the noise, where no converter is known.
 _ALIKE: Final = 1e-3
+#: Where this share of single readings repeats the last one, the log is faster than what it logs. By chance they repeat
+#: so many times as often as noise about a model makes them, which may be off by a gap.
+_STALE, _UNSURE = 0.1, 2.0
 
 
 @register
@@ -198,6 +201,8 @@ class Outliers(Effect):
 class Dropouts(Effect):
     """A sample is missed: with probability ``share`` all channels repeat their last reading, which may be one already.
 
+    A recording shows it, too, where each channel misses some by itself.
+
     1e-3 of the samples; a guess.
     """
 
@@ -216,23 +221,31 @@ class Dropouts(Effect):
 
     @classmethod
     def examined(cls, readings: Readings, where: str) -> Finding | None:
-        """Rows that repeat the row before in every channel, more often than readings do by chance."""
+        """Rows that repeat the row before in every channel, more often than readings do by chance; else single readings
+        that repeat their channel's last one."""
         from scipy.stats import poisson
 
         values = readings.values[:, readings.columns]
-        count = len(values)
         same = (values[1:] == values[:-1]).all(axis=1)
         chance = _repeat_by_chance(readings)
         many = int(same.sum())
         log_p = float(poisson.logsf(many - 1, chance))
-        if not many or log_p > np.log(SIGNIFICANT):
-            return None
-        rows = np.concatenate([[False], same])
-        share = float(rows.mean())
+        affected = np.zeros(readings.values.shape, dtype=bool)
+        if many and log_p <= np.log(SIGNIFICANT):
+            affected[1:] = same[:, None]
+        else:
+            repeats = values[1:] == values[:-1]
+            by_noise = sum(float(np.exp(_log_alike(readings, column)).sum()) for column in readings.columns)
+            apart = (values[2:] == values[:-2]) & ~(repeats[1:] | repeats[:-1])
+            many = int(repeats.sum())
+            log_p = float(poisson.logsf(many - 1, _UNSURE * max(by_noise, float(apart.sum()))))
+            if not 0 < many < _STALE * repeats.size or log_p > np.log(SIGNIFICANT):
+                return None
+            affected[1:, readings.columns] = repeats
+        share = float(affected[:, readings.columns].mean())
         differences = np.diff(readings.expected, axis=0, prepend=readings.expected[:1])
         added = np.sqrt(share * (np.mean(differences**2, axis=0) + 2.0 * readings.sigma**2))
-        affected = np.repeat(rows[:, None], len(CHANNELS), axis=1)
-        std = {"share": float(np.sqrt(share * (1.0 - share) / count))}
+        std = {"share": share * float(np.sqrt((1.0 - share) / many))}
         return Finding(cls(where=where, share=share), std, affected, log_p, added)
 
 
@@ -259,7 +272,8 @@ def _repeat_by_chance(readings: Readings) -> float:
 
 def _log_alike(readings: Readings, column: int) -> Array:
     """(n - 1,) logarithm of the chance that a channel's reading and the next round to one level."""
-    step = lattice_step(readings.values[:, column]) or _ALIKE * float(readings.sigma[column])
+    values = readings.values[:, column]
+    step = lattice_step(values) or float(np.diff(np.unique(values)).min(initial=1.0))
     spread = float(np.sqrt(2.0) * readings.sigma[column])
     change = np.diff(readings.expected[:, column])
 

@@ -226,7 +226,7 @@ def weighed_with(linear: Linear, noise: Term, other: Term, absorbed: Basis, some
         unit[own, np.arange(len(own))] = 1.0
         made = project(other.errors.absorbed or absorbed, other.every_sample(other.made(unit)))
         shared[:, first : first + len(own)] = noise.along(made)
-    precision, square = linear.precision(linear.averaged[1]), columns.T @ columns
+    precision, square = linear.likeliest, columns.T @ columns
     alone = float(linear.log_evidence(square[0, 0], square[1:, 1:], square[1:, 0], precision))
     found = np.full((len(noise.variances), len(other.variances)), -np.inf)
     for index in some:

@@ -36,9 +36,9 @@ from estimators.gap.evidence.terms import (
     terms_along,
 )
 from estimators.gap.hypotheses.candidates import split
-from estimators.gap.hypotheses.courses import Course, courses, history_course, level_courses
+from estimators.gap.hypotheses.courses import FADING, Course, courses, history_courses, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
-from estimators.gap.hypotheses.sources import STRENGTH, Source, sources
+from estimators.gap.hypotheses.sources import STRENGTH, Source, memories, sources
 from rig.arrays import Array
 
 #: Makes the (c n,) whitened change of an effect, and the derivatives (c n, p) of that by its parameters.
@@ -65,7 +65,7 @@ class Discrepancies:
     Attributes:
         terms: of every source. fitted: what sources are along what repeats, jumps and two levels, as a residual tells.
         means: the sums over neighbouring samples that slow terms are of. courses: those that any source may follow.
-        functions: of all courses, made once for all sources.
+        functions: of all courses, made once for all sources. sources: how many there are.
         on_samples: makes terms of means ones of samples.
     """
 
@@ -75,6 +75,7 @@ class Discrepancies:
     courses: tuple[Course, ...]
     functions: Functions
     on_samples: OnSamples
+    sources: int = 1
     _forms: dict[tuple[str, str], list[Term]] = field(default_factory=dict)
 
     @classmethod
@@ -94,10 +95,10 @@ class Discrepancies:
             own.append([course for course, kinds in along if source.kind in kinds])
             if source.of_one_offset:
                 own[-1] += level_courses(rough, source.column)
-        past = [history_course(fine, source.column) if source.of_one_offset else None for source in of_samples]
+        past = [history_courses(fine, source.column) if source.of_one_offset else [] for source in of_samples]
         further = 2 + len(_FITTED)  # time, smoothly and in pieces
         shares = [
-            -float(np.log(len(every))) - float(np.log(len(each) + further + (history is not None)))
+            -float(np.log(len(every))) - float(np.log(len(each) + further + len(history)))
             for each, history in zip(own, past, strict=True)
         ]
         general = tuple(course for course, kinds in along if "gain" in kinds)
@@ -110,8 +111,12 @@ class Discrepancies:
             singles = {source.name: source for source in of_samples}
             found = [replace(term, of_samples=singles[term.source]) for term in found]
         for source, share, history in zip(of_samples, shares, past, strict=True):
-            if history is not None:
-                found += terms_along(fine.absorbed, source, history, share)
+            for course in history:
+                found += terms_along(fine.absorbed, source, course, share)
+        shared = dict(zip((source.name for source in of_samples), shares, strict=True))
+        constant = Course(FADING.replace("its level", "their levels"), np.ones((fine.count, 1)), np.ones(1))
+        for source in memories(fine):
+            found += terms_along(fine.absorbed, source, constant, shared[source.name])
         # of offsets, and of the tool, the catalogue has single steps
         stepping = frozenset(
             source.name
@@ -121,7 +126,7 @@ class Discrepancies:
         )
         kept = [term for term in found if len(term.values)]
         fitted = tuple(kind(fine, of_samples, shares, stepping) for kind in _FITTED)
-        return cls(kept, fitted, data, general, functions, OnSamples(fine))
+        return cls(kept, fitted, data, general, functions, OnSamples(fine), len(every))
 
     @property
     def without_forms(self) -> Discrepancies:
@@ -230,7 +235,7 @@ def left_beside(linear: Linear, first: Weighed, discrepancies: Discrepancies) ->
     term = first.term
     along = term.along(side_by_side(linear.left, linear.tangent))
     # of both at once: what an effect could do as well is not taken for little, time after time
-    information = linear.gram + np.diag(linear.precision(linear.averaged[1]))
+    information = linear.gram + np.diag(linear.likeliest)
     fitted = np.linalg.solve(information, linear.tangent.T @ linear.left)
     weight = 1.0 / (1.0 / float(term.variances[int(np.argmax(first.gains))]) + term.values)
     shared = along[:, 1:]
@@ -243,7 +248,7 @@ def left_beside(linear: Linear, first: Weighed, discrepancies: Discrepancies) ->
 
 def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
     """Terms beside a set of effects, the likeliest first; all on the same grid of amplitudes."""
-    precision = linear.precision(linear.averaged[1])
+    precision = linear.likeliest
     columns = side_by_side(linear.left, linear.tangent)
     square, gram, moment = float(linear.left @ linear.left), linear.gram, linear.tangent.T @ linear.left
     alone = float(linear.log_evidence(square, gram, moment, precision))

@@ -114,7 +114,7 @@ class Linear:
     @cached_property
     def ahead(self) -> float:
         """The log likelihood and prior that moving the parameters to where they are likeliest gains, to first order."""
-        precision = self.precision(self.averaged[1])
+        precision = self.likeliest
         step = self.posterior(precision)[0]
         return float(0.5 * step @ (self.tangent.T @ self.left + precision * self.pull))
 
@@ -192,10 +192,14 @@ class Linear:
 
     @cached_property
     def averaged(self) -> tuple[float, Array]:
-        """The log evidence under the floor, averaged over the ways of its strengths; the likeliest scale of each."""
+        """The log evidence under the floor, averaged over the ways of its strengths; the (p,) prior precisions of the
+        likeliest, as they are where all axes act: that one acts alone is one way among others."""
         square, moment = float(self.left @ self.left), self.tangent.T @ self.left
         if not self._ways:
             return -0.5 * square, np.zeros(0)
+
+        def likeliest(chosen: Sequence[_Way]) -> Array:
+            return self._precision_of([(scale, np.where(own < _ALONE, own, 1.0), 0.0) for scale, own, _ in chosen])
 
         def at(every: Sequence[Sequence[_Way]]) -> Array:
             precision = np.stack([self._precision_of(chosen) for chosen in every])
@@ -206,7 +210,7 @@ class Linear:
             combinations = list(itertools.product(*self._ways))
             values = at(combinations)
             best = combinations[int(np.argmax(values))]
-            return float(np.logaddexp.reduce(values)) - self.searched, np.array([scale for scale, *_ in best])
+            return float(np.logaddexp.reduce(values)) - self.searched, likeliest(best)
         chosen = [ways[len(grid) // 2] for ways, (grid, _) in zip(self._ways, self._grids, strict=True)]
 
         def along(index: int) -> Array:
@@ -217,7 +221,12 @@ class Linear:
                 chosen[index] = ways[int(np.argmax(along(index)))]
         top = float(at([chosen])[0])
         total = top + sum(float(np.logaddexp.reduce(along(index))) - top for index in range(len(chosen)))
-        return total - self.searched, np.array([scale for scale, *_ in chosen])
+        return total - self.searched, likeliest(chosen)
+
+    @property
+    def likeliest(self) -> Array:
+        """(p,) prior precisions where the strengths are as is likeliest."""
+        return self.averaged[1]
 
 
 def _solved(matrix: Array, moment: Array, least: Array) -> tuple[Array, Array]:

@@ -104,9 +104,9 @@ def clocks(data: WhitenedData) -> list[Clock]:
     """Time, and the angle of each joint that moves; but of one that turns steadily, as time tells the same."""
     found = []
     count, t = data.count, data.t - data.t[0]
-    if count > COSINES + 2:  # what is slower, the cosines of time tell
+    if count > COSINES + 2:
         whole = Clock("", ("s", 1.0), t, data.interval_s, 0, 0)
-        slowest = COSINES / (2.0 * count * data.interval_s)
+        slowest = _CYCLES / (count * data.interval_s)
         found.append(replace(whole, low=int(slowest / whole.cell), high=(whole.bins + 1) // 2))
     q = data.base.q_encoder
     if q is None:

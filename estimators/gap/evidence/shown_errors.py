@@ -80,7 +80,7 @@ class Shown:
         Args:
             known: as ``beside`` makes it. single: (n,) by how much a single reading's error varies more than a mean's.
         """
-        mean, covariance = known.posterior(known.precision(known.averaged[1]))
+        mean, covariance = known.posterior(known.likeliest)
         share, width = float(mean[-1]), float(np.sqrt(covariance[-1, -1]))
         errors = np.concatenate([each.errors for each in self.parts])
         square = share**2 * float(np.mean(errors**2 * single[: len(errors), None]))

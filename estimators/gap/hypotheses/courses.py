@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from estimators.gap.data.whitened import WhitenedData
 from rig.arrays import Array, Rows
-from rig.effects._numerics import curvature, play
+from rig.effects._numerics import curvature, low_passed, play
 from rig.effects.transmission import smooth_sign
 
 #: A joint whose angle varies less [rad] is locked.
@@ -27,6 +27,10 @@ _FINE, _ALIKE = 32, 8.0
 _SPEEDS, _AT_REST, _SOME = 6, 0.02, 0.05
 #: Half-widths of plays, as shares of the range of what they follow.
 _WIDTHS: Final = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
+#: Time constants of a memory that fades, as shares of the recording; two samples at least.
+_FADES: Final = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
+#: The course of an offset that follows such a memory of its own level.
+FADING: Final = "the fading memory of its level"
 #: Poses further apart [rad] than this are single ones, and so are fewer than this of them: they tell no speed.
 _FAR_APART: Final = 0.5
 _SERIES: Final = 8
@@ -44,6 +48,12 @@ class Course:
     name: str
     values: Array
     weight: Array
+
+
+def in_time(course: str) -> bool:
+    """Whether a course, by its name, is one in time alone."""
+    repeats = course.startswith(("a sine of ", "every ")) and course.endswith((" Hz", " s"))
+    return course.startswith("time") or repeats
 
 
 def courses(data: WhitenedData) -> Iterator[tuple[Course, frozenset[str]]]:
@@ -179,14 +189,29 @@ def _of_size_one(values: Array) -> Array:
     return values / max(float(np.sqrt(np.mean(values**2))), 1e-300)
 
 
-def history_course(data: WhitenedData, column: int) -> Course | None:
-    """What an axis' offset can follow of the history of its input, as hysteresis of any form does to first order: plays
-    of several widths (Prandtl and Ishlinskii's model; Visintin, Differential Models of Hysteresis, 1994)."""
+def history_courses(data: WhitenedData, column: int) -> list[Course]:
+    """What an axis' offset can follow of the history of its input: as hysteresis of any form does to first order, plays
+    of several widths (Prandtl and Ishlinskii's model; Visintin, Differential Models of Hysteresis, 1994); and a memory
+    that fades."""
     own = data.base.inputs[:, column]
     size = float(np.ptp(own))
     plays = [own - play(own, share * size) for share in _WIDTHS]
-    moved = [_of_size_one(each) for each in plays if np.std(each) > 1e-9 * size]
-    return Course("the history of its level", np.column_stack(moved), np.ones(len(moved))) if moved else None
+    found = []
+    memory = [data.means(column, each) for each in faded(data, column)]
+    for name, every in (("the history of its level", plays), (FADING, memory)):
+        moved = [_of_size_one(each) for each in every if np.std(each) > 1e-9 * size]
+        if moved:
+            found.append(Course(name, np.column_stack(moved), np.ones(len(moved))))
+    return found
+
+
+def faded(data: WhitenedData, column: int) -> list[Array]:
+    """(n,) each: the readings of a channel as memories of several lengths have them, less their mean: a sum of
+    exponentials, as materials creep and relax (Prony's series; Ferry, Viscoelastic Properties of Polymers, 1980)."""
+    own = np.nan_to_num(data.modelled[:, [column]])
+    clock = np.arange(len(own), dtype=float)
+    lengths = sorted({max(share * len(own), 2.0) for share in _FADES})
+    return [each - each.mean() for each in (low_passed(clock, own, length)[:, 0] for length in lengths)]
 
 
 def level_courses(data: WhitenedData, column: int) -> list[Course]:

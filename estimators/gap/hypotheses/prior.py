@@ -57,6 +57,9 @@ GRID: Final = 3.0
 #: Of an effect with a strength for each axis of a sensor, the probability that one axis alone has it: the chip's warmth
 #: is of all three, a bond or a part beside one of them is not.
 ONE_AXIS: Final = 0.5
+#: Of an effect with a waveform over the recording, the probability that this is a process of one memory, as its cosines
+#: have it; else it is any slow course in time that a discrepancy may follow: a sine, a sag, a few jumps.
+PROCESS: Final = 0.5
 #: Signal-to-noise of a discrepancy before the data: these times two to the power 0..7.
 DISCREPANCY_SNR: Final = 5.0
 DISCREPANCY_STEPS: Final = 8

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.hypotheses.courses import LOCKED
+from estimators.gap.hypotheses.courses import LOCKED, faded
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import EFFECTS, make_effect
@@ -118,6 +118,15 @@ def _of_sensors(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Sou
             yield _source(
                 data, f"the whole reading of {label}", "gain", [_only(data, column, readings[:, column])], column
             )
+
+
+def memories(data: WhitenedData) -> Iterator[Source]:
+    """Of each sensor, its axes' offsets that follow one fading memory of their levels: a freedom for each length."""
+    for name in data.pipeline.sensors:
+        own = range(len(CHANNELS))[COLUMNS_OF[name]]
+        every = zip(*(faded(data, column) for column in own), strict=True)
+        changes = [np.sum([_only(data, *each) for each in zip(own, axes, strict=True)], 0) for axes in every]
+        yield _source(data, f"the offsets of the {name}", "memory", changes)
 
 
 def _in_tool(vectors: Array, rotation: Array) -> Array:

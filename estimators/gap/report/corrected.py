@@ -162,7 +162,7 @@ def _posteriors(
     left = data.whiten(data.residual - data.change([fit.effect for fit in fits]))
     columns = np.hstack([data.tangent, *tangents(fits, data)]) if fits else data.tangent
     size = data.tangent.shape[1]
-    precision = np.concatenate([np.zeros(size), linear.precision(linear.averaged[1])])
+    precision = np.concatenate([np.zeros(size), linear.likeliest])
     pull = np.concatenate([np.zeros(size), linear.pull])
     if not hypothesis.terms:
         yield 1.0, *solved(columns.T @ columns, columns.T @ left, precision, pull, size)

@@ -121,7 +121,7 @@ class Ray:
         left = project(data.absorbed, data.whiten(data.residual - change))
         others = np.ones(len(moved), dtype=bool)
         others[self.shape] = False
-        precision = linear.precision(linear.averaged[1])
+        precision = linear.likeliest
         pull = linear.pull - moved
         information = tangent[:, others].T @ tangent[:, others] + np.diag(precision[others])
         score = tangent[:, others].T @ left + precision[others] * pull[others]

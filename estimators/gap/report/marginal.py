@@ -22,7 +22,7 @@ from rig.effects import EFFECTS
 
 #: Squared distance between what two sets change, in noise, below which no data of this maneuver tell them apart.
 _TWINS: Final = 0.02
-#: Log odds against the leading hypothesis within which sets are compared for that.
+#: Log odds against the likeliest without an unknown thing within which sets are compared for that.
 _COMPARED: Final = 6.0
 #: A direction of the parameters is not felt where the data shrink its prior by less than this factor; a parameter is
 #: not, where such directions hold more than this share of it.
@@ -56,8 +56,8 @@ def twins(posterior: Posterior) -> dict[str, str]:
             if member.label not in found:
                 others = set(member.labels[1:]) - set(found.values()) - found.keys()
                 found |= dict.fromkeys(others, member.label)
-    leading = posterior.hypotheses[0].log_mass
-    near = [each for each in posterior.hypotheses if each.log_mass > leading - _COMPARED and not each.terms]
+    alone = [each for each in posterior.hypotheses if not each.terms]  # beside an unknown thing they do the same, too
+    near = [each for each in alone if each.log_mass > alone[0].log_mass - _COMPARED]
     for index, one in enumerate(near):
         for two in near[index + 1 :]:
             if one.state.labels != two.state.labels or one.state.name != two.state.name:
@@ -184,7 +184,7 @@ def parameters(index: int, holders: Sequence[tuple[Hypothesis, float]]) -> dict[
 def _moments(hypothesis: Hypothesis, index: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Of one member's parameters, in typical sizes: mean less the fitted value, covariance, and which are felt."""
     linear = hypothesis.explanation.linear
-    precision = linear.precision(linear.averaged[1])
+    precision = linear.likeliest
     mean, covariance = hypothesis.moments
     own = linear.owner == index
     scale = 1.0 / np.sqrt(precision)

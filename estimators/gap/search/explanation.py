@@ -134,7 +134,7 @@ class Explanation:
             return each
         for _ in range(_ANEW):
             linear = each.linear
-            held = np.where(linear.strength, linear.precision(linear.averaged[1]), 0.0)
+            held = np.where(linear.strength, linear.likeliest, 0.0)
             each = Explanation.of(each.members, refit(each.fits, each.data, held=held), each.log_prior, each.fine)
             if not each.felt or each.ahead < _THERE:
                 break

@@ -11,6 +11,7 @@ import numpy as np
 from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, left_beside, total, weighed, weighed_terms
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.states import NoiseState
+from estimators.gap.evidence.terms import Term
 from estimators.gap.hypotheses.prior import FURTHER
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.weighing import FAR, KEPT, Weighing, of_all_channels
@@ -119,16 +120,19 @@ def _with_further(
     less = left_beside(found.explanation.linear, found.terms[0], discrepancies)
     if of_all_channels(found.state):
         less = _beside_common(work, found, less, discrepancies)
-    every, log_mass = list[tuple[Weighed, ...]](), found.log_mass
+    every, log_mass, fixed = list[tuple[Weighed, ...]](), found.log_mass, {_name(one) for one in discrepancies.terms}
+    there = {_name(found.terms[0].term)} & fixed
     while len(every) < _MOST:
         if len(every) < len(before):
             terms = _again(less, before[len(every)])
         else:  # a term that leaves it far behind need not be weighed, unless others are to come
             terms = weighed(less, discrepancies, least=min(work.best - FAR - log_mass - SECOND, 0.0))
+            terms = [one for one in terms if _name(one.term) not in there]  # that is the same thing once more
         gained = SECOND + total([one.log_mass for one in terms])
         if not terms or (every and gained < 0.0):
             break
         every.append(tuple(terms[:KEPT]))
+        there |= {_name(terms[0].term)} & fixed
         log_mass += gained
         # those that are looked for gain less one after another
         hopeless = log_mass + (_MOST - len(every)) * gained < work.best - FAR
@@ -136,6 +140,10 @@ def _with_further(
             break
         less = left_beside(less, terms[0], discrepancies)
     return replace(found, log_mass=log_mass, further=tuple(every))
+
+
+def _name(term: Term) -> tuple[str, str]:
+    return term.source, term.course
 
 
 def _again(less: Linear, terms: Sequence[Weighed]) -> list[Weighed]:

@@ -45,4 +45,4 @@ class Hypothesis:
         linear, channels = self.explanation.linear, len(self.explanation.data.columns)
         if self.other:
             return robust.moments(linear, channels, self.terms[0] if self.terms else None)
-        return linear.posterior(linear.precision(linear.averaged[1]))
+        return linear.posterior(linear.likeliest)

@@ -50,7 +50,7 @@ def moments(linear: Linear, channels: int, beside: Weighed | None = None) -> tup
         if beside is not None:
             parts[-1] -= shrunk.T @ beside.term.along(masked)
     scores = np.concatenate(parts, axis=1)
-    precision = linear.precision(linear.averaged[1])
+    precision = linear.likeliest
     mean, covariance = linear.posterior(precision, gram, scores.sum(axis=1))
     both = scores.reshape(len(scores), channels, BLOCKS)
     spread = _WIDER**2 * (_spread(both.sum(axis=1)) + _clusters(both.sum(axis=2)))
