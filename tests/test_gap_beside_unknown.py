@@ -13,7 +13,7 @@ from whitened_examples import SHAKING
 import estimators
 from estimators.gap.data.basefit import posed, set_up
 from estimators.gap.data.laid_out import floor_and_step
-from estimators.gap.hypotheses.prior import FURTHER
+from estimators.gap.hypotheses.prior import FURTHER_UNKNOWN
 from estimators.gap.report.closed_shares import of_causes
 from estimators.gap.report.reach import gains, log_prior_of_image
 from estimators.gap.search.beam import Search
@@ -108,7 +108,7 @@ def test_what_acts_on_other_channels_is_an_image_of_a_second_unknown_thing(poste
     assert [member.label.split("/")[0] for member in leading.explanation.members] == ["vibration@accelerometer"]
     assert leading.terms
     (own,) = gains(leading.explanation)
-    assert log_prior_of_image(own, leading, second=False) == pytest.approx(np.log(FURTHER), abs=1e-3)
+    assert log_prior_of_image(own, leading, second=False) == pytest.approx(np.log(FURTHER_UNKNOWN), abs=1e-3)
     assert log_prior_of_image(own, leading, second=True) < -10.0  # what that would be is weighed as such
     assert log_prior_of_image(own, replace(leading, terms=()), second=False) == 0.0
     assert any(each.further and not each.explanation.members for each in posterior.hypotheses)
@@ -242,3 +242,22 @@ def test_what_is_nearly_as_likely_is_weighed_without_each_of_its_causes_too() ->
     assert following(work, []) is leading  # type: ignore[arg-type]
     assert following(work, [leading]) is near  # type: ignore[arg-type, list-item]
     assert following(work, [leading, near]) is None  # type: ignore[arg-type, list-item]
+
+
+def test_effects_that_do_the_same_are_one_cause_beside_an_unknown() -> None:
+    """Joint 6 turns one way throughout: its motor's field is fixed in the last link. Three draws of three."""
+    names = ("link_hard_iron", "motor_current_field", "scale_quadratic")
+    without = [name for name in EFFECTS if name not in names]
+    field = make_effect("link_hard_iron", {"where": "link5", "field": (0.02, 0.01, 0.0)})
+    for seed in range(3):
+        run = small().with_effects([field]).simulate(seed)
+        assert run.accelerometer is not None
+        accelerometer, t = run.accelerometer.copy(), run.t / run.t[-1]
+        accelerometer[:, 0] *= 1.0 + 0.03 * np.cos(2.0 * np.pi * 3.3 * t) * np.exp(-t)
+        found = estimators.diagnose(
+            replace(run, accelerometer=accelerometer), small().simulate_locked(seed), without=without
+        )
+        assert found.posterior["other"] > 0.9
+        first, second = found.causes[0], found.causes[0].equivalent[0]
+        assert {first.effect, second["effect"]} == {"link_hard_iron", "motor_current_field"}
+        assert first.probability > 0.95

@@ -40,17 +40,17 @@ def test_a_share_stays_one_and_a_count_a_count() -> None:
 
 
 def test_a_number_moves_with_all_that_is_made_of_it_and_back() -> None:
-    number = next(each for each in numbers() if (each.module, each.name) == (PRIOR, "FURTHER"))
+    number = next(each for each in numbers() if (each.module, each.name) == (PRIOR, "FURTHER_UNKNOWN"))
     with with_number(number, (0.7,)):
-        from estimators.gap.hypotheses.prior import FURTHER
+        from estimators.gap.hypotheses.prior import FURTHER_UNKNOWN
         from estimators.gap.search.further_unknowns import SECOND
 
-        assert FURTHER == 0.7
+        assert FURTHER_UNKNOWN == 0.7
         assert pytest.approx(math.log(0.7)) == SECOND
     from estimators.gap.search import further_unknowns as after
 
     assert after is further_unknowns
-    assert pytest.approx(math.log(prior.FURTHER)) == further_unknowns.SECOND
+    assert pytest.approx(math.log(prior.FURTHER_UNKNOWN)) == further_unknowns.SECOND
 
 
 def test_of_several_in_a_line_one_moves() -> None:

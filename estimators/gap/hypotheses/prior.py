@@ -23,8 +23,12 @@ from rig.errors import RigError, unknown_name
 
 #: Probability that nothing beyond the floor is there; a recording is diagnosed because something may be.
 NOTHING: Final = 0.35
-#: The factor for each further cause: real gaps have several, each a little less likely. One cause has what these leave.
-FURTHER: Final = 0.35
+#: The factor for each further cause: a fault is as a rule alone, and one in five has another beside it. One cause has
+#: what these leave.
+FURTHER: Final = 0.2
+#: The same of things without a name, which are rarely alone: what nobody has thought of is told by one source along one
+#: course, and acts through several.
+FURTHER_UNKNOWN: Final = 0.35
 #: Probability, whatever else there is, of something that the catalogue does not have. Factors of two hardly matter.
 OTHER: Final = 0.1
 #: Of that, the share that noise of single channels is, instead of an error of a joint, a field, a mount or a clock.

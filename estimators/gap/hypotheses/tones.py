@@ -17,6 +17,9 @@ from rig.arrays import Array
 _PEAKS: Final = 3
 #: A tone slower than this many cycles a recording is a drift.
 _DRIFT: Final = 1.5
+#: A tone that may have any frequency is not looked for so near, in cycles a recording, to so many harmonics of a
+#: joint's rate; one of a band is, as the sampling may fold this there: hum of 60 Hz, read four times a second.
+_WIDTH, _ORDERS = 1.5, 3
 #: Where joints are not known, their motion may fill the spectrum up to this share of the sampling rate.
 _UNKNOWN: Final = 0.15
 #: Sums that a wave is polished on.
@@ -93,13 +96,24 @@ def polished(seen: Array, inverse: Array, t: Array, frequency: float) -> tuple[f
 def _allowed(candidate: Candidate, data: WhitenedData, frequency: Array) -> NDArray[np.bool_]:
     """Where a tone may appear in the sampled signal: its bands folded by the sampling."""
     resolution = 1.0 / (data.count * data.interval_s)
-    slowest = _DRIFT * resolution
-    if data.base.q_encoder is None and not candidate.effect.bands:
-        slowest = _UNKNOWN / data.interval_s
+    arm = np.zeros(len(frequency), dtype=bool)
+    if not candidate.effect.bands:
+        if data.base.q_encoder is not None:  # a turning joint makes sines of its own
+            rates = _turns(data)
+            own = np.concatenate([rates[rates > resolution] * order for order in range(1, _ORDERS + 1)])
+            arm = np.abs(frequency[:, None] - own).min(axis=1, initial=np.inf) < _WIDTH * resolution
+        else:
+            arm = frequency <= _UNKNOWN / data.interval_s
     allowed = np.zeros(len(frequency), dtype=bool)
     for low, high in candidate.effect.bands or ((0.0, 0.5 / data.interval_s - resolution),):
         high = min(high, low + 1.0 / data.interval_s)  # folded, the rest of the band is the same once more
         fine = np.arange(low, high, 0.25 * resolution) * data.interval_s
         folded = np.abs(fine - np.round(fine)) / data.interval_s
         allowed[np.unique(np.clip(np.round(folded / frequency[1]).astype(int), 0, len(frequency) - 1))] = True
-    return np.asarray(allowed & (frequency > slowest))
+    return np.asarray(allowed & (frequency > _DRIFT * resolution) & ~arm)
+
+
+def _turns(data: WhitenedData) -> Array:
+    """(N,) [Hz] the rate of each joint."""
+    speed = np.abs(np.gradient(data.base.encoder_angles, data.base.t, axis=0))
+    return np.asarray(np.median(speed, axis=0) / (2.0 * np.pi))

@@ -12,12 +12,12 @@ from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, left_bes
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.evidence.terms import Term
-from estimators.gap.hypotheses.prior import FURTHER
+from estimators.gap.hypotheses.prior import FURTHER_UNKNOWN
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.weighing import FAR, KEPT, Weighing, of_all_channels
 
 #: Log probability of a second such thing, and of each further one: things are rarely alone.
-SECOND: Final = float(np.log(FURTHER))
+SECOND: Final = float(np.log(FURTHER_UNKNOWN))
 #: Log odds against the leading hypothesis within which a discrepancy may have a second one beside it, or in a cause's
 #: place.
 _DOUBTED: Final = 3.0
