@@ -197,21 +197,21 @@ def history_courses(data: WhitenedData, column: int) -> list[Course]:
     size = float(np.ptp(own))
     plays = [own - play(own, share * size) for share in _WIDTHS]
     found = []
-    memory = [data.means(column, each) for each in faded(data, column)]
-    for name, every in (("the history of its level", plays), (FADING, memory)):
+    for name, every in (("the history of its level", plays), (FADING, faded(data, column))):
         moved = [_of_size_one(each) for each in every if np.std(each) > 1e-9 * size]
         if moved:
             found.append(Course(name, np.column_stack(moved), np.ones(len(moved))))
     return found
 
 
-def faded(data: WhitenedData, column: int) -> list[Array]:
-    """(n,) each: the readings of a channel as memories of several lengths have them, less their mean: a sum of
+def faded(data: WhitenedData, column: int) -> Array:
+    """(k, n) the readings of a channel as memories of several lengths have them, less their means: a sum of
     exponentials, as materials creep and relax (Prony's series; Ferry, Viscoelastic Properties of Polymers, 1980)."""
-    own = np.nan_to_num(data.modelled[:, [column]])
+    own = data.means(column, np.nan_to_num(data.modelled[:, column]))[:, None]
     clock = np.arange(len(own), dtype=float)
     lengths = sorted({max(share * len(own), 2.0) for share in _FADES})
-    return [each - each.mean() for each in (low_passed(clock, own, length)[:, 0] for length in lengths)]
+    every = np.hstack([low_passed(clock, own, length) for length in lengths])
+    return np.asarray((every - every.mean(axis=0)).T)
 
 
 def level_courses(data: WhitenedData, column: int) -> list[Course]:

@@ -124,9 +124,10 @@ def memories(data: WhitenedData) -> Iterator[Source]:
     """Of each sensor, its axes' offsets that follow one fading memory of their levels: a freedom for each length."""
     for name in data.pipeline.sensors:
         own = range(len(CHANNELS))[COLUMNS_OF[name]]
-        every = zip(*(faded(data, column) for column in own), strict=True)
-        changes = [np.sum([_only(data, *each) for each in zip(own, axes, strict=True)], 0) for axes in every]
-        yield _source(data, f"the offsets of the {name}", "memory", changes)
+        levels = {each: data.whiten_means(each, faded(data, each)) for each in data.columns if each in own}
+        nothing = np.zeros_like(next(iter(levels.values())))
+        series = np.stack([levels.get(each, nothing) for each in data.columns], axis=1)
+        yield _of(data, f"the offsets of the {name}", "memory", series)
 
 
 def _in_tool(vectors: Array, rotation: Array) -> Array:
@@ -140,6 +141,11 @@ def _source(data: WhitenedData, name: str, kind: str, changes: list[Array], colu
         own = np.stack([change[:, each] for change in changes], axis=1)
         if own.any():
             series[:, index] = data.whiten_means(each, data.means(each, own.T))
+    return _of(data, name, kind, series, column)
+
+
+def _of(data: WhitenedData, name: str, kind: str, series: Array, column: int = -1) -> Source:
+    """A source of what it does to each channel by itself, whitened (f, c, n)."""
     series = data.beside_each_other(series)
     series[:, :, data.stretches[len(data.parts) - 1].stop :] = 0.0  # a calibration from before has no errors
     return Source(name, series, kind, column)

@@ -74,7 +74,7 @@ def _likeliest(work: Weighing) -> list[Hypothesis]:
     return list(found.values())
 
 
-def _without_common(work: Weighing, leading: Hypothesis) -> NoiseState:
+def without_common(work: Weighing, leading: Hypothesis) -> NoiseState:
     """The state of the noise of a hypothesis, without what all channels share."""
     state = leading.state
     if not of_all_channels(state):
@@ -85,13 +85,13 @@ def _without_common(work: Weighing, leading: Hypothesis) -> NoiseState:
 
 
 def _discrepancies(work: Weighing, leading: Hypothesis) -> Discrepancies:
-    state = _without_common(work, leading)
+    state = without_common(work, leading)
     return work.discrepancies_under(state, work.scanner.stepped(state.steps))
 
 
 def _rests(work: Weighing, leading: Hypothesis, discrepancies: Discrepancies) -> Iterator[Hypothesis]:
     """A hypothesis without each of its causes, and without noise that all channels share."""
-    state, labels = _without_common(work, leading), leading.state.labels
+    state, labels = without_common(work, leading), leading.state.labels
     if labels != state.labels:
         yield from work.enter_nameless(leading.explanation, state, discrepancies)[:1]
     for rest in work.search(state, work.scanner.stepped(state.steps)).without_one(leading.explanation):

@@ -24,7 +24,7 @@ from estimators.gap.search.further_unknowns import weigh_further
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noise_beside_unknown import weigh_noise_beside_unknown
 from estimators.gap.search.noises import Given, Noises, Promise
-from estimators.gap.search.waveforms import with_own_courses
+from estimators.gap.search.waveforms import weigh_other_waveforms, with_own_courses
 from estimators.gap.search.weighing import FAR, NEAR, Weighing, near_leading
 from rig.arrays import Array
 from rig.progress import Progress
@@ -147,6 +147,7 @@ def explain(
     assert work.discrepancies is not None
     weigh_noise_beside_unknown(work)
     weigh_further(work)
+    weigh_other_waveforms(work)
     every = with_own_courses(work.hypotheses.values(), work.discrepancies.sources)
     weighed_all = tuple(sorted(every, key=lambda one: -one.log_mass))
     return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))

@@ -19,16 +19,15 @@ from estimators.gap.hypotheses.courses import half_waves, in_time
 from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE, PROCESS
 from estimators.gap.hypotheses.sources import STRENGTH
 from estimators.gap.search.explanation import Explanation
-from estimators.gap.search.further_unknowns import SECOND
+from estimators.gap.search.further_unknowns import SECOND, without_common
 from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.weighing import FAR, NEAR, Weighing
 from rig.arrays import Array
 
 #: Of a slow course the effect's cosines take most.
 _SLOW: Final = 0.5
 #: Squared cosine from which on an effect is one source along time.
 _SAME: Final = 0.99
-#: Log odds against the likeliest beyond which a hypothesis is left as it is.
-_FAR: Final = 14.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +87,25 @@ class _Waveform:
         return float(left @ left) < (1.0 - _SLOW) * float(made @ made)
 
 
+def weigh_other_waveforms(work: Weighing) -> None:
+    """Every likely set that has an effect with a waveform, without it beside discrepancies: one of them may be its
+    waveform, of this set as well as of another."""
+    alone = [one for one in work.hypotheses.values() if not one.terms and one.log_mass > work.best - FAR - NEAR]
+    waveforms = [(one, each) for one in alone for each in _waveforms([one])]
+    near = max((one.log_mass for one, _ in waveforms), default=np.inf) - NEAR
+    for one, each in waveforms:
+        weighed = (other for other in work.hypotheses.values() if other.terms and _alike(other.state, one.state))
+        known = any(Counter(other.explanation.key) == Counter(each.others) for other in weighed)
+        if known or one.log_mass < near:
+            continue
+        members = each.explanation.members
+        rest = members[: each.index] + members[each.index + 1 :]
+        state = without_common(work, one)
+        scanner = work.scanner.stepped(state.steps)
+        search = work.search(state, scanner)
+        work.enter_nameless(search.fine(rest, search.fitted(rest)), state, work.discrepancies_under(state, scanner))
+
+
 def with_own_courses(hypotheses: Iterable[Hypothesis], sources: int) -> list[Hypothesis]:
     """The hypotheses, with slow courses in time of what an effect with a waveform acts on as that effect.
 
@@ -99,7 +117,7 @@ def with_own_courses(hypotheses: Iterable[Hypothesis], sources: int) -> list[Hyp
     if not waveforms:
         return every
     labels = {each.label for each in waveforms}
-    likely = max(each.log_mass for each in every) - _FAR
+    likely = max(each.log_mass for each in every) - FAR
     found, moved = list[Hypothesis](), list[Hypothesis]()
     for one in every:
         left: Hypothesis | None = one
