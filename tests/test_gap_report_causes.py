@@ -241,6 +241,10 @@ def test_the_largest_share_of_what_is_left_is_told_first_and_next_to_nothing_giv
             "time, irregularly",
             "Look at the supply, temperature and wiring of accel2; look for what comes and goes nearby, too: draughts",
         ),
+        (
+            "the fading memory of its level",
+            "Look at the supply, temperature and wiring of accel2; look for what stores and gives back, too: steel",
+        ),
     ],
 )
 def test_what_repeats_is_looked_for_where_it_has_its_period(course: str, look: str) -> None:

@@ -58,6 +58,8 @@ def course_words(course: str) -> str:
     if course == "the recording":
         return "that differs between the recordings"
     variable = variable_words(course)
+    if course.startswith("the fading memory"):
+        return f"that follows a {variable}"
     return f"that changes with {variable if variable == course else f'the {variable}'}"
 
 

@@ -56,9 +56,11 @@ _REPEATS: Final = (
     ),
     (re.compile(r"every (.* s)"), "look for what is switched, pulsed or sent every {0}"),
 )
-#: Where else, of what changes at any rate.
-_IRREGULARLY: Final = "time, irregularly"
-_COMES_AND_GOES: Final = "; look for what comes and goes nearby, too: draughts, vehicles, other machines"
+#: What else to look for: of what changes at any rate, and of what remembers.
+_ALSO: Final = {
+    "time, irregularly": "; look for what comes and goes nearby, too: draughts, vehicles, other machines",
+    "the fading memory": "; look for what stores and gives back, too: steel near the sensor, a filter, what creeps",
+}
 #: A command on the recordings of a diagnosis.
 _OF_RECORDINGS: Final = re.compile(r"rig diagnose RUN(?: OTHER| NEXT)?")
 #: So many errors at most are looked for.
@@ -269,7 +271,8 @@ def _look(source: str, course: str) -> str:
         if found := pattern.fullmatch(course):
             return words.format(readable(found[1]))
     words = next((words for start, words in _LOOK.items() if source.startswith(start)), "")
-    return words.format(source=_owner(source)) + (_COMES_AND_GOES if words and course == _IRREGULARLY else "")
+    also = next((text for start, text in _ALSO.items() if course.startswith(start)), "")
+    return words.format(source=_owner(source)) + (also if words else "")
 
 
 def _looks(diagnosis: Diagnosis) -> list[str]:
