@@ -91,12 +91,12 @@ def test_a_tone_is_found_beside_something_outside_the_catalogue() -> None:
 
 
 def test_a_tone_of_one_channel_is_a_second_unknown_thing_and_no_hum_of_all() -> None:
-    """A hum has six amplitudes, of which five would have to be nothing. A vibration along the axis does the same: it
-    is as likely as not, .5 to .7 in three draws."""
-    without = [name for name in WITHOUT if name != "mains_hum"]
+    """A hum has six amplitudes, of which five would have to be nothing. A vibration along the axis does the same, and is
+    left out."""
+    without = [*(name for name in WITHOUT if name != "mains_hum"), "vibration"]
     found = estimators.diagnose(whistling(0), small().simulate_locked(0), without=without)
     assert found.posterior["other"] > 0.99
-    assert not [cause for cause in found.causes if cause.probability > 0.8]
+    assert not [cause for cause in found.causes if cause.probability > 0.5]
     told = {(str(each["source"]), bool(each.get("beside"))) for each in found.remainder.follows}
     assert told == {("the offset of mag3", False), ("the offset of accel2", True)}
     assert "mag3" in str(found)
