@@ -91,7 +91,7 @@ def test_a_tone_is_found_beside_something_outside_the_catalogue() -> None:
 
 
 def test_a_tone_of_one_channel_is_a_second_unknown_thing_and_no_hum_of_all() -> None:
-    """A hum has six amplitudes, of which five would have to be nothing. A vibration along the axis does the same, and is
+    """A hum has six amplitudes, of which five would have to be nothing. A vibration along the axis does the same: it is
     left out."""
     without = [*(name for name in WITHOUT if name != "mains_hum"), "vibration"]
     found = estimators.diagnose(whistling(0), small().simulate_locked(0), without=without)
