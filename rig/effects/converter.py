@@ -273,7 +273,7 @@ def _repeat_by_chance(readings: Readings) -> float:
 def _log_alike(readings: Readings, column: int) -> Array:
     """(n - 1,) logarithm of the chance that a channel's reading and the next round to one level."""
     values = readings.values[:, column]
-    step = lattice_step(values) or float(np.diff(np.unique(values)).min(initial=1.0))
+    step = lattice_step(values) or float(np.diff(np.unique(values[np.isfinite(values)])).min(initial=1.0))
     spread = float(np.sqrt(2.0) * readings.sigma[column])
     change = np.diff(readings.expected[:, column])
 
