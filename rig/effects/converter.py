@@ -34,6 +34,8 @@ _FELT: Final = 0.005
 _STANDS_OUT: Final = 6.5
 #: So many outliers in a channel make others likely; then those count that noise makes once in five recordings.
 _SEVERAL, _LESS = 3, 4.5
+#: A step is fine that is this share of the noise.
+_FINE: Final = 1e-3
 #: A chance as good as none.
 _NEVER: Final = 1e-12
 #: Readings count as equal to a limit that differ by less than this share of the noise, where no converter is known.
@@ -276,6 +278,9 @@ def _log_alike(readings: Readings, column: int) -> Array:
     step = lattice_step(values) or float(np.diff(np.unique(values[np.isfinite(values)])).min(initial=1.0))
     spread = float(np.sqrt(2.0) * readings.sigma[column])
     change = np.diff(readings.expected[:, column])
+    if step < _FINE * spread:  # the density of D at zero, a step wide: the differences below would be rounding
+        density = np.exp(-0.5 * (change / spread) ** 2) / (np.sqrt(2.0 * np.pi) * spread)
+        return np.asarray(np.log(np.clip(step * density, _NEVER, 1.0)))
 
     def above(shift: float) -> Array:
         """E max(0, D + shift)."""
