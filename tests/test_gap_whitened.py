@@ -251,10 +251,8 @@ def test_channels_that_each_miss_a_reading_now_and_then_are_dropouts(data: White
     """Twenty of ten thousand readings, each channel by itself. On the converter's steps of a tenth of the noise some
     eighty repeat by chance, of finer ones none: that none is missed has a chance of 1e-20 and less there."""
     dropouts, rng = EFFECTS["dropouts"], np.random.default_rng(3)
-    readings, missed = (
-        data.readings + rng.uniform(-6e-4, 6e-4, data.readings.shape),
-        np.zeros(data.readings.shape, bool),
-    )
+    missed = np.zeros(data.readings.shape, dtype=bool)
+    readings = data.readings + rng.uniform(-6e-4, 6e-4, missed.shape)
     fine = readings_of(replace(data, readings=readings), np.zeros(6))
     assert dropouts.examined(fine, "acquisition") is None
     missed[rng.choice(np.arange(1, data.count), 20, replace=False), rng.integers(6, size=20)] = True

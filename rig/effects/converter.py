@@ -228,15 +228,14 @@ class Dropouts(Effect):
         from scipy.stats import poisson
 
         values = readings.values[:, readings.columns]
-        same = (values[1:] == values[:-1]).all(axis=1)
-        chance = _repeat_by_chance(readings)
+        repeats = values[1:] == values[:-1]
+        same = repeats.all(axis=1)
         many = int(same.sum())
-        log_p = float(poisson.logsf(many - 1, chance))
+        log_p = float(poisson.logsf(many - 1, _repeat_by_chance(readings)))
         affected = np.zeros(readings.values.shape, dtype=bool)
         if many and log_p <= np.log(SIGNIFICANT):
             affected[1:] = same[:, None]
         else:
-            repeats = values[1:] == values[:-1]
             by_noise = sum(float(np.exp(_log_alike(readings, column)).sum()) for column in readings.columns)
             apart = (values[2:] == values[:-2]) & ~(repeats[1:] | repeats[:-1])
             many = int(repeats.sum())

@@ -77,6 +77,11 @@ class NoiseState:
         """Effects and places."""
         return tuple(sorted(fitted.label for fitted in self.fitted))
 
+    @property
+    def kind(self) -> tuple[str, tuple[str, ...]]:
+        """Its name, and its effects and places."""
+        return self.name, self.labels
+
     def beyond(self, more: NoiseState) -> NoiseState:
         """Another state's steps after its own, under that one's name."""
         steps, weight = (*self.steps, *more.steps), self.log_weight + more.log_weight

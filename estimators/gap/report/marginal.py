@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -56,10 +57,10 @@ def twins(posterior: Posterior) -> dict[str, str]:
             if member.label not in found:
                 others = set(member.labels[1:]) - set(found.values()) - found.keys()
                 found |= dict.fromkeys(others, member.label)
-    near = list[Hypothesis]()
+    pairs = list[tuple[Hypothesis, Hypothesis]]()
     for beside in (False, True):  # an unknown thing
         own = [each for each in posterior.hypotheses if bool(each.terms) == beside]
-        near += [each for each in own if each.log_mass > own[0].log_mass - _COMPARED]
+        pairs += combinations([each for each in own if each.log_mass > own[0].log_mass - _COMPARED], 2)
     known: dict[int, Array] = {}
 
     def moved(each: Explanation) -> Array:
@@ -67,20 +68,17 @@ def twins(posterior: Posterior) -> dict[str, str]:
             known[id(each)] = _moved(each)
         return known[id(each)]
 
-    for index, one in enumerate(near):
-        for two in near[index + 1 :]:
-            if one.state.labels != two.state.labels or one.state.name != two.state.name:
-                continue
-            if bool(one.terms) != bool(two.terms):
-                continue
-            mine = set(one.explanation.key) - set(two.explanation.key)
-            theirs = set(two.explanation.key) - set(one.explanation.key)
-            if len(mine) != 1 or len(theirs) != 1:
-                continue
-            (kept,), (gone,) = mine, theirs
-            kept = found.get(kept, kept)
-            if gone not in found and gone != kept and _distance(one, two, moved) < _TWINS:
-                found = {label: kept if same == gone else same for label, same in found.items()} | {gone: kept}
+    for one, two in pairs:
+        if one.state.kind != two.state.kind:
+            continue
+        mine = set(one.explanation.key) - set(two.explanation.key)
+        theirs = set(two.explanation.key) - set(one.explanation.key)
+        if len(mine) != 1 or len(theirs) != 1:
+            continue
+        (kept,), (gone,) = mine, theirs
+        kept = found.get(kept, kept)
+        if gone not in found and gone != kept and _distance(one, two, moved) < _TWINS:
+            found = {label: kept if same == gone else same for label, same in found.items()} | {gone: kept}
     return found
 
 

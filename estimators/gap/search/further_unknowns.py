@@ -101,8 +101,8 @@ def _rests(work: Weighing, leading: Hypothesis, discrepancies: Discrepancies) ->
 
 def first_as(rest: Hypothesis, leading: Hypothesis) -> Hypothesis:
     """With the first thing that another hypothesis has, where it is one of its own, alone."""
-    first = leading.terms[0].term
-    own = [one for one in rest.terms if (one.term.source, one.term.course) == (first.source, first.course)][:1]
+    first = _name(leading.terms[0].term)
+    own = [one for one in rest.terms if _name(one.term) == first][:1]
     if not own:
         return rest
     every, taken = (total([one.log_mass for one in terms]) for terms in (rest.terms, own))

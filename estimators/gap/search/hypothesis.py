@@ -35,6 +35,11 @@ class Hypothesis:
         return bool(self.terms) or self.state.other
 
     @property
+    def kind(self) -> tuple[tuple[str, ...], str, bool, bool, bool]:
+        """Its effects, the floor, and what it has that no catalogue does: of one kind the likeliest is kept."""
+        return self.labels, self.state.name, bool(self.terms), self.state.other, bool(self.further)
+
+    @property
     def labels(self) -> tuple[str, ...]:
         """Effects and places, mean and noise."""
         return tuple(sorted((*self.explanation.key, *self.state.labels)))

@@ -116,7 +116,7 @@ def explain(
         reached = max(each.log_mass for each in work.hypotheses.values() if tried or each.state is floor)
         best: dict[tuple[str, tuple[str, ...]], Promise] = {}
         for one in states:
-            kind = one.state.name, one.state.labels
+            kind = one.state.kind
             anew = kind not in tried or (not one.state.fitted and one.log_mass > reached + _BETTER)
             if anew and (kind not in best or best[kind].log_mass < one.log_mass):
                 best[kind] = one

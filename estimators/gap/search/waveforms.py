@@ -16,12 +16,12 @@ from estimators.gap.evidence.discrepancy import Weighed, total
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import half_waves, in_time
-from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE, PROCESS
+from estimators.gap.hypotheses.prior import PROCESS
 from estimators.gap.hypotheses.sources import STRENGTH
 from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.further_unknowns import SECOND, without_common
 from estimators.gap.search.hypothesis import Hypothesis
-from estimators.gap.search.weighing import FAR, NEAR, Weighing
+from estimators.gap.search.weighing import FAR, NEAR, UNKNOWN, Weighing, nothing_else
 from rig.arrays import Array
 
 #: Of a slow course the effect's cosines take most.
@@ -94,7 +94,7 @@ def weigh_other_waveforms(work: Weighing) -> None:
     waveforms = [(one, each) for one in alone for each in _waveforms([one])]
     near = max((one.log_mass for one, _ in waveforms), default=np.inf) - NEAR
     for one, each in waveforms:
-        weighed = (other for other in work.hypotheses.values() if other.terms and _alike(other.state, one.state))
+        weighed = (other for other in work.hypotheses.values() if other.terms and other.state.kind == one.state.kind)
         known = any(Counter(other.explanation.key) == Counter(each.others) for other in weighed)
         if known or one.log_mass < near:
             continue
@@ -122,7 +122,7 @@ def with_own_courses(hypotheses: Iterable[Hypothesis], sources: int) -> list[Hyp
     for one in every:
         left: Hypothesis | None = one
         if one.log_mass > likely and one.terms:
-            left, also = _divided(one, [each for each in waveforms if _alike(each.state, one.state)], sources)
+            left, also = _divided(one, [each for each in waveforms if each.state.kind == one.state.kind], sources)
             moved += also
         if left is not None:
             copies = sum(label in labels for label in one.explanation.key)
@@ -135,17 +135,13 @@ def _waveforms(every: Sequence[Hypothesis]) -> Iterator[_Waveform]:
     known: set[tuple[object, ...]] = set()
     for one in sorted(every, key=lambda each: -each.log_mass):
         explanation = one.explanation
-        key = explanation.key, one.state.name, one.state.labels
+        key = explanation.key, one.state.kind
         if key in known:
             continue
         known.add(key)
         for index, member in enumerate(explanation.members):
             if any(item.of_cosines for item in member.fit.free):
                 yield _Waveform(explanation, one.state, index)
-
-
-def _alike(one: NoiseState, other: NoiseState) -> bool:
-    return (one.name, one.labels) == (other.name, other.labels)
 
 
 def _divided(
@@ -169,9 +165,7 @@ def _divided(
         if one.further:
             terms, further, price = one.further[0], one.further[1:], -SECOND
         else:
-            terms, further = (), ()
-            nothing_else = 0.0 if one.state.other else float(np.log1p(-OTHER))
-            price = nothing_else - float(np.log(OTHER * (1.0 - OTHER_NOISE)))
+            terms, further, price = (), (), nothing_else(one.state) - UNKNOWN
         part = Hypothesis(each.explanation, each.state, terms, one.log_mass + taken + price, further)
         if not rest:
             return None, [part]
@@ -193,11 +187,10 @@ def _merged(every: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Those of the same set, noise and unknown things as one."""
     found: dict[tuple[object, ...], Hypothesis] = {}
     for one in every:
-        key = one.labels, one.state.name, bool(one.terms), one.state.other, bool(one.further)
-        known = found.get(key)
+        known = found.get(one.kind)
         if known is None:
-            found[key] = one
+            found[one.kind] = one
         else:
             likelier = max(known, one, key=lambda each: each.log_mass)
-            found[key] = replace(likelier, log_mass=float(np.logaddexp(known.log_mass, one.log_mass)))
+            found[one.kind] = replace(likelier, log_mass=float(np.logaddexp(known.log_mass, one.log_mass)))
     return list(found.values())

@@ -33,7 +33,7 @@ NEAR: Final = 6.0
 #: Log odds by which a floor that is hardly likelier changes nothing else.
 HARDLY: Final = 1.0
 #: Log probability of something without a name that is no noise.
-_UNKNOWN: Final = float(np.log(OTHER * (1.0 - OTHER_NOISE)))
+UNKNOWN: Final = float(np.log(OTHER * (1.0 - OTHER_NOISE)))
 #: Searches under common noise, each beside what the last one found.
 _OUTWARDS: Final = 2
 #: So many explanations of a state are weighed beside discrepancies, and beside other noise.
@@ -94,7 +94,7 @@ class Weighing:
             max((each.log_mass for each in every if bool(each.terms) is there), default=-np.inf)
             for there in (True, False)
         )
-        return max(with_it - without, _UNKNOWN)
+        return max(with_it - without, UNKNOWN)
 
     def beside_other(self, state: NoiseState) -> list[Explanation]:
         """The explanation that is likeliest under a state of the noise beside a discrepancy, if there is one."""
@@ -107,18 +107,17 @@ class Weighing:
 
     def alone(self, each: Explanation, state: NoiseState) -> Hypothesis:
         """An explanation without a discrepancy."""
-        return Hypothesis(each, state, (), self.known(each, state) + _nothing_else(state))
+        return Hypothesis(each, state, (), self.known(each, state) + nothing_else(state))
 
     def enter(self, hypothesis: Hypothesis) -> None:
         """A hypothesis, where none of its kind is likelier."""
-        unknown = bool(hypothesis.terms), hypothesis.state.other, bool(hypothesis.further)
-        key = hypothesis.labels, hypothesis.state.name, *unknown
+        key = hypothesis.kind
         if key not in self.hypotheses or self.hypotheses[key].log_mass < hypothesis.log_mass:
             self.hypotheses[key] = hypothesis
 
     def promised(self, one: Promise) -> None:
         """A state of the noise beside the explanation that it was learned beside."""
-        self.enter(Hypothesis(one.explanation, one.state, (), one.log_mass + _nothing_else(one.state)))
+        self.enter(Hypothesis(one.explanation, one.state, (), one.log_mass + nothing_else(one.state)))
 
     def enter_nameless(self, each: Explanation, state: NoiseState, discrepancies: Discrepancies) -> list[Hypothesis]:
         """An explanation beside discrepancies where any is worth weighing, then beside noise that all channels share,
@@ -127,10 +126,10 @@ class Weighing:
             (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
             for index, member in enumerate(each.members)
         }
-        nameless = self.known(each, state) + _UNKNOWN
+        nameless = self.known(each, state) + UNKNOWN
         terms = weighed(each.linear, discrepancies, changes, self.best_under(state) - FAR - nameless)
         gained = total([term.log_mass for term in terms])
-        self.gains.append((state, each.key, _UNKNOWN + max(gained, 0.0)))
+        self.gains.append((state, each.key, UNKNOWN + max(gained, 0.0)))
         if not terms:
             return []
         found = Hypothesis(each, state, tuple(terms[:KEPT]), nameless + gained)
@@ -368,7 +367,7 @@ def of_all_channels(state: NoiseState) -> bool:
     return bool(state.fitted) and state.fitted[-1].part == EVERY
 
 
-def _nothing_else(state: NoiseState) -> float:
+def nothing_else(state: NoiseState) -> float:
     """log probability that beside a state of the noise there is nothing without a name; noise without one says it."""
     return 0.0 if state.other else float(np.log1p(-OTHER))
 
