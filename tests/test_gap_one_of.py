@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from estimators.gap.diagnosis import OneOf
+from estimators.gap.evidence.states import NoiseState
 from estimators.gap.report.marginal import twins
 from estimators.gap.report.one_of import at_least_one
 
@@ -43,9 +44,7 @@ def test_places_that_do_the_same_are_one_under_whatever_floor_they_were_fitted()
     def of(state: str, log_mass: float, *labels: str) -> SimpleNamespace:
         member = SimpleNamespace(label=labels[0], labels=labels)
         explanation = SimpleNamespace(key=(labels[0],), members=(member,))
-        return SimpleNamespace(
-            log_mass=log_mass, terms=(), state=SimpleNamespace(labels=(), name=state), explanation=explanation
-        )
+        return SimpleNamespace(log_mass=log_mass, terms=(), state=NoiseState(name=state), explanation=explanation)
 
     first, third = "link_soft_iron@link1", "link_soft_iron@link3"
     hypotheses = [of("", 0.0, third, first), of("slower floor", -1.5, first, third), of("", -9.0, "backlash@joint5")]

@@ -379,7 +379,7 @@ def test_a_set_is_weighed_beside_a_discrepancy_where_that_may_matter(best: float
     state, search = posterior.NoiseState(), Search(scanner, candidates, prior)
     dipole = search.run()[0]
     assert not work._hopeless(dipole, state)
-    work.gains.append((state, (), weighing._UNKNOWN))
+    work.gains.append((state, (), weighing.UNKNOWN))
     work.enter(Hypothesis(dipole, state, (), dipole.log_mass + best))
     assert work._hopeless(dipole, state) is not weighed
     assert not work._hopeless(dipole, posterior.NoiseState())
