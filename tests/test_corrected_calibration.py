@@ -12,7 +12,7 @@ from scipy.special import chdtri
 from estimators import calibrate, noise_floor
 from estimators.calibration import Calibration
 from estimators.gap import diagnose
-from estimators.gap.data.rebase import stepped
+from estimators.gap.data.tangent import stepped
 from estimators.gap.report.corrected import Component, mixed, solved
 from rig.effects import make_effect
 from scenarios.comparison import compare

@@ -14,7 +14,8 @@ from whitened_examples import recorded
 import scenarios
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.projection import Basis, Columns, project
-from estimators.gap.data.rebase import rebased, stepped
+from estimators.gap.data.rebase import rebased
+from estimators.gap.data.tangent import stepped
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence import converge
 from estimators.gap.evidence.converge import converged

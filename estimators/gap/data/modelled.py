@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.blocks import each_used
+from estimators.gap.data.tangent import ChannelTangent, of_readings
 from rig.arrays import Array
 from rig.channels import COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect, Stage
@@ -50,11 +51,10 @@ class ModelledRig:
         return self.base.volts + self.given_change if self.given else self.base.volts
 
     @property
-    def felt(self) -> Signals:
-        """What the sensors feel with the effects that are in place: a slipped sensor has turned its gains along."""
-        effects = (*self.given, *self.in_place)
-        pipeline = replace(self.pipeline, effects=effects)
-        return pipeline.begun(self.base, np.random.default_rng(0), Stage.VOLTS) if effects else self.base
+    def calibration(self) -> dict[int, ChannelTangent]:
+        """What the calibration's parameters do to the readings of each channel, with the effects that are in place: a
+        slipped sensor has turned its gains along, a slow one follows them."""
+        return of_readings(self.base, self.pipeline, (*self.given, *self.in_place))
 
     def change(self, effects: Sequence[Effect]) -> Array:
         """(n, 6) [recorded unit] what mean effects change, with the calibration held."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.anchor import Anchor
 from estimators.gap.data.steps import Step
-from estimators.gap.data.tangent import ChannelTangent, size
+from estimators.gap.data.tangent import ChannelTangent, of_readings, size
 from estimators.gap.data.whitened import WhitenedData
 from rig.arrays import Array
 from rig.effects import Effect
@@ -120,12 +120,17 @@ class Stack(WhitenedData):
         return found
 
     @property
-    def felt(self) -> Signals:
+    def calibration(self) -> dict[int, ChannelTangent]:
         """As of ``WhitenedData``, recording by recording."""
         if not any(member.given or member.in_place for member in self.each):
-            return self.base
-        whole = joined([member.felt for member in self.each])
-        return replace(whole, inputs=np.nan_to_num(whole.inputs))
+            return of_readings(self.base, self.pipeline)
+        each = [of_readings(member.base, self.pipeline, (*member.given, *member.in_place)) for member in self.each]
+        return {
+            column: ChannelTangent(
+                own.numbers, np.nan_to_num(np.concatenate([one[column].values.T for one in each], axis=1)).T
+            )
+            for column, own in each[0].items()
+        }
 
     @property
     def decorrelation(self) -> Array | None:

@@ -6,17 +6,24 @@ tangent is zero, and is not kept.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from estimators.gap.data.projection import Basis, orthonormal, project
 from rig.arrays import Array
-from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
+from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.directions import tangent_basis
+from rig.effects import Effect, Stage
+from rig.effects.parameters import choices_of
 from rig.pipeline import Pipeline
+from rig.sensor import TriaxialSensor
 from rig.signals import Signals
+
+#: Share of its size, or radians, by which a parameter is moved for a derivative.
+_STEP: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,36 +38,102 @@ class ChannelTangent:
     values: Array
 
 
-def of_readings(felt: Signals, pipeline: Pipeline) -> dict[int, ChannelTangent]:
+def of_readings(base: Signals, pipeline: Pipeline, effects: Sequence[Effect] = ()) -> dict[int, ChannelTangent]:
     """For each channel, in recorded units, those of six parameters.
 
     Its sensitivity, its offset, two tangent coordinates of its axis, and the two of the field that the channels of
     a sensor share.
 
     Args:
-        felt: what the sensors feel, after all stages but the last.
+        base: after all stages, without effects. effects: mean effects that are in place, but for what one channel does
+            to another.
     """
-    found: dict[int, ChannelTangent] = {}
-    total = 0
+    beside = [each for each in effects if each.stage is not Stage.VOLTS or not choices_of(type(each))]
+    numbers = _numbers(pipeline)
+    known = _beside(base, pipeline, beside, numbers) if beside else _alone(base, pipeline)
+    return {column: ChannelTangent(own, known[column]) for column, own in numbers.items()}
+
+
+def _numbers(pipeline: Pipeline) -> dict[int, list[int]]:
+    """Of each channel its six parameters' numbers."""
+    found, total = {}, 0
+    for name in pipeline.sensors:
+        columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
+        shared = [total + 4 * len(columns), total + 4 * len(columns) + 1]
+        for column in columns:
+            found[column] = [*range(total, total + 4), *shared]
+            total += 4
+        total += 2
+    return found
+
+
+def _alone(base: Signals, pipeline: Pipeline) -> dict[int, Array]:
+    """(n, 6) of each channel without effects: its readings are linear in sensitivity, axis and field."""
+    found = {}
     for name, sensor in pipeline.sensors.items():
         field = pipeline.environment.gravity if name == ACCELEROMETER else pipeline.environment.magnetic
-        there = felt.gravity - felt.acceleration if name == ACCELEROMETER else felt.magnetic
-        rotation = felt.R_base_tool
+        there = base.gravity - base.acceleration if name == ACCELEROMETER else base.magnetic
+        rotation = base.R_base_tool
         in_tool = np.matmul(there, rotation) if there.ndim == 1 else np.einsum("ni,nij->nj", there, rotation)
         turned = [np.matmul(along, rotation) for along in tangent_basis(field / np.linalg.norm(field))]
         columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
-        shared = [total + 4 * len(columns), total + 4 * len(columns) + 1]
         for column, axis, sensitivity in zip(columns, sensor.axes, sensor.sensitivity, strict=True):
-            own = np.empty((6, len(felt))).T
-            own[:, 0] = felt.inputs[:, column]
+            own = np.empty((6, len(base))).T
+            own[:, 0] = base.inputs[:, column]
             own[:, 1] = 1.0
             own[:, 2:4] = sensitivity * in_tool @ tangent_basis(axis).T
             for index, along in enumerate(turned):
                 own[:, 4 + index] = sensitivity * np.linalg.norm(field) * (along @ axis)
-            found[column] = ChannelTangent([total, total + 1, total + 2, total + 3, *shared], own)
-            total += 4
-        total += 2
+            found[column] = own
     return found
+
+
+def _beside(
+    base: Signals, pipeline: Pipeline, effects: Sequence[Effect], numbers: Mapping[int, Sequence[int]]
+) -> dict[int, Array]:
+    """(n, 6) of each channel beside effects: by forward differences, the same parameter of all channels at once."""
+    rng, rigged = np.random.default_rng(0), replace(pipeline, effects=tuple(effects))
+    posed = rigged.begun(base, rng, Stage.FIELD)
+    here = rigged.expected(posed, rng, first=Stage.FIELD).volts
+    steps = np.full(1 + max(max(own) for own in numbers.values()), _STEP)
+    for name, sensor in pipeline.sensors.items():
+        field = pipeline.environment.gravity if name == ACCELEROMETER else pipeline.environment.magnetic
+        columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
+        for column, sensitivity in zip(columns, sensor.sensitivity, strict=True):
+            steps[numbers[column][:2]] *= sensitivity * np.array([1.0, np.linalg.norm(field)])
+    found = {column: np.empty((6, len(base))).T for column in numbers}
+    for place in range(6):
+        moved = np.zeros(len(steps))
+        chosen = [own[place] for own in numbers.values()]
+        moved[chosen] = steps[chosen]
+        ahead = replace(stepped(pipeline, moved), effects=tuple(effects)).expected(posed, rng, first=Stage.FIELD).volts
+        for column, own in numbers.items():
+            found[column][:, place] = (ahead[:, column] - here[:, column]) / steps[own[place]]
+    return found
+
+
+def stepped(pipeline: Pipeline, step: Array) -> Pipeline:
+    """The pipeline with its parameters moved by ``step`` (p,), in the order of ``WhitenedData.tangent``."""
+    environment = pipeline.environment
+    sensors: dict[str, TriaxialSensor] = {}
+    first = 0
+    for name, sensor in pipeline.sensors.items():
+        count = len(range(6)[COLUMNS_OF[name]])
+        own = step[first : first + 4 * count].reshape(count, 4)
+        field = environment.gravity if name == ACCELEROMETER else environment.magnetic
+        direction = field / np.linalg.norm(field)
+        direction = direction + step[first + 4 * count : first + 4 * count + 2] @ tangent_basis(direction)
+        x, y, z = (float(each) for each in direction / np.linalg.norm(direction))
+        axes = np.stack([axis + move @ tangent_basis(axis) for axis, move in zip(sensor.axes, own[:, 2:], strict=True)])
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        sensitivity = np.maximum(np.asarray(sensor.sensitivity) + own[:, 0], 1e-9)
+        sensors[name] = TriaxialSensor.from_axes(sensitivity, np.asarray(sensor.offset) + own[:, 1], axes)
+        if name == ACCELEROMETER:
+            environment = replace(environment, gravity_direction=(x, y, z))
+        else:
+            environment = replace(environment, magnetic_direction=(x, y, z))
+        first += 4 * count + 2
+    return Pipeline(environment, sensors.get(ACCELEROMETER), sensors.get(MAGNETOMETER))
 
 
 def size(parts: Sequence[ChannelTangent]) -> int:

@@ -204,7 +204,7 @@ class WhitenedData(ModelledRig):
     @cached_property
     def tangents(self) -> list[ChannelTangent]:
         """What the calibration's parameters do to the whitened readings of each channel."""
-        own = tangent.of_readings(self.felt, self.pipeline)
+        own = self.calibration
         white = [self.whiten_means(each, self.means(each, own[each].values.T))[:, None] for each in self.columns]
         if self.decorrelation is None:
             white = [self.beside_each_other(values, index) for index, values in enumerate(white)]
@@ -226,7 +226,7 @@ class WhitenedData(ModelledRig):
         """(n, 6) [recorded unit] what the calibration cannot absorb of a change (n, 6)."""
         absorbed, *_ = np.linalg.lstsq(self.tangent, self.whiten(change), rcond=1e-9)
         left = change.copy()
-        for column, own in tangent.of_readings(self.felt, self.pipeline).items():
+        for column, own in self.calibration.items():
             left[:, column] -= own.values @ absorbed[own.numbers]
         return left
 

@@ -18,7 +18,7 @@ from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
 from estimators.gap.data.basefit import cleared
 from estimators.gap.data.projection import orthonormal
-from estimators.gap.data.rebase import stepped
+from estimators.gap.data.tangent import stepped
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import is_common
 from estimators.gap.evidence.converge import converged
