@@ -14,7 +14,7 @@ from estimators.gap.data.tangent import stepped
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.laplace import linearised
-from estimators.gap.evidence.refine import Fitted
+from estimators.gap.evidence.refine import Fitted, refit
 from estimators.gap.hypotheses.candidates import all_candidates
 from rig.arm import Arm
 from rig.effects import make_effect
@@ -84,3 +84,24 @@ def test_what_the_calibration_takes_is_not_told_beside_a_slip(arm: Arm) -> None:
     assert alike @ covariance @ alike > (0.75 * prior) ** 2
     turned, std = found.fits[0].values[2], 1e-3 * np.sqrt(covariance[2, 2])
     assert abs(turned - 0.03) < 5.0 * std < 0.005
+
+
+def test_what_nothing_feels_goes_back_to_nothing(arm: Arm) -> None:
+    """A soft iron that is alike all round is a gain, beside a slow sensor too: half the field of it, where a fit may
+    have left it, goes back to less than what is typical; what it does to one direction alone stays what is told."""
+    slow: dict[str, object] = {"where": "magnetometer", "tau_s": 0.7}
+    iron: dict[str, object] = {"where": "link5", "chi": (0.0, 0.0, 0.0, 0.004, 0.002, -0.0025)}
+    run = recorded(0, ("sensor_lag", slow), ("link_soft_iron", iron))
+    whitened = set_up(run, estimated_floor(run, arm), arm)
+    beside = whitened.around(whitened.pipeline, [make_effect("sensor_lag", slow)])
+    candidates = {each.label: each for each in all_candidates(whitened)}
+    start = [
+        Fitted(candidates["sensor_lag@magnetometer"], np.array([0.7]), {}),
+        Fitted(candidates["link_soft_iron@link5"], np.array([0.5, 0.5, 0.5, 0.0, 0.0, 0.0]), {}),
+    ]
+    found = refit(start, beside)
+    chi = found.fits[1].values
+    assert abs(chi[:3].mean()) < found.fits[1].scale[0]
+    linear = linearised(found)
+    std = found.fits[1].scale[3] * np.sqrt(np.linalg.inv(linear.gram + 1e-4 * np.eye(len(linear.gram)))[4, 4])
+    assert abs(chi[3] - 0.004) < 5.0 * std < 0.004

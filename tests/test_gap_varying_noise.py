@@ -35,7 +35,11 @@ def residual(data: WhitenedData, seed: int, sizes: np.ndarray) -> np.ndarray:
 
 
 def states(data: WhitenedData, left: np.ndarray) -> tuple[list[NoiseState], list[NoiseState]]:
-    lefts = left_of(data, Explained(data.absorbed, left))
+    return states_of(left_of(data, Explained(data.absorbed, left)))
+
+
+def states_of(lefts: Sequence[Left]) -> tuple[list[NoiseState], list[NoiseState]]:
+    """Noise with a name, and of a size that follows something: beyond nothing, then in the form of the likeliest."""
     own = named(lefts, [name for name in EFFECTS if name not in NAMES], NoiseState())
     return own, varying(own, NoiseState(), lefts)
 
@@ -44,7 +48,7 @@ def test_noise_that_grows_with_the_field_is_told_in_that_form(data: WhitenedData
     """Of twice the floor on average: dozens of nats on 4,992 readings."""
     field = np.abs(data.base.inputs[:, :3])
     for seed in range(3):
-        own, (found,) = states(data, residual(data, seed, field / np.sqrt(np.mean(field**2, axis=0))))
+        own, (_, found) = states(data, residual(data, seed, field / np.sqrt(np.mean(field**2, axis=0))))
         best = max(own, key=lambda each: each.fitted[-1].gain)
         assert best.labels == ("noise_coloured@accelerometer",)
         assert found.other
@@ -64,11 +68,12 @@ def test_noise_that_is_louder_one_way_up_is_no_noise_of_one_strength(data: White
         rng = np.random.default_rng(seed)
         left = rng.standard_normal((6, data.count))
         left[2] += 2.0 * up * rng.standard_normal(data.count)
-        own, (found,) = states(data, left.ravel())
+        own, (alone, found) = states(data, left.ravel())
         best = max(own, key=lambda each: each.fitted[-1].gain)
         assert best.labels == ("noise_excess@accel3",)
         (step,) = found.steps[len(best.steps) :]
         assert np.corrcoef(1.0 / step.factor, up)[0, 1] > 0.8
+        assert alone.follows == "level"
 
 
 def test_each_recording_has_its_own_course_of_what_noise_follows(data: WhitenedData, arm: Arm) -> None:
@@ -80,13 +85,32 @@ def test_each_recording_has_its_own_course_of_what_noise_follows(data: WhitenedD
         left = rng.standard_normal((6, each.count))
         left[2] += 2.0 * up * rng.standard_normal(each.count)
         lefts.append(Left(each, Explained(each.absorbed, left.ravel())))
-    own = named(lefts, [name for name in EFFECTS if name not in NAMES], NoiseState())
-    (found,) = varying(own, NoiseState(), lefts)
+    *_, found = states_of(lefts)[1]
     for step in found.steps:
         if step.in_time:
             up = lefts[step.part].data.base.inputs[:, 2] > 0.0
             assert np.corrcoef(1.0 / step.factor, up)[0, 1] > 0.8
     assert {step.part for step in found.steps if step.in_time} == {0, 1}
+
+
+def test_noise_that_is_no_louder_on_average_is_told_where_it_follows_something(data: WhitenedData) -> None:
+    """Of each channel, its RMS 20 % larger at one end of its range and as much smaller at the other: no excess tells
+    that. A quarter of a nat times the square of the variance's logarithm a reading: some hundreds on 9,984."""
+    inputs = data.base.inputs
+    level = 2.0 * (inputs - inputs.min(axis=0)) / np.ptp(inputs, axis=0) - 1.0
+    for seed in range(3):
+        left = np.random.default_rng(seed).standard_normal((6, data.count)) * (1.0 + 0.2 * level.T)
+        _, (found, *_) = states(data, left.ravel())
+        assert found.other
+        assert found.follows == "level"
+        assert {step.column for step in found.steps} == set(range(6))
+
+
+def test_noise_without_a_name_stays_that_beside_a_floor() -> None:
+    """Whichever is learned first."""
+    nameless, floor = NoiseState("noise", other=True, follows="level"), NoiseState("floor")
+    for found in (nameless.beyond(floor), floor.beyond(nameless)):
+        assert (found.name, found.other, found.follows) == ("noise", True, "level")
 
 
 def test_noise_of_one_size_is_in_no_other_form(data: WhitenedData) -> None:

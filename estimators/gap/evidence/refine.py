@@ -196,6 +196,12 @@ def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24, held: Arra
     problem = _Problem(fits, data, held)
     here = problem.at(np.concatenate([each.values for each in fits]) / scale)
     slopes, damping, gone = problem.slopes(here), _DAMPED, 0.0
+    home = slopes.home(here)
+    if here.precision @ (here.away**2 - (here.away - home) ** 2) > _FLAT:
+        ahead = problem.at(here.point + home)
+        if ahead.misfit < here.misfit:
+            here = ahead
+            slopes = problem.slopes(here)
     for _ in range(most):
         step = slopes.step(here, damping)
         ahead = problem.at(here.point + step)
@@ -242,13 +248,25 @@ class _Slopes:
         """(p,) minus half the misfit's gradient."""
         return np.asarray(self.columns.T @ project(self.absorbed, here.left) + here.precision * here.away)
 
+    @cached_property
+    def _directions(self) -> tuple[Array, Array, Array]:
+        """(p,) lengths of the columns; (p,) values and (p, p) vectors of the Gram matrix of columns of unit length."""
+        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + self.precision + _UNFELT)
+        return length, *np.linalg.eigh(self.gram / np.outer(length, length))
+
     def step(self, here: _Point, damping: float) -> Array:
         """(p,), in the directions that the calibration does not absorb."""
-        length = np.sqrt(np.einsum("ij,ij->j", self.columns, self.columns) + self.precision + _UNFELT)
-        values, vectors = np.linalg.eigh(self.gram / np.outer(length, length))
+        length, values, vectors = self._directions
         free = values > ABSORBED**2
         along = vectors[:, free].T @ (self.moment(here) / length)
         return np.asarray(vectors[:, free] @ (along / (values[free] + damping)) / length)
+
+    def home(self, here: _Point) -> Array:
+        """(p,) to where the prior would have it, in the directions that the calibration absorbs."""
+        length, values, vectors = self._directions
+        root = np.sqrt(here.precision)
+        absorbed = vectors[:, values <= ABSORBED**2] / length[:, None]
+        return np.asarray(absorbed @ np.linalg.lstsq(root[:, None] * absorbed, root * here.away, rcond=1e-9)[0])
 
     def promise(self, here: _Point, step: Array) -> float:
         """By how much the misfit should fall."""

@@ -83,9 +83,10 @@ class NoiseState:
         return self.name, self.labels
 
     def beyond(self, more: NoiseState) -> NoiseState:
-        """Another state's steps after its own, under that one's name."""
+        """Another state's steps after its own, under that one's name; noise without a name stays what it is."""
+        named = self if self.other and not more.other else more
         steps, weight = (*self.steps, *more.steps), self.log_weight + more.log_weight
-        return replace(more, fitted=(*self.fitted, *more.fitted), steps=steps, log_weight=weight)
+        return replace(named, fitted=(*self.fitted, *more.fitted), steps=steps, log_weight=weight)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,13 +1,13 @@
-"""Noise with a name in another form than the catalogue's: of a size that follows something.
+"""Noise of a size that follows something: noise with a name in another form than the catalogue's, or without any.
 
 An effect of the catalogue has one strength for a whole recording. What is larger in some poses, at some speeds or times
-remembers as such an effect does, but is not it: what whitening by the effect leaves has another variance here than
-there. The logarithm of that variance is a sum of the functions that an error may follow.
+remembers as such an effect does, but is not it: what whitening by the effect, or by the floor alone, leaves has another
+variance here than there. The logarithm of that variance is a sum of the functions that an error may follow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -28,6 +28,8 @@ _DEVIATIONS: Final = (0.5, 1.5)
 _LEVEL: Final = 3.0
 #: Gain in log likelihood of named noise below which nothing tells what it follows.
 _WORTH: Final = 10.0
+#: By how much the gain of a family may be more than its score promises.
+_ROUGHLY: Final = 5.0
 #: Families of more functions say little of a variance. So many are fitted, by so many of Newton's steps, each so long.
 _MOST, _FITTED, _STEPS, _LONGEST = 40, 3, 12, 2.0
 #: Cosines of time.
@@ -35,23 +37,46 @@ _SLOW: Final = 8
 
 
 def varying(states: Sequence[NoiseState], before: NoiseState, lefts: Sequence[Left]) -> list[NoiseState]:
-    """The likeliest of states with one more noise effect each, its noise of a size that follows something: one state,
-    or none where nothing shows that.
+    """Noise of a size that follows something: of any channel beyond the state before; and that of the likeliest of
+    states with one more noise effect each, where that effect is evident. A state each, where anything shows it.
 
     Args:
         before: the state that they go beyond. lefts: of each recording, under that.
     """
+    families = [{family.name: family for family in _families(left.data)} for left in lefts]
+    every = {column for left in lefts for column in left.data.columns}
+    found = [_following(before, before, lefts, families, every, 1.0)]
     likely = [each for each in states if each.steps[len(before.steps) :] and not each.fitted[-1].in_time]
-    if not likely:
-        return []
-    own = max(likely, key=lambda each: 0.5 * sum(one.gain for one in each.fitted[-1].every) + each.log_weight)
+    own = max(likely, key=lambda each: 0.5 * _gain(each) + each.log_weight, default=None)
+    if own is not None and 0.5 * _gain(own) >= _WORTH:  # in place of the effect's own share of the prior
+        touched = {step.column for left in lefts for each in own.fitted for step in each.steps(left.data)}
+        found.append(_following(own, before, lefts, families, touched, OTHER_FORM / len(states)))
+    return [each for each in found if each is not None]
+
+
+def _gain(state: NoiseState) -> float:
+    """Twice the gain in log likelihood of a state's last noise effect."""
+    return sum(one.gain for one in state.fitted[-1].every)
+
+
+def _following(
+    own: NoiseState,
+    before: NoiseState,
+    lefts: Sequence[Left],
+    families: Sequence[Mapping[str, Family]],
+    touched: Collection[int],
+    share: float,
+) -> NoiseState | None:
+    """A state beside which the size of what is left of some channels follows something; None where nothing shows it.
+
+    Args:
+        before: the state that what is left is under. families: of each recording. share: of the prior of noise
+            without a name, whatever that follows.
+    """
     further = own.steps[len(before.steps) :]
-    if 0.5 * sum(one.gain for one in own.fitted[-1].every) < _WORTH:
-        return []
-    boards: list[tuple[int, dict[int, Array], dict[str, Family]]] = []
+    boards: list[tuple[int, dict[int, Array]]] = []
     for number, left in enumerate(lefts):
-        data, touched = left.data, {step.column for each in own.fitted for step in each.steps(left.data)}
-        families = {family.name: family for family in _families(data)}
+        data = left.data
         for where in COLUMNS_OF.values():
             white = {
                 column: after_steps(
@@ -60,35 +85,36 @@ def varying(states: Sequence[NoiseState], before: NoiseState, lefts: Sequence[Le
                     data.gaps[column],
                 )[data.weights[:, column] > 0.0]
                 for column in sorted(touched)
-                if column in range(6)[where]
+                if column in range(6)[where] and column in data.columns
             }
             if white:
-                boards.append((number, white, families))
-    names = dict.fromkeys(name for _, _, families in boards for name in families)
+                boards.append((number, white))
+    names = dict.fromkeys(name for number, _ in boards for name in families[number])
     promised = {
-        name: sum(_promised(families.get(name, _NONE), lefts[number].data, white) for number, white, families in boards)
+        name: sum(_promised(families[number].get(name, _NONE), lefts[number].data, white) for number, white in boards)
         for name in names
     }
+    cost = float(np.log(OTHER * OTHER_NOISE * share / len(promised)))
     found: list[tuple[float, str, list[Step]]] = []
     for name in sorted(promised, key=lambda each: -promised[each])[:_FITTED]:
+        if promised[name] + cost < -_ROUGHLY:
+            break
         gained, steps = 0.0, list[Step]()
-        for number, white, families in boards:
+        for number, white in boards:
             data = lefts[number].data
-            more, logs = _likeliest(families.get(name, _NONE), data, white)
+            more, logs = _likeliest(families[number].get(name, _NONE), data, white)
             gained += more
             for column in white:
                 root = np.ones(data.count)
                 root[data.weights[:, column] > 0.0] = np.exp(0.5 * logs[column])
                 steps.append(Step(column, 1.0 / root, True, number))
         found.append((gained, name, steps))
-    gained, follows, steps = max(found, key=lambda each: each[0])
-    # in place of the effect's own share of the prior
-    share = float(np.log(OTHER * OTHER_NOISE * OTHER_FORM / (len(promised) * len(states))))
-    if gained + share < 0.0:
-        return []
-    weight = own.log_weight + share
+    gained, follows, steps = max(found, key=lambda each: each[0], default=(-np.inf, "", []))
+    louder = sum(_likeliest(_NONE, lefts[number].data, white)[0] for number, white in boards) if found else 0.0
+    if gained - max(louder, 0.0) + cost < 0.0:  # louder throughout is what noise with a name is
+        return None
     every = (*own.steps, *steps)
-    return [replace(before, name="noise", steps=every, log_weight=weight, other=True, follows=follows)]
+    return replace(before, name="noise", steps=every, log_weight=own.log_weight + cost, other=True, follows=follows)
 
 
 @dataclass(frozen=True)
@@ -115,15 +141,17 @@ class Family:
         return np.asarray(1.0 / np.concatenate([[_LEVEL], deviation * self.weight]) ** 2)
 
 
-_NONE: Final = Family("", {}, np.ones(1))
+#: Louder throughout: following nothing.
+_NONE: Final = Family("", {}, np.zeros(0))
 
 
 def _families(data: WhitenedData) -> list[Family]:
-    """What the variance of each channel may follow: what an offset may, the sizes of its input and slope, time."""
+    """What the variance of each channel may follow: what an offset may, its input and the size of its slope, time."""
     every = [(course.name, dict.fromkeys(data.columns, course.values), course.weight) for course in _slow(data)]
     inputs = np.nan_to_num(data.base.inputs)
-    for name, own in (("level", inputs), ("how fast the reading changes", np.gradient(inputs, data.t, axis=0))):
-        sizes = {column: any_of(np.abs(own[:, column])) for column in data.columns}
+    slopes = np.abs(np.gradient(inputs, data.t, axis=0))
+    for name, own in (("level", inputs - inputs.min(axis=0)), ("how fast the reading changes", slopes)):
+        sizes = {column: any_of(own[:, column]) for column in data.columns}
         every.append((name, sizes, falling(sizes[data.columns[0]].shape[1])))
     found = []
     for name, of, weight in every:
@@ -147,15 +175,18 @@ def _standard(values: Array) -> Array:
 
 
 def _promised(family: Family, data: WhitenedData, white: Mapping[int, Array]) -> float:
-    """What a family gains in log evidence to second order about one variance (a score test)."""
-    score, information = np.zeros(1 + len(family.weight)), np.diag(family.precision(_DEVIATIONS[-1]))
-    prior = float(np.linalg.slogdet(information)[1])
-    for column, values in white.items():
-        own = family.there(data, column)
-        score += 0.5 * own.T @ (values**2 - 1.0)
-        information += 0.5 * own.T @ own
-    gained = 0.5 * float(score @ np.linalg.solve(information, score))
-    return gained + 0.5 * (prior - float(np.linalg.slogdet(information)[1]))
+    """What a family gains in log evidence to second order about one variance (a score test); as if its functions were
+    orthogonal where that is nothing."""
+    columns = {column: family.there(data, column) for column in white}
+    precision = family.precision(_DEVIATIONS[-1])
+    score = np.sum([0.5 * columns[column].T @ (values**2 - 1.0) for column, values in white.items()], axis=0)
+    alone = precision + 0.5 * sum(map(len, white.values()))
+    gained = 0.5 * float(np.sum(score**2 / alone + np.log(precision / alone)))
+    if gained < 0.0:
+        return gained
+    information = np.diag(precision) + 0.5 * np.sum([own.T @ own for own in columns.values()], axis=0)
+    gained = 0.5 * float(score @ np.linalg.solve(information, score) + np.log(precision).sum())
+    return gained - 0.5 * float(np.linalg.slogdet(information)[1])
 
 
 def _likeliest(family: Family, data: WhitenedData, white: Mapping[int, Array]) -> tuple[float, dict[int, Array]]:
