@@ -196,8 +196,7 @@ def refit(fits: Sequence[Fitted], data: WhitenedData, most: int = 24, held: Arra
     problem = _Problem(fits, data, held)
     here = problem.at(np.concatenate([each.values for each in fits]) / scale)
     slopes, damping, gone = problem.slopes(here), _DAMPED, 0.0
-    home = slopes.home(here)
-    if here.precision @ (here.away**2 - (here.away - home) ** 2) > _FLAT:
+    if data.in_place and slopes.to_gain(here, home := slopes.home(here)) > _FLAT:
         ahead = problem.at(here.point + home)
         if ahead.misfit < here.misfit:
             here = ahead
@@ -267,6 +266,11 @@ class _Slopes:
         root = np.sqrt(here.precision)
         absorbed = vectors[:, values <= ABSORBED**2] / length[:, None]
         return np.asarray(absorbed @ np.linalg.lstsq(root[:, None] * absorbed, root * here.away, rcond=1e-9)[0])
+
+    @staticmethod
+    def to_gain(here: _Point, home: Array) -> float:
+        """By how much the prior's part of the misfit should fall."""
+        return float(here.precision @ (here.away**2 - (here.away - home) ** 2))
 
     def promise(self, here: _Point, step: Array) -> float:
         """By how much the misfit should fall."""
