@@ -18,9 +18,9 @@ from rig.arrays import Array
 #: below chi-square with two degrees of freedom, whose tail here is 0.7 %: a part that is not there costs little, since
 #: tests weigh how well it is known; one that was overlooked looks like noise that the sweep has and rest had not.
 COLOUR_THRESHOLD = 10.0
-#: The same for a further part, on a floor that is known to be coloured: a chance of 2 %. One that is not there is slower
-#: than the rest, and drifts of the sweep are taken for it. Parts at most: a spectrum of 1/f over the decades that a
-#: recording covers takes three.
+#: The same for a further part, on a floor that is known to be coloured: a chance of 2 %. One that is not there is
+#: slower than the rest, and drifts of the sweep are taken for it. Parts at most: a spectrum of 1/f over the decades
+#: that a recording covers takes three.
 FURTHER_THRESHOLD = 8.0
 _MOST = 3
 #: A slow part that was not seen: its share of the colour, and how much slower than the slowest it is.
