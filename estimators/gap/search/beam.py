@@ -23,7 +23,7 @@ from estimators.gap.hypotheses.same_places import alike
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beside_discrepancy import scores_beside
-from estimators.gap.search.explanation import STRAIGHT, Explanation, Key, Member, as_fitted, key_of, without_one
+from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted, key_of, to_refit, without_one
 from estimators.gap.search.pairs import likely_pairs
 from rig.progress import Progress
 
@@ -45,8 +45,6 @@ _FOLLOWED: Final = 2
 _FINE_EACH, _FINE, _ROUGHLY = 3, 6, 0.02
 #: Of so many sets, the last that were asked for, what they leave is kept.
 _LEFT: Final = 6
-#: Log odds within which rivals of the leading set are fitted themselves.
-_CLOSE: Final = 6.0
 
 
 @dataclass
@@ -59,6 +57,7 @@ class Search:
         wide: whether additions are tried that promise far less than the best, as where much is wrong few keep theirs.
         improved: the sets whose effects were dropped and swapped one by one.
         overtaken: the set that belongs under another state of the noise, and its log mass there, where that ended it.
+        finer: by what factor single samples tell more than means of sets that outlive these, those that led.
     """
 
     scanner: Scanner
@@ -71,6 +70,7 @@ class Search:
     explained: dict[tuple[Key, bool, bool], Explained] = field(default_factory=dict)
     improved: set[Key] = field(default_factory=set)
     overtaken: tuple[float, Explanation] | None = None
+    finer: dict[Key, float] = field(default_factory=dict)
 
     @property
     def data(self) -> WhitenedData:
@@ -308,11 +308,24 @@ class Search:
 
     def gained(self, each: Explanation) -> float:
         """Log mass beyond that of the set without effects, the same for all sets: as means over neighbouring samples
-        tell it, which is less than single samples do; what needs these counts for what it adds on them."""
+        tell it, and what needs single samples for what it adds on them."""
         smooth = tuple(member for member in each.members if member.fit.candidate.smooth)
         rough = each if not each.fine and len(smooth) == len(each.members) else self.fitted(smooth)
-        own = rough.log_mass - self._fitted((), self.rough).log_mass
+        own = (rough.log_mass - self._fitted((), self.rough).log_mass) * self._finer()
         return own if len(smooth) == len(each.members) else own + each.log_mass - self.fine(smooth, rough).log_mass
+
+    def _finer(self) -> float:
+        """Beside sets that need single samples: by what factor these tell more than means of the likeliest that does
+        not. A hundredth of what a strong cause gains is more than what tells it from a tone."""
+        if self.rough is self.data or all(_smooth(each.members) for each in self.found.values()):
+            return 1.0
+        nothing = self._fitted((), self.rough)
+        best = max((each for each in self.found.values() if not each.fine), key=lambda each: each.log_mass)
+        own = best.log_mass - nothing.log_mass
+        if best.key not in self.finer:
+            more = self.fine(best.members, best).log_mass - self.fine(()).log_mass if own > _FAR else own
+            self.finer[best.key] = max(more / own, 1.0) if own > _FAR else 1.0
+        return self.finer[best.key]
 
     def _far_behind(self, each: Explanation, log_mass: float) -> bool:
         """Whether a set is far less likely, sample by sample."""
@@ -354,7 +367,7 @@ class Search:
         found = {each.key: each for each in (self._near(each, leading) for each in wanted)}
         found |= {key: each for (key, fine), each in self.found.items() if fine and each.refitted}
         found |= {(): self.fine(()), leading.key: leading}
-        while rough_ones := self._to_refit(list(found.values())):
+        while rough_ones := to_refit(list(found.values())):
             for each in rough_ones:
                 found[each.key] = self._fitted(each.members, self.data)
         return sorted(found.values(), key=lambda each: -each.log_mass)
@@ -368,20 +381,6 @@ class Search:
             members = tuple(shared.get(member.label, member) for member in each.members)
             each = replace(each, members=members, data=leading.data)
         return self.fine(each.members, each)
-
-    @staticmethod
-    def _to_refit(found: Sequence[Explanation]) -> list[Explanation]:
-        """The leading set, and those that may be nearly as likely: first order may be wrong by all that it gains."""
-        best = max(found, key=lambda each: each.log_mass)
-        if not best.refitted:
-            return [best]
-        within = best.log_mass - _CLOSE
-        return [
-            each
-            for each in found
-            if not each.refitted and each.felt
-            if each.ahead > STRAIGHT and each.log_mass + each.ahead > within
-        ]
 
     def fine(self, members: Sequence[Member], rough: Explanation | None = None) -> Explanation:
         """A set sample by sample, where it was fitted on means: the evidence takes what is left to first order."""

@@ -21,6 +21,8 @@ from rig.effects import Effect
 
 Key = tuple[str, ...]
 
+#: Log odds within which rivals of the leading set are fitted themselves.
+_CLOSE: Final = 6.0
 #: Log posterior that straight on from a fit is gained, from which on that is no approximation; gained where a refit is
 #: near enough, and refits at most.
 _ELSEWHERE: Final = 10.0
@@ -73,6 +75,20 @@ def distinct(found: Iterable[Explanation]) -> list[Explanation]:
     for each in found:
         first.setdefault(each.key, each)
     return list(first.values())
+
+
+def to_refit(found: Sequence[Explanation]) -> list[Explanation]:
+    """The leading set, and those that may be nearly as likely: first order may be wrong by all that it gains."""
+    best = max(found, key=lambda each: each.log_mass)
+    if not best.refitted:
+        return [best]
+    within = best.log_mass - _CLOSE
+    return [
+        each
+        for each in found
+        if not each.refitted and each.felt
+        if each.ahead > STRAIGHT and each.log_mass + each.ahead > within
+    ]
 
 
 def as_fitted(members: Sequence[Member], refitted: Refit) -> tuple[Member, ...]:
