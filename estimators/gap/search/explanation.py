@@ -25,7 +25,7 @@ Key = tuple[str, ...]
 _CLOSE: Final = 6.0
 #: Log posterior that straight on from a fit is gained, from which on that is no approximation; gained where a refit is
 #: near enough, and refits at most.
-_ELSEWHERE: Final = 10.0
+_ELSEWHERE: Final = 3.0
 _THERE, _ANEW = 1.0, 3
 #: Linearised explanations are kept of so many numbers, 64 MB; others are linearised again where they are asked for.
 _NUMBERS: Final = 8_000_000
