@@ -105,3 +105,21 @@ def test_what_nothing_feels_goes_back_to_nothing(arm: Arm) -> None:
     linear = linearised(found)
     std = found.fits[1].scale[3] * np.sqrt(np.linalg.inv(linear.gram + 1e-4 * np.eye(len(linear.gram)))[4, 4])
     assert abs(chi[3] - 0.004) < 5.0 * std < 0.004
+
+
+def test_a_step_keeps_a_sensitivity_of_any_unit_and_its_sign(data: WhitenedData) -> None:  # noqa: F811
+    """A field in nT that is read in T has 1e-9: no step leaves it as it is, and one beyond nothing stays above that."""
+    assert data.pipeline.magnetometer is not None
+    x, y, z = (1e-12 * each for each in data.pipeline.magnetometer.sensitivity)
+    small = (x, y, z)
+    pipeline = replace(data.pipeline, magnetometer=replace(data.pipeline.magnetometer, sensitivity=small))
+    found = tangent.of_readings(data.base, pipeline)
+    nothing = np.zeros(tangent.size(list(found.values())))
+    kept = tangent.stepped(pipeline, nothing).magnetometer
+    assert kept is not None
+    assert kept.sensitivity == pytest.approx(small, rel=1e-12, abs=0.0)
+    beyond = nothing.copy()
+    beyond[found[3].numbers[0]] = -2.0 * small[0]
+    less = tangent.stepped(pipeline, beyond).magnetometer
+    assert less is not None
+    assert 0.0 < less.sensitivity[0] < small[0]

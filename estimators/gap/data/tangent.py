@@ -24,6 +24,8 @@ from rig.signals import Signals
 
 #: Share of its size, or radians, by which a parameter is moved for a derivative.
 _STEP: Final = 1e-6
+#: No step makes a sensitivity smaller than this share of what it was.
+_SMALLER: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +128,8 @@ def stepped(pipeline: Pipeline, step: Array) -> Pipeline:
         x, y, z = (float(each) for each in direction / np.linalg.norm(direction))
         axes = np.stack([axis + move @ tangent_basis(axis) for axis, move in zip(sensor.axes, own[:, 2:], strict=True)])
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        sensitivity = np.maximum(np.asarray(sensor.sensitivity) + own[:, 0], 1e-9)
+        before = np.asarray(sensor.sensitivity)
+        sensitivity = np.maximum(before + own[:, 0], _SMALLER * before)
         sensors[name] = TriaxialSensor.from_axes(sensitivity, np.asarray(sensor.offset) + own[:, 1], axes)
         if name == ACCELEROMETER:
             environment = replace(environment, gravity_direction=(x, y, z))
