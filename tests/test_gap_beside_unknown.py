@@ -191,14 +191,14 @@ def test_with_one_thing_alone_a_hypothesis_is_no_likelier_than_with_any(posterio
 def test_a_cause_is_believed_beside_an_unknown_that_one_source_explains() -> None:
     """The clock drifts by a sample over the sweep, at a hundred times the floor; the joint's scale is .6 % off. The
     scatter that the drift makes of its strength is known: without that it was believed by less than .1, with it by .89
-    to .97 in four draws."""
+    to .97 in four draws. What is told beside the clock is what a drift as large as that leaves of its own slope."""
     for seed in range(3):
         run = small().with_effects([make_effect("joint_scale", {"where": "joint5", "scale": 0.006})]).simulate(seed)
         found = estimators.diagnose(drifting(run), small().simulate_locked(seed), without=WITHOUT)
         assert found.posterior["other"] > 0.99
         told = {(cause.effect, cause.where) for cause in found.causes if cause.probability > 0.7}
         assert told == {("joint_scale", "joint5")}
-        assert {each["source"] for each in found.remainder.follows} == {"the clock"}
+        assert {each["source"] for each in found.remainder.follows if each["share"] > 0.01} == {"the clock"}
 
 
 def test_an_error_that_is_zero_at_a_reference_is_not_told_as_two_joints_that_are_off() -> None:

@@ -253,11 +253,12 @@ def test_sets_are_compared_on_one_scale(arm: Arm) -> None:
     wave = Fitted(candidates[1], np.array([3e-5, 0.5, 200.0]), {})
     fine = search.fine(lash.members, lash)
     assert search.gained(fine) == search.gained(lash)
+    assert fine.log_mass - search.fine(()).log_mass > search.gained(lash) + 1.0  # what the scales differ by
     both = search.fitted((*lash.members, Member(wave, 0.0, (labels[1],))))
     assert both.fine
     assert not lash.fine
     assert search.gained(both) - search.gained(lash) == pytest.approx(both.log_mass - fine.log_mass, abs=1e-9)
-    assert fine.log_mass - search.fine(()).log_mass > search.gained(lash) + 1.0  # what the scales differ by
+    assert search.gained(lash) == pytest.approx(fine.log_mass - search.fine(()).log_mass, rel=1e-9)
 
 
 def test_an_instant_is_moved_to_where_it_is_likeliest_beside_the_rest(arm: Arm) -> None:
