@@ -12,6 +12,7 @@ import pytest
 
 from estimators.gap.hypotheses import prior
 from estimators.gap.search import further_unknowns
+from rig.errors import RigError
 from scenarios.workers import Workers
 from validation.numbers import run
 from validation.numbers.listed import ROOMS, Number, numbers
@@ -86,3 +87,6 @@ def test_the_page_has_every_number(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert all(f"`{each.name}` in {each.module.rsplit('.', 1)[1]}" in text for each in few)
     assert "2 of 3 move no probability by more than 0.05; 0 change a verdict." in text
     assert "| 0.20 |" in text
+    monkeypatch.setattr(run, "numbers", lambda: numbers()[1:4])
+    with pytest.raises(RigError, match=f"study: .*of before there was {numbers()[3].name} in .*: remove that folder"):
+        make_numbers(tmp_path, Settings(), Workers(0, None))

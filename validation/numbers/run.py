@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from estimators.gap.choices import and_words
 from rig.effects import Effect
+from rig.errors import RigError
 from rig.progress import Progress, unheard
 from rig.recording import Recording
 from rig.threads import one_blas_thread
@@ -127,6 +128,11 @@ def _blocks(settings: Settings, rows: Sequence[Row]) -> Iterator[str]:
     base = json.loads(rows[0].told)
     doubled = {(row.module, row.name): row.told for row in rows}
     every = numbers()
+    for each in every:
+        if (each.module, each.name) not in doubled:
+            raise RigError(
+                f"found a study of before there was {each.name} in {each.module}: remove that folder, to begin anew"
+            )
     sways = {each: sway(base, doubled[each.module, each.name]) for each in every}
     fixed = [each for each in every if np.isinf(sways[each][0])]
     strong = [each for each in every if _SWAYED < sways[each][0] < np.inf]
