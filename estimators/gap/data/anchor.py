@@ -19,7 +19,7 @@ from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
 from estimators.gap.data.whitened import WhitenedData
 from rig.arrays import Array
-from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF
+from rig.channels import CHANNELS, COLUMNS_OF
 from rig.directions import tangent_basis
 from rig.effects import Effect
 from rig.errors import RigError
@@ -186,7 +186,7 @@ class Anchor(WhitenedData):
 
 
 def _direction(pipeline: Pipeline, sensor: str) -> Array:
-    field = pipeline.environment.gravity if sensor == ACCELEROMETER else pipeline.environment.magnetic
+    field = pipeline.environment.field(sensor)
     return np.asarray(field / np.linalg.norm(field))
 
 

@@ -73,7 +73,7 @@ def _alone(base: Signals, pipeline: Pipeline) -> dict[int, Array]:
     """(n, 6) of each channel without effects: its readings are linear in sensitivity, axis and field."""
     found = {}
     for name, sensor in pipeline.sensors.items():
-        field = pipeline.environment.gravity if name == ACCELEROMETER else pipeline.environment.magnetic
+        field = pipeline.environment.field(name)
         there = base.gravity - base.acceleration if name == ACCELEROMETER else base.magnetic
         rotation = base.R_base_tool
         in_tool = np.matmul(there, rotation) if there.ndim == 1 else np.einsum("ni,nij->nj", there, rotation)
@@ -99,14 +99,14 @@ def _beside(
     here = rigged.expected(posed, rng, first=Stage.FIELD).volts
     steps = np.full(1 + max(max(own) for own in numbers.values()), _STEP)
     for name, sensor in pipeline.sensors.items():
-        field = pipeline.environment.gravity if name == ACCELEROMETER else pipeline.environment.magnetic
+        field = pipeline.environment.field(name)
         columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
         for column, sensitivity in zip(columns, sensor.sensitivity, strict=True):
             steps[numbers[column][:2]] *= sensitivity * np.array([1.0, np.linalg.norm(field)])
     found = {column: np.empty((6, len(base))).T for column in numbers}
     for place in range(6):
-        moved = np.zeros(len(steps))
         chosen = [own[place] for own in numbers.values()]
+        moved = np.zeros(len(steps))
         moved[chosen] = steps[chosen]
         ahead = replace(stepped(pipeline, moved), effects=tuple(effects)).expected(posed, rng, first=Stage.FIELD).volts
         for column, own in numbers.items():
@@ -122,7 +122,7 @@ def stepped(pipeline: Pipeline, step: Array) -> Pipeline:
     for name, sensor in pipeline.sensors.items():
         count = len(range(6)[COLUMNS_OF[name]])
         own = step[first : first + 4 * count].reshape(count, 4)
-        field = environment.gravity if name == ACCELEROMETER else environment.magnetic
+        field = environment.field(name)
         direction = field / np.linalg.norm(field)
         direction = direction + step[first + 4 * count : first + 4 * count + 2] @ tangent_basis(direction)
         x, y, z = (float(each) for each in direction / np.linalg.norm(direction))

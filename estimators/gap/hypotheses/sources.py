@@ -50,10 +50,7 @@ class Source:
 
 def sources(data: WhitenedData) -> list[Source]:
     """Every error source of a recording."""
-    fields = {
-        name: data.pipeline.environment.gravity if name == ACCELEROMETER else data.pipeline.environment.magnetic
-        for name in data.pipeline.sensors
-    }
+    fields = {name: data.pipeline.environment.field(name) for name in data.pipeline.sensors}
     found = [*_of_joints(data), *_of_clocks(data), *_of_frames(data, fields), *_of_sensors(data, fields)]
     if len(fields) > 1:  # a converter's reference, a supply, a ground
         readings = np.nan_to_num(data.modelled)

@@ -32,7 +32,7 @@ from estimators.known_angle.from_recording import reads_of, summarise
 from estimators.known_angle.identifiability import Told
 from estimators.known_angle.model import SensorParameters
 from rig.arrays import Array
-from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, READS
+from rig.channels import CHANNELS, COLUMNS_OF, READS
 from rig.directions import tangent_basis
 from rig.pipeline import Pipeline
 from rig.recording import Recording
@@ -93,10 +93,7 @@ def _apart(pipeline: Pipeline, centre: Pipeline) -> Array:
     parts = []
     for name, sensor in pipeline.sensors.items():
         there = centre.sensors[name]
-        fields = [
-            each.environment.gravity if name == ACCELEROMETER else each.environment.magnetic
-            for each in (pipeline, centre)
-        ]
+        fields = [each.environment.field(name) for each in (pipeline, centre)]
         own, other = (field / np.linalg.norm(field) for field in fields)
         turned = np.einsum("kai,ki->ka", tangent_basis(there.axes), sensor.axes)
         moved = np.subtract(sensor.sensitivity, there.sensitivity), np.subtract(sensor.offset, there.offset)
@@ -216,7 +213,7 @@ def _assembled(
         magnitude = recording.metadata.magnitude(name)
         noise = np.sqrt([data.floor[column].variance for column in columns])
         of_floor = noise / np.sqrt(2.0 * np.maximum(data.floor_samples[list(columns)], 1.0))
-        field = pipeline.environment.gravity if name == ACCELEROMETER else pipeline.environment.magnetic
+        field = pipeline.environment.field(name)
         parameters = SensorParameters.of(sensor, field)
         towards = (0.0, 0.0, -1.0 if field[2] <= 0.0 else 1.0)
         fit = fit_sensor(

@@ -322,9 +322,11 @@ class Search:
         nothing = self._fitted((), self.rough)
         best = max((each for each in self.found.values() if not each.fine), key=lambda each: each.log_mass)
         own = best.log_mass - nothing.log_mass
+        if own <= _FAR:
+            return 1.0
         if best.key not in self.finer:
-            more = self.fine(best.members, best).log_mass - self.fine(()).log_mass if own > _FAR else own
-            self.finer[best.key] = max(more / own, 1.0) if own > _FAR else 1.0
+            told = self.fine(best.members, best).log_mass - self.fine(()).log_mass
+            self.finer[best.key] = max(told / own, 1.0)
         return self.finer[best.key]
 
     def _far_behind(self, each: Explanation, log_mass: float) -> bool:
