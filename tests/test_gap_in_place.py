@@ -59,6 +59,11 @@ def test_the_tangent_beside_effects_is_the_derivative_of_the_readings(
             np.testing.assert_allclose(
                 slope[:, column], expected, rtol=0.0, atol=(4e-6 if effects else 1e-8) * np.abs(slope).max() + 1e-9
             )
+    step = np.random.default_rng(0).standard_normal(every)
+    change = beside.recalibrated(step)
+    for column, own in found.items():
+        expected = own.values @ step[own.numbers]
+        np.testing.assert_allclose(change[:, column], expected, rtol=0.0, atol=1e-5 * np.abs(expected).max())
 
 
 def test_what_the_calibration_takes_is_not_told_beside_a_slip(arm: Arm) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.blocks import each_used
-from estimators.gap.data.tangent import ChannelTangent, of_readings
+from estimators.gap.data.tangent import along
 from rig.arrays import Array
 from rig.channels import COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect, Stage
@@ -50,11 +50,9 @@ class ModelledRig:
         """(n, 6) [recorded unit] the base fit, given effects included."""
         return self.base.volts + self.given_change if self.given else self.base.volts
 
-    @property
-    def calibration(self) -> dict[int, ChannelTangent]:
-        """What the calibration's parameters do to the readings of each channel, with the effects that are in place: a
-        slipped sensor has turned its gains along, a slow one follows them."""
-        return of_readings(self.base, self.pipeline, (*self.given, *self.in_place))
+    def recalibrated(self, step: Array) -> Array:
+        """(n, 6) [recorded unit] what a small step (p,) of the calibration changes, with the effects in place."""
+        return along(self.base, self.pipeline, (*self.given, *self.in_place), step)
 
     def change(self, effects: Sequence[Effect]) -> Array:
         """(n, 6) [recorded unit] what mean effects change, with the calibration held."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from estimators.gap.data.anchor import Anchor
 from estimators.gap.data.steps import Step
-from estimators.gap.data.tangent import ChannelTangent, of_readings, size
+from estimators.gap.data.tangent import ChannelTangent, along, of_readings, size
 from estimators.gap.data.whitened import WhitenedData
 from rig.arrays import Array
 from rig.effects import Effect
@@ -122,15 +122,21 @@ class Stack(WhitenedData):
     @property
     def calibration(self) -> dict[int, ChannelTangent]:
         """As of ``WhitenedData``, recording by recording."""
-        if not any(member.given or member.in_place for member in self.each):
-            return of_readings(self.base, self.pipeline)
-        each = [of_readings(member.base, self.pipeline, (*member.given, *member.in_place)) for member in self.each]
+        each = [
+            of_readings(member.base, self.pipeline, (*member.given, *member.in_place), member.means)
+            for member in self.each
+        ]
         return {
             column: ChannelTangent(
                 own.numbers, np.nan_to_num(np.concatenate([one[column].values.T for one in each], axis=1)).T
             )
             for column, own in each[0].items()
         }
+
+    def recalibrated(self, step: Array) -> Array:
+        """As of ``WhitenedData``, recording by recording."""
+        parts = [along(each.base, self.pipeline, (*each.given, *each.in_place), step) for each in self.each]
+        return np.nan_to_num(np.concatenate(parts))
 
     @property
     def decorrelation(self) -> Array | None:

@@ -6,7 +6,7 @@ tangent is zero, and is not kept.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -40,7 +40,12 @@ class ChannelTangent:
     values: Array
 
 
-def of_readings(base: Signals, pipeline: Pipeline, effects: Sequence[Effect] = ()) -> dict[int, ChannelTangent]:
+def of_readings(
+    base: Signals,
+    pipeline: Pipeline,
+    effects: Sequence[Effect] = (),
+    means: Callable[[int, Array], Array] = lambda _, values: values,
+) -> dict[int, ChannelTangent]:
     """For each channel, in recorded units, those of six parameters.
 
     Its sensitivity, its offset, two tangent coordinates of its axis, and the two of the field that the channels of
@@ -49,11 +54,27 @@ def of_readings(base: Signals, pipeline: Pipeline, effects: Sequence[Effect] = (
     Args:
         base: after all stages, without effects. effects: mean effects that are in place, but for what one channel does
             to another.
+        means: of a channel's values (..., n): what is kept of them.
     """
-    beside = [each for each in effects if each.stage is not Stage.VOLTS or not choices_of(type(each))]
     numbers = _numbers(pipeline)
-    known = _beside(base, pipeline, beside, numbers) if beside else _alone(base, pipeline)
+    beside = _beside_which(effects)
+    known = _beside(base, pipeline, beside, numbers, means) if beside else _alone(base, pipeline, means)
     return {column: ChannelTangent(own, known[column]) for column, own in numbers.items()}
+
+
+def along(base: Signals, pipeline: Pipeline, effects: Sequence[Effect], step: Array) -> Array:
+    """(n, 6) [recorded unit] what the tangent of ``of_readings`` makes of a step (p,) of the parameters."""
+    found = np.zeros_like(base.volts)
+    if np.any(step):
+        volts = _of_steps(base, pipeline, _beside_which(effects))
+        share = 1.0 / float(np.max(np.abs(step) / _steps(pipeline, _numbers(pipeline))))
+        found = (volts(share * step) - volts(np.zeros_like(step))) / share
+    return found
+
+
+def _beside_which(effects: Sequence[Effect]) -> list[Effect]:
+    """Those of some effects beside which the calibration is differentiated."""
+    return [each for each in effects if each.stage is not Stage.VOLTS or not choices_of(type(each))]
 
 
 def _numbers(pipeline: Pipeline) -> dict[int, list[int]]:
@@ -69,8 +90,8 @@ def _numbers(pipeline: Pipeline) -> dict[int, list[int]]:
     return found
 
 
-def _alone(base: Signals, pipeline: Pipeline) -> dict[int, Array]:
-    """(n, 6) of each channel without effects: its readings are linear in sensitivity, axis and field."""
+def _alone(base: Signals, pipeline: Pipeline, means: Callable[[int, Array], Array]) -> dict[int, Array]:
+    """(m, 6) of each channel without effects: its readings are linear in sensitivity, axis and field."""
     found = {}
     for name, sensor in pipeline.sensors.items():
         field = pipeline.environment.field(name)
@@ -86,32 +107,47 @@ def _alone(base: Signals, pipeline: Pipeline) -> dict[int, Array]:
             own[:, 2:4] = sensitivity * in_tool @ tangent_basis(axis).T
             for index, along in enumerate(turned):
                 own[:, 4 + index] = sensitivity * np.linalg.norm(field) * (along @ axis)
-            found[column] = own
+            found[column] = means(column, own.T).T
     return found
 
 
 def _beside(
-    base: Signals, pipeline: Pipeline, effects: Sequence[Effect], numbers: Mapping[int, Sequence[int]]
+    base: Signals,
+    pipeline: Pipeline,
+    effects: Sequence[Effect],
+    numbers: Mapping[int, Sequence[int]],
+    means: Callable[[int, Array], Array],
 ) -> dict[int, Array]:
-    """(n, 6) of each channel beside effects: by forward differences, the same parameter of all channels at once."""
-    rng, rigged = np.random.default_rng(0), replace(pipeline, effects=tuple(effects))
-    posed = rigged.begun(base, rng, Stage.FIELD)
-    here = rigged.expected(posed, rng, first=Stage.FIELD).volts
+    """(m, 6) of each channel beside effects: by forward differences, the same parameter of all channels at once."""
+    volts, steps = _of_steps(base, pipeline, effects), _steps(pipeline, numbers)
+    here = volts(np.zeros_like(steps))
+    found: dict[int, list[Array]] = {column: [] for column in numbers}
+    for place in range(6):
+        chosen = [own[place] for own in numbers.values()]
+        moved = np.zeros_like(steps)
+        moved[chosen] = steps[chosen]
+        ahead = volts(moved)
+        for column, own in numbers.items():
+            found[column].append(means(column, (ahead[:, column] - here[:, column]) / steps[own[place]]))
+    return {column: np.array(own).T for column, own in found.items()}
+
+
+def _steps(pipeline: Pipeline, numbers: Mapping[int, Sequence[int]]) -> Array:
+    """(p,) of each parameter, for a derivative."""
     steps = np.full(1 + max(max(own) for own in numbers.values()), _STEP)
     for name, sensor in pipeline.sensors.items():
         field = pipeline.environment.field(name)
         columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
         for column, sensitivity in zip(columns, sensor.sensitivity, strict=True):
             steps[numbers[column][:2]] *= sensitivity * np.array([1.0, np.linalg.norm(field)])
-    found = {column: np.empty((6, len(base))).T for column in numbers}
-    for place in range(6):
-        chosen = [own[place] for own in numbers.values()]
-        moved = np.zeros(len(steps))
-        moved[chosen] = steps[chosen]
-        ahead = replace(stepped(pipeline, moved), effects=tuple(effects)).expected(posed, rng, first=Stage.FIELD).volts
-        for column, own in numbers.items():
-            found[column][:, place] = (ahead[:, column] - here[:, column]) / steps[own[place]]
-    return found
+    return steps
+
+
+def _of_steps(base: Signals, pipeline: Pipeline, effects: Sequence[Effect]) -> Callable[[Array], Array]:
+    """The readings (n, 6) that a step (p,) of the parameters makes, beside effects."""
+    rng, own = np.random.default_rng(0), tuple(effects)  # mean effects draw nothing
+    posed = replace(pipeline, effects=own).begun(base, rng, Stage.FIELD)
+    return lambda step: replace(stepped(pipeline, step), effects=own).expected(posed, rng, first=Stage.FIELD).volts
 
 
 def stepped(pipeline: Pipeline, step: Array) -> Pipeline:

@@ -201,11 +201,17 @@ class WhitenedData(ModelledRig):
         first = self.columns.index(column) * self.count
         return white[first : first + self.count]
 
+    @property
+    def calibration(self) -> dict[int, ChannelTangent]:
+        """What the calibration's parameters do to the means of each channel, with the effects that are in place: a
+        slipped sensor has turned its gains along, a slow one follows them."""
+        return tangent.of_readings(self.base, self.pipeline, (*self.given, *self.in_place), self.means)
+
     @cached_property
     def tangents(self) -> list[ChannelTangent]:
         """What the calibration's parameters do to the whitened readings of each channel."""
         own = self.calibration
-        white = [self.whiten_means(each, self.means(each, own[each].values.T))[:, None] for each in self.columns]
+        white = [self.whiten_means(each, own[each].values.T)[:, None] for each in self.columns]
         if self.decorrelation is None:
             white = [self.beside_each_other(values, index) for index, values in enumerate(white)]
             parts = zip(self.columns, white, strict=True)
@@ -225,10 +231,7 @@ class WhitenedData(ModelledRig):
     def left_over(self, change: Array) -> Array:
         """(n, 6) [recorded unit] what the calibration cannot absorb of a change (n, 6)."""
         absorbed, *_ = np.linalg.lstsq(self.tangent, self.whiten(change), rcond=1e-9)
-        left = change.copy()
-        for column, own in self.calibration.items():
-            left[:, column] -= own.values @ absorbed[own.numbers]
-        return left
+        return np.asarray(change - self.recalibrated(np.asarray(absorbed, dtype=float)))
 
     @cached_property
     def absorbed(self) -> Basis:
