@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from whitened_examples import recorded
+from whitened_examples import louder, recorded
 
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.defects import Defect, explained_away, find_defects
@@ -63,3 +63,21 @@ def test_a_level_of_clipping_is_known_to_a_step_of_the_converter() -> None:
         value, std, _ = found.parameters["level"]
         assert abs(value - level) < 2.0 * std
         assert std < 1.2207e-3
+
+
+def test_readings_that_a_level_clips_are_not_missed() -> None:
+    """They stay at the level reading after reading. Forty readings of another channel that repeat its last one are
+    dropouts, and no clipped one is, where no converter rounds."""
+    arm, quiet = Arm.a465(), recorded(1, decimation=25)
+    fine = 1.2207e-3 * (np.random.default_rng(1).random((len(quiet), 6)) - 0.5)
+    quiet = louder(quiet, fine)
+    floor = estimated_floor(quiet, arm)
+    readings, field = quiet.accelerometer.copy(), quiet.magnetometer.copy()
+    readings[:, 0] = np.minimum(readings[:, 0], np.quantile(readings[:, 0], 0.8))
+    clipped = replace(quiet, accelerometer=readings)
+    assert {each.effect for each in find_defects(set_up(clipped, floor, arm), np.zeros(6))} == {"saturation"}
+    missed = np.arange(50, 4050, 100)
+    field[missed, 1] = field[missed - 1, 1]
+    both = find_defects(set_up(replace(clipped, magnetometer=field), floor, arm), np.zeros(6))
+    (found,) = [each for each in both if each.effect == "dropouts"]
+    assert np.argwhere(found.affected).tolist() == [[row, 4] for row in missed]

@@ -224,7 +224,7 @@ class Dropouts(Effect):
     @classmethod
     def examined(cls, readings: Readings, where: str) -> Finding | None:
         """Rows that repeat the row before in every channel, more often than readings do by chance; else single readings
-        that repeat their channel's last one."""
+        that repeat their channel's last one, but for what is left out already."""
         from scipy.stats import poisson
 
         values = readings.values[:, readings.columns]
@@ -236,8 +236,10 @@ class Dropouts(Effect):
         if many and log_p <= np.log(SIGNIFICANT):
             affected[1:] = same[:, None]
         else:
+            clipped = readings.left_out[:, readings.columns]
             by_noise = sum(float(np.exp(_log_alike(readings, column)).sum()) for column in readings.columns)
-            apart = (values[2:] == values[:-2]) & ~(repeats[1:] | repeats[:-1])
+            apart = (values[2:] == values[:-2]) & ~(repeats[1:] | repeats[:-1] | clipped[2:])
+            repeats &= ~clipped[1:]
             many = int(repeats.sum())
             log_p = float(poisson.logsf(many - 1, _UNSURE * max(by_noise, float(apart.sum()))))
             if not 0 < many < _STALE * repeats.size or log_p > np.log(SIGNIFICANT):

@@ -59,11 +59,12 @@ def find_defects(data: WhitenedData, locked_step: Array) -> list[Defect]:
         data: base fit.
         locked_step: (6,) the converter's step that the locked recording shows; it belongs to the floor.
     """
-    names = [name for name, effect in EFFECTS.items() if effect.kind is Kind.DISTRIBUTION and name != _LAST]
-    defects = [defect for name in names for defect in _examined(name, data, locked_step)]
-    left = data
-    for defect in defects:
-        left = left.without(defect.affected)
+    defects, left = list[Defect](), data
+    for name in (name for name, effect in EFFECTS.items() if effect.kind is Kind.DISTRIBUTION and name != _LAST):
+        found = _examined(name, left, locked_step)  # what a level clips repeats it, and is not missed
+        for defect in found:
+            left = left.without(defect.affected)
+        defects += found
     return [*defects, *_spikes(left, locked_step)]
 
 
