@@ -19,6 +19,8 @@ WHITE = ChannelNoise(2.0, samples=6000, duration_s=300.0)
 ONE = ChannelNoise(1.0, ((1.0, 0.8),), samples=6000, duration_s=300.0)
 TWO = ChannelNoise(1.0, ((0.6, 0.5), (0.4, 6.0)), samples=6000, duration_s=300.0)
 QUICK = ChannelNoise(1.0, ((0.6, 0.01), (0.4, 6.0)), samples=6000, duration_s=300.0)
+#: Of a floor that drifts for as long as a recording lasts.
+SLOW = ChannelNoise(1.0, ((0.05, 15.5), (0.3, 585.0), (0.002, 2340.0)), samples=36_000, duration_s=1800.0)
 #: Neighbours still share something, means over blocks hardly.
 BETWEEN = ChannelNoise(0.01, ((0.2, DT / 8.0), (0.1, 0.7)), samples=6000, duration_s=300.0)
 
@@ -55,11 +57,13 @@ def test_the_scale_is_the_determinants(noise: ChannelNoise) -> None:
     assert 2.0 * noise.whitener(DT).log_scale(count) == pytest.approx(expected, abs=1e-3)
 
 
-@pytest.mark.parametrize("noise", [ONE, TWO])
+@pytest.mark.parametrize("noise", [ONE, TWO, SLOW])
 def test_the_response_is_one_over_the_spectrum(noise: ChannelNoise) -> None:
+    """Where three parts are slow, to the rounding of the filter's coefficients, which nearly cancel at 0.004 Hz: to
+    1e-16 over (2 pi 0.001)^2 0.017, its square root of the spectrum."""
     frequency = np.linspace(1e-3, 0.5, 200)
     found = parts(noise, frequency, DT).at(np.zeros(1 + 2 * len(noise.parts)))
-    np.testing.assert_allclose(noise.whitener(DT).response(frequency) * found, 1.0, rtol=1e-9)
+    np.testing.assert_allclose(noise.whitener(DT).response(frequency) * found, 1.0, rtol=1e-8)
 
 
 def test_a_channel_that_is_not_there_has_no_response_and_no_warning() -> None:

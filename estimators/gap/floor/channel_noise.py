@@ -161,22 +161,26 @@ class ChannelNoise:
 @lru_cache(maxsize=128)
 def _whitener(noise: ChannelNoise, interval_s: float) -> Whitener:
     """The autoregressive polynomial is the product of the parts' own; the moving average is the spectral factor of what
-    is left, the one with its roots outside the unit circle (Box and Jenkins 1976, section A4.1)."""
+    is left, the one with its roots outside the unit circle (Box and Jenkins 1976, section A4.1).
+
+    Both as polynomials of w = (1 - z)(1 - 1/z), as (1 - d z)(1 - d/z) = (1 - d)^2 + d w: nothing cancels in these,
+    however slow a part is.
+    """
     if noise.lags:
         return _autoregressive(noise, interval_s)
-    decays = [float(np.exp(-interval_s / tau_s)) for _, tau_s in noise.parts]
-    factors = [np.array([-decay, 1.0 + decay**2, -decay]) for decay in decays]  # (1 - d z)(1 - d / z)
+    forgotten = [float(-np.expm1(-interval_s / tau_s)) for _, tau_s in noise.parts]
+    factors = [np.array([1.0 - each, each**2]) for each in forgotten]
     left = (noise.white + noise.folded) * _product(factors)
-    for index, ((size, _), decay) in enumerate(zip(noise.parts, decays, strict=True)):
+    for index, ((size, _), each) in enumerate(zip(noise.parts, forgotten, strict=True)):
         others = _product(factors[:index] + factors[index + 1 :])
-        left = left + size * (1.0 - decay**2) * np.pad(others, 1)
-    ma = np.ones(1)
-    if decays:
-        roots = np.roots(np.where(np.abs(left) < 1e-15 * np.abs(left).max(), 0.0, left))
-        ma = np.real(_expanded([1.0 / root for root in roots if abs(root) > 1.0]))
-    ar = np.real(_expanded(decays))
-    at_zero = left.sum() / ma.sum() ** 2  # both sides at z = 1
-    return Whitener(tuple(map(float, ar)), tuple(map(float, ma)), float(np.sqrt(at_zero)), noise, interval_s)
+        left = left + size * each * (2.0 - each) * np.pad(others, (1, 0))
+    left = left[np.argmax(np.abs(left) > 1e-15 * np.abs(left).max()) :]  # without white noise it is of one degree less
+    beyond = -np.roots(left).astype(complex)
+    far = 1.0 + beyond / 2.0 + np.sqrt(beyond * (1.0 + beyond / 4.0))  # of a pair z and 1/z one
+    inside = np.where(np.abs(far) < 1.0, far, 1.0 / far)
+    ar = np.real(_expanded([1.0 - each for each in forgotten]))
+    sigma = float(np.sqrt(left[0] / np.real(np.prod(inside))))
+    return Whitener(tuple(map(float, ar)), tuple(map(float, np.real(_expanded(inside)))), sigma, noise, interval_s)
 
 
 def _autoregressive(noise: ChannelNoise, interval_s: float) -> Whitener:
@@ -192,7 +196,7 @@ def _product(polynomials: list[Array]) -> Array:
     return reduce(np.convolve, polynomials, np.ones(1))
 
 
-def _expanded(roots: list[float]) -> NDArray[np.complex128]:
+def _expanded(roots: Sequence[float] | Array) -> NDArray[np.complex128]:
     """The coefficients of (1 - r1 L)(1 - r2 L)..."""
     return np.asarray(
         reduce(np.convolve, [np.array([1.0, -root], dtype=complex) for root in roots], np.ones(1, complex))
