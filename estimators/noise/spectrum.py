@@ -155,21 +155,23 @@ class Autoregression:
         return {"order": self.order, "coefficients": self.coefficients.tolist(), "sigma": self.sigma}
 
 
-def autoregression(records: Sequence[ArrayLike], order: int | None = None) -> Autoregression:
+def autoregression(
+    records: Sequence[ArrayLike], order: int | None = None, highest: int = HIGHEST_ORDER
+) -> Autoregression:
     """The autoregressive model of noise, by the equations of Yule and Walker.
 
     They always give a stationary model. Their bias is of order p/n, which plays no part in thousands of samples.
 
     Args:
         records: (n,) each, evenly sampled at rest [unit].
-        order: p; None: the one up to ``HIGHEST_ORDER`` with the lowest Bayesian information criterion.
+        order: p; None: the one up to ``highest`` with the lowest Bayesian information criterion.
 
     Raises:
         RigError: no record is longer than the order, or noise of zero.
     """
     values = _records(records)
     longest = max(len(record) for record in values)
-    most = min(HIGHEST_ORDER, longest // 10) if order is None else order
+    most = min(highest, longest // 10) if order is None else order
     if not 0 <= most < longest:
         raise RigError(f"autoregression: found order {most}, expected 0 or more, and fewer than {longest} samples")
     covariance = autocovariance(values, most)

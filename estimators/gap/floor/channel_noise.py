@@ -27,8 +27,10 @@ _FORGOTTEN = 0.01
 _TOLD = 1e-6
 #: What is left of a part from mean to mean below which its second neighbours may be this much alike.
 _DECAYED = 1e-5
-#: Samples from which an autoregression predicts the next one, at most.
-_PREDICTED = 40
+#: Samples from which an autoregression predicts the next one, at most: of a band that is missing, seconds tell.
+_PREDICTED = 120
+#: Share by which a sample tells of the next one that is nothing.
+_UNTOLD = 1e-6
 #: So many samples at most are predicted exactly.
 _LONGEST = 512
 
@@ -189,7 +191,8 @@ def _autoregressive(noise: ChannelNoise, interval_s: float) -> Whitener:
     order = min(len(known) - 1, _PREDICTED)
     before = solve_toeplitz(known[:order], known[1 : order + 1]) if order else np.empty(0)
     sigma = float(np.sqrt(known[0] - before @ known[1 : order + 1]))
-    return Whitener((1.0, *map(float, -before)), (1.0,), sigma, noise, interval_s)
+    told = np.flatnonzero(np.abs(before) > _UNTOLD).max(initial=-1) + 1
+    return Whitener((1.0, *map(float, -before[:told])), (1.0,), sigma, noise, interval_s)
 
 
 def _product(polynomials: list[Array]) -> Array:

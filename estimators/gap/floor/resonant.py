@@ -16,8 +16,8 @@ from rig.arrays import Array
 
 #: Share of the sweep's interval that a number of intervals at rest may miss it by.
 _OFF: Final = 0.02
-#: Lags over which its autocovariance is kept.
-_LAGS: Final = 256
+#: Highest order of its autoregression, and lags over which its autocovariance is kept.
+_HIGHEST, _LAGS = 120, 256
 #: Samples of a pose at rest, at least, and series of samples as far apart as those of the sweep, at most.
 _SHORTEST, _SERIES = 20, 4
 #: Floors whose spectrum falls for each other one: noise of electronics does (Keshner, "1/f noise", Proceedings of the
@@ -50,7 +50,7 @@ def resonant(segments: Sequence[Array], rate_Hz: float, interval_s: float, known
     ]
     if not series[0] or max(map(len, series[0])) < _SHORTEST:
         return known
-    found = autoregression([segment for each in series for segment in each])
+    found = autoregression([segment for each in series for segment in each], highest=_HIGHEST)
     if not found.order:
         return known
     lags = _autocovariance(found.coefficients, found.sigma)
