@@ -292,6 +292,18 @@ def test_what_creeps_is_an_offset_that_follows_a_fading_memory(
     assert best.log_mass > 0.5 * 0.99 * 25.0**2 - 40.0
 
 
+def test_axes_that_are_off_by_one_law_are_told_together(data: WhitenedData, discrepancies: Discrepancies) -> None:
+    """Three axes of one chip that saturate alike, at 12 standard deviations each: one source with six functions, for
+    three with six each, which cost ten nats more apiece."""
+    change = np.zeros((data.count, 6))
+    change[:, :3] = np.tanh(0.12 * data.base.inputs[:, :3]) - 0.12 * data.base.inputs[:, :3]
+    change = project(data.absorbed, data.whiten(change))
+    noise = project(data.absorbed, np.random.default_rng(4).standard_normal(data.size))
+    best = weighed(unexplained(noise + 20.0 * change / np.linalg.norm(change)), discrepancies)[0]
+    assert (best.term.source, best.term.course) == ("the offsets of the accelerometer", "their levels")
+    assert best.log_mass > 0.5 * 0.9 * 20.0**2 - 40.0
+
+
 def test_bumps_along_a_joint_are_told_place_by_place(data: WhitenedData, discrepancies: Discrepancies) -> None:
     """A worn track under one channel's contact: three bumps a tenth of a turn wide, which three harmonics hold little
     of. Of 40 standard deviations the places hold nine tenths of the square."""

@@ -26,6 +26,8 @@ _VARIABLES: Final = {
     "the history of its level": "history of the reading",
     "the fading memory of its level": "fading memory of the reading",
     "the fading memory of their levels": "fading memory of the readings",
+    "their levels": "levels of the readings",
+    "their levels and direction": "levels of the readings, rising or falling",
 }
 
 

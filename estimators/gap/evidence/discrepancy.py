@@ -8,6 +8,7 @@ amplitudes, and all hypotheses.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -36,9 +37,9 @@ from estimators.gap.evidence.terms import (
     terms_along,
 )
 from estimators.gap.hypotheses.candidates import split
-from estimators.gap.hypotheses.courses import FADING, Course, courses, history_courses, level_courses
+from estimators.gap.hypotheses.courses import Course, courses, history_courses, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
-from estimators.gap.hypotheses.sources import STRENGTH, Source, memories, sources
+from estimators.gap.hypotheses.sources import STRENGTH, Source, alike, sources
 from rig.arrays import Array
 
 #: Makes the (c n,) whitened change of an effect, and the derivatives (c n, p) of that by its parameters.
@@ -96,10 +97,12 @@ class Discrepancies:
             if source.of_one_offset:
                 own[-1] += level_courses(rough, source.column)
         past = [history_courses(fine, source.column) if source.of_one_offset else [] for source in of_samples]
+        together = list(alike(fine))
+        laws = Counter(source.name for source, _ in together)
         further = 2 + len(_FITTED)  # time, smoothly and in pieces
         shares = [
-            -float(np.log(len(every))) - float(np.log(len(each) + further + len(history)))
-            for each, history in zip(own, past, strict=True)
+            -float(np.log(len(every))) - float(np.log(len(each) + further + len(history) + laws[source.name]))
+            for source, each, history in zip(every, own, past, strict=True)
         ]
         general = tuple(course for course, kinds in along if "gain" in kinds)
         functions = Functions.of(data.count, [*(each for courses in own for each in courses), *general])
@@ -114,8 +117,8 @@ class Discrepancies:
             for course in history:
                 found += terms_along(fine.absorbed, source, course, share)
         shared = dict(zip((source.name for source in of_samples), shares, strict=True))
-        constant = Course(FADING.replace("its level", "their levels"), np.ones((fine.count, 1)), np.ones(1))
-        for source in memories(fine):
+        for source, law in together:
+            constant = Course(law, np.ones((fine.count, 1)), np.ones(1))
             found += terms_along(fine.absorbed, source, constant, shared[source.name])
         # of offsets, and of the tool, the catalogue has single steps
         stepping = frozenset(

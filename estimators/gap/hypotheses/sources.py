@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.hypotheses.courses import LOCKED, faded
+from estimators.gap.hypotheses.courses import LOCKED, faded, level_courses
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, CHANNELS, CHANNELS_OF, COLUMNS_OF
 from rig.effects import EFFECTS, make_effect
@@ -117,14 +117,22 @@ def _of_sensors(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Sou
             )
 
 
-def memories(data: WhitenedData) -> Iterator[Source]:
-    """Of each sensor, its axes' offsets that follow one fading memory of their levels: a freedom for each length."""
-    for name in data.pipeline.sensors:
-        own = range(len(CHANNELS))[COLUMNS_OF[name]]
-        levels = {each: data.whiten_means(each, faded(data, each)) for each in data.columns if each in own}
-        nothing = np.zeros_like(next(iter(levels.values())))
-        series = np.stack([levels.get(each, nothing) for each in data.columns], axis=1)
-        yield _of(data, f"the offsets of the {name}", "memory", series)
+def alike(data: WhitenedData) -> Iterator[tuple[Source, str]]:
+    """Of each sensor, its axes' offsets that follow their levels by one law, as those of one chip do: the levels, these
+    and their direction, or a memory of them that fades; a freedom for each function. And what they follow."""
+    for name, sensor in data.pipeline.sensors.items():
+        here = [each for each in range(len(CHANNELS))[COLUMNS_OF[name]] if each in data.columns]
+        laws: dict[str, dict[int, Array]] = {"the fading memory of their levels": {c: faded(data, c) for c in here}}
+        for column in here:
+            full = sensor.sensitivity[column - COLUMNS_OF[name].start] * data.base.references[column]
+            for course in level_courses(data, column):
+                followed = laws.setdefault(f"their {course.name.replace('level', 'levels')}", {})
+                followed[column] = data.means(column, full * course.values.T)
+        for law, levels in laws.items():
+            white = {column: data.whiten_means(column, values) for column, values in levels.items()}
+            nothing = np.zeros_like(next(iter(white.values())))
+            series = np.stack([white.get(column, nothing) for column in data.columns], axis=1)
+            yield _of(data, f"the offsets of the {name}", "memory", series), law
 
 
 def _in_tool(vectors: Array, rotation: Array) -> Array:
