@@ -210,6 +210,10 @@ def _moved(lefts: Sequence[Left], slower: bool = False) -> tuple[tuple[Step, ...
         for columns in alike.values():
             points, price = moved_together([left.spectrum(column, slower) for column in columns])
             factors = [_factor(left, column, slower, point) for column, point in zip(columns, points, strict=True)]
+            for place, (column, point) in enumerate(zip(columns, points, strict=True)):
+                if left.data.floor[column].lags:
+                    shape, cost = _shape(left, column, slower, point)
+                    factors[place], price = factors[place] * shape, price + cost
             if all(np.abs(np.log(factor)).max() < 1e-3 for factor in factors):
                 continue
             steps += [Step(column, factor, False, number) for column, factor in zip(columns, factors, strict=True)]
@@ -223,6 +227,31 @@ def _factor(left: Left, column: int, slower: bool, point: Array) -> Array:
     before, after = learned.floor.at(np.zeros(learned.learned.free)), own.floor.at(point)
     factor = np.sqrt(before / after)
     return np.concatenate([factor[:1], factor[groups(left.data.count, 1)]])
+
+
+def _shape(left: Left, column: int, slower: bool, point: Array) -> tuple[Array, float]:
+    """(n,) what whitens a floor that is known as an autoregression, by cosine transform, in the shape that the
+    sweep says it has, and what that costs.
+
+    A spectrum's logarithm is known to 2 p/N of N readings and p coefficients (Berk, Annals of Statistics 2, 1974): as
+    well as the mean of the squares in each of p/2 bands.
+    """
+    spectrum, data = left.spectrum(column, slower), left.data
+    group = groups(data.count, 1)
+    bands = max((len(data.whiteners[column].ar) - 1) // 2, 1)
+    middle = np.bincount(group, np.arange(len(group))) / np.bincount(group) / len(group)
+    band = np.minimum((middle * bands).astype(int), bands - 1)
+    many = np.bincount(band, spectrum.counts, minlength=bands)
+    squares = np.bincount(band, spectrum.power / spectrum.floor.at(point), minlength=bands)
+    known = data.floor[column].duration_s / data.interval_s / bands
+    log_level = np.zeros(bands)
+    for _ in range(_ALTERNATE):
+        curvature = squares * np.exp(-log_level) + known
+        log_level -= (many - squares * np.exp(-log_level) + known * log_level) / curvature
+    curvature = squares * np.exp(-log_level) + known
+    price = -0.25 * known * float(log_level @ log_level) - 0.5 * float(np.sum(np.log(curvature / known)))
+    factor = np.exp(-0.5 * log_level)[band][group]
+    return np.concatenate([factor[:1], factor]), price
 
 
 def unseen_floor(found: NoiseState) -> NoiseState:

@@ -19,6 +19,7 @@ from scipy.signal import lfilter
 
 from estimators.gap.floor.unsteady import Unsteady
 from rig.arrays import Array
+from rig.effects._numerics import exponential_spectrum
 from rig.effects.tails import level_spread
 
 #: The filter has forgotten its start once its memory is below this share.
@@ -29,6 +30,8 @@ _TOLD = 1e-6
 _DECAYED = 1e-5
 #: Samples from which an autoregression predicts the next one, at most: of a band that is missing, seconds tell.
 _PREDICTED = 120
+#: Frequencies of a spectrum that samples are predicted by; no less than this share of the variance is at any.
+_GRID, _LEAST = 2048, 1e-3
 #: Share by which a sample tells of the next one that is nothing.
 _UNTOLD = 1e-6
 #: So many samples at most are predicted exactly.
@@ -53,7 +56,7 @@ class ChannelNoise:
         unsteady: how its level changes in time; None where it is steady.
         tones_Hz: of tones at rest, without which it was learned.
         lags: autocovariance [V^2] of noise whose spectrum does not fall, of none to ever more intervals; empty where it
-            does. white: then all of it. every_s: such an interval [s].
+            does. white: then its variance. every_s: such an interval [s].
         shared: correlation with the noise of each channel, as far as neighbouring readings show; empty where none is.
     """
 
@@ -116,11 +119,18 @@ class ChannelNoise:
     def autocovariance(self, lag_s: Array) -> Array:
         """[V^2] at lags [s]; of noise whose spectrum does not fall at intervals of its own."""
         lag = np.abs(np.asarray(lag_s, dtype=float))
+        coloured = sum((size * np.exp(-lag / tau_s) for size, tau_s in self.parts), start=np.zeros_like(lag))
         if self.lags:
             known = np.append(self.lags, 0.0)
-            return np.asarray(known[np.minimum(np.rint(lag / self.every_s).astype(int), len(self.lags))])
-        coloured = sum((size * np.exp(-lag / tau_s) for size, tau_s in self.parts), start=np.zeros_like(lag))
+            return np.asarray(coloured + known[np.minimum(np.rint(lag / self.every_s).astype(int), len(self.lags))])
         return np.asarray(coloured + np.where(lag == 0.0, self.white + self.folded, 0.0))
+
+    def uncoloured(self, frequency_Hz: Array) -> Array:
+        """[V^2] the spectrum of all but the coloured parts at frequencies (m,); of white noise its variance."""
+        if not self.lags:
+            return np.full_like(frequency_Hz, self.white)
+        turns = np.outer(frequency_Hz * self.every_s, 2.0 * np.pi * np.arange(1, len(self.lags)))
+        return np.maximum(self.lags[0] + 2.0 * np.cos(turns) @ self.lags[1:], _LEAST * self.lags[0])
 
     def averaged(self, block: int, interval_s: float) -> ChannelNoise:
         """The noise of means over blocks of so many samples.
@@ -128,8 +138,6 @@ class ChannelNoise:
         Means of an exponentially correlated process keep its correlation from block to block; what their variance has
         beyond that of such a process, or lacks, looks white.
         """
-        if self.lags:
-            return self._of_means(block)
         folded, parts = self.folded / block, []
         for size, tau_s in self.parts:
             decay = float(np.exp(-interval_s / tau_s))
@@ -140,16 +148,20 @@ class ChannelNoise:
                 kept, tau_s = _DECAYED, block * interval_s / float(-np.log(_DECAYED))
             parts.append((max(next_one / kept, _TOLD * own), tau_s))
             folded += own - parts[-1][0]
+        if self.lags:
+            return self._of_means(block, folded, tuple(parts))
         return replace(self, white=self.white / block, folded=folded, parts=tuple(parts))
 
-    def _of_means(self, block: int) -> ChannelNoise:
-        """The same, of noise whose spectrum does not fall."""
+    def _of_means(self, block: int, folded: float, parts: tuple[tuple[float, float], ...]) -> ChannelNoise:
+        """The same, of noise whose spectrum does not fall, with what its coloured parts are in means."""
         apart = np.arange(1 - block, block)
         each = (block - np.abs(apart)) / block**2
         known = np.array(self.lags)
         first = block * np.arange((len(known) - block) // block + 1)
         lags = np.array([float(each @ known[np.abs(start + apart)]) for start in first if start + block <= len(known)])
-        return replace(self, white=float(lags[0]), lags=tuple(lags.tolist()), every_s=block * self.every_s)
+        lags[0] += folded
+        every_s = block * self.every_s
+        return replace(self, white=float(lags[0]), parts=parts, lags=tuple(lags.tolist()), every_s=every_s)
 
     def scaled(self, factor: float) -> ChannelNoise:
         """With so many times the variance of the white part."""
@@ -178,21 +190,30 @@ def _whitener(noise: ChannelNoise, interval_s: float) -> Whitener:
         left = left + size * each * (2.0 - each) * np.pad(others, (1, 0))
     left = left[np.argmax(np.abs(left) > 1e-15 * np.abs(left).max()) :]  # without white noise it is of one degree less
     beyond = -np.roots(left).astype(complex)
-    far = 1.0 + beyond / 2.0 + np.sqrt(beyond * (1.0 + beyond / 4.0))  # of a pair z and 1/z one
-    inside = np.where(np.abs(far) < 1.0, far, 1.0 / far)
+    middle, apart = 1.0 + beyond / 2.0, np.sqrt(beyond * (1.0 + beyond / 4.0))
+    inside = 1.0 / np.where(np.abs(middle + apart) > np.abs(middle - apart), middle + apart, middle - apart)
     ar = np.real(_expanded([1.0 - each for each in forgotten]))
     sigma = float(np.sqrt(left[0] / np.real(np.prod(inside))))
     return Whitener(tuple(map(float, ar)), tuple(map(float, np.real(_expanded(inside)))), sigma, noise, interval_s)
 
 
 def _autoregressive(noise: ChannelNoise, interval_s: float) -> Whitener:
-    """What samples before a one tell of it (Yule and Walker's equations)."""
-    known = np.array(noise.lags)
+    """What samples before a one tell of it (Yule and Walker's equations), once the coloured parts are whitened."""
+    known, slow = np.array(noise.lags), Whitener((1.0,), (1.0,), 1.0, noise, interval_s)
+    if noise.parts:
+        level = float(noise.uncoloured(np.zeros(1))[0])
+        slow = _whitener(replace(noise, white=level, folded=0.0, lags=()), interval_s)
+        frequency = np.arange(_GRID + 1) / (2.0 * _GRID)
+        spectrum = noise.uncoloured(frequency / interval_s) + sum(
+            size * exponential_spectrum(frequency, interval_s, tau_s) for size, tau_s in noise.parts
+        )
+        known = np.fft.irfft(spectrum * slow.response(frequency))[: len(known)]
     order = min(len(known) - 1, _PREDICTED)
     before = solve_toeplitz(known[:order], known[1 : order + 1]) if order else np.empty(0)
     sigma = float(np.sqrt(known[0] - before @ known[1 : order + 1]))
     told = np.flatnonzero(np.abs(before) > _UNTOLD).max(initial=-1) + 1
-    return Whitener((1.0, *map(float, -before[:told])), (1.0,), sigma, noise, interval_s)
+    ar = np.convolve(slow.ar, [1.0, *-before[:told]])
+    return Whitener(tuple(map(float, ar)), slow.ma, slow.sigma * sigma, noise, interval_s)
 
 
 def _product(polynomials: list[Array]) -> Array:

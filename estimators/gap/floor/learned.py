@@ -104,7 +104,8 @@ def parts(noise: ChannelNoise, frequency: Array, interval_s: float) -> Parts:
         coloured.append(middle)
         slopes.append((np.log(high) - np.log(low)) / (2.0 * _STEP))
     shape = (len(coloured), len(frequency))
-    return Parts(np.full_like(frequency, noise.white), np.reshape(coloured, shape), np.reshape(slopes, shape))
+    white = noise.uncoloured(frequency / interval_s)
+    return Parts(white, np.reshape(coloured, shape), np.reshape(slopes, shape))
 
 
 def going_on(floor: Sequence[ChannelNoise], column: int, until_s: float) -> tuple[tuple[float, float], ...]:

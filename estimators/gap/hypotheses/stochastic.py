@@ -259,7 +259,8 @@ def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: boo
     middle = np.bincount(group, response) / many
     floor = parts(noise, np.bincount(group, frequency) / many, data.interval_s)
     if noise.lags:  # what whitens it makes it white
-        floor = replace(floor, white=np.bincount(group, share) / many / middle)
+        whole = np.bincount(group, share) / many / middle
+        floor = replace(floor, white=np.maximum(whole - floor.coloured.sum(axis=0), _LEAST * whole))
     named = np.maximum(1.0 - np.bincount(group, share) / many, 0.0)
     whitened = floor.times(middle, named)
     squares: Array = np.asarray(np.bincount(group, power), dtype=float)
