@@ -44,6 +44,8 @@ UNSEEN: Final = "unseen floor"
 #: Pieces of time in which noise without a name may have another size, readings in each at least, and passes by which
 #: size and spectrum are learned in turn; a variance that no noise falls below.
 _PIECES, _LONG, _ALTERNATE, _LEAST = 48, 8, 4, 1e-6
+#: Steps of Newton's method to a level's logarithm: as many as reach that of a hundred.
+_NEWTON = 8
 
 
 @dataclass(frozen=True)
@@ -245,7 +247,7 @@ def _shape(left: Left, column: int, slower: bool, point: Array) -> tuple[Array, 
     squares = np.bincount(band, spectrum.power / spectrum.floor.at(point), minlength=bands)
     known = data.floor[column].duration_s / data.interval_s / bands
     log_level = np.zeros(bands)
-    for _ in range(_ALTERNATE):
+    for _ in range(_NEWTON):
         curvature = squares * np.exp(-log_level) + known
         log_level -= (many - squares * np.exp(-log_level) + known * log_level) / curvature
     curvature = squares * np.exp(-log_level) + known
