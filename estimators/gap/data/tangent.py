@@ -64,12 +64,11 @@ def of_readings(
 
 def along(base: Signals, pipeline: Pipeline, effects: Sequence[Effect], step: Array) -> Array:
     """(n, 6) [recorded unit] what the tangent of ``of_readings`` makes of a step (p,) of the parameters."""
-    found = np.zeros_like(base.volts)
-    if np.any(step):
-        volts = _of_steps(base, pipeline, _beside_which(effects))
-        share = 1.0 / float(np.max(np.abs(step) / _steps(pipeline, _numbers(pipeline))))
-        found = (volts(share * step) - volts(np.zeros_like(step))) / share
-    return found
+    if not np.any(step):
+        return np.zeros_like(base.volts)
+    volts = _of_steps(base, pipeline, _beside_which(effects))
+    share = 1.0 / float(np.max(np.abs(step) / _steps(pipeline, _numbers(pipeline))))
+    return (volts(share * step) - volts(np.zeros_like(step))) / share
 
 
 def _beside_which(effects: Sequence[Effect]) -> list[Effect]:
@@ -98,15 +97,15 @@ def _alone(base: Signals, pipeline: Pipeline, means: Callable[[int, Array], Arra
         there = base.gravity - base.acceleration if name == ACCELEROMETER else base.magnetic
         rotation = base.R_base_tool
         in_tool = np.matmul(there, rotation) if there.ndim == 1 else np.einsum("ni,nij->nj", there, rotation)
-        turned = [np.matmul(along, rotation) for along in tangent_basis(field / np.linalg.norm(field))]
+        turned = [np.matmul(turn, rotation) for turn in tangent_basis(field / np.linalg.norm(field))]
         columns = range(*COLUMNS_OF[name].indices(len(CHANNELS)))
         for column, axis, sensitivity in zip(columns, sensor.axes, sensor.sensitivity, strict=True):
             own = np.empty((6, len(base))).T
             own[:, 0] = base.inputs[:, column]
             own[:, 1] = 1.0
             own[:, 2:4] = sensitivity * in_tool @ tangent_basis(axis).T
-            for index, along in enumerate(turned):
-                own[:, 4 + index] = sensitivity * np.linalg.norm(field) * (along @ axis)
+            for index, turn in enumerate(turned):
+                own[:, 4 + index] = sensitivity * np.linalg.norm(field) * (turn @ axis)
             found[column] = means(column, own.T).T
     return found
 
