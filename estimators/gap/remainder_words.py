@@ -49,6 +49,8 @@ def course_words(course: str) -> str:
         return "that changes irregularly with time"
     if start == "time" and rest == "between two levels":
         return "that switches between two levels"
+    if start == "time" and (rest.startswith("once ") or " times, first " in rest):
+        return f"that comes {rest}"
     if start == "time" and rest.endswith("jumps"):
         return f"that changes in {rest.removeprefix('in ').replace('1 jumps', '1 jump')}"
     if start == "time" and rest.endswith("pieces"):

@@ -129,6 +129,11 @@ class WhitenedData(ModelledRig):
         """One for each channel."""
         return tuple(noise.whitener(self.interval_s) for noise in self.noises)
 
+    @property
+    def only_scaled(self) -> bool:
+        """Whether whitening scales each mean by itself, so that a product is whitened as its factors are."""
+        return all(each.white for each in self.whiteners) and all(step.in_time for step in self.steps)
+
     @cached_property
     def decorrelation(self) -> Array | None:
         """(c, c) lower triangular: of each channel what those before it do not tell of its noise; None where the

@@ -24,6 +24,7 @@ from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.on_samples import OnSamples
+from estimators.gap.evidence.passing import Passings
 from estimators.gap.evidence.processes import Processes
 from estimators.gap.evidence.repeats import Repeats
 from estimators.gap.evidence.telegraph import Telegraphs
@@ -47,7 +48,7 @@ Changed = Callable[[], tuple[Array, Array]]
 #: Blocks of time in each of which a source may be off by something else: what changes faster than the cosines.
 BLOCKS: Final = (128, 512)
 #: Of courses that only a residual tells, the kinds.
-_FITTED: Final[tuple[type[FittedCourses], ...]] = (Repeats, Jumps, Telegraphs, Processes)
+_FITTED: Final[tuple[type[FittedCourses], ...]] = (Repeats, Jumps, Telegraphs, Processes, Passings)
 #: A term that could not gain this much, its prior counted, is not weighed.
 _HOPELESS: Final = -9.0
 #: Log odds against the likeliest term beyond which what repeats, jumps and telegraphs are not weighed.
@@ -110,7 +111,7 @@ class Discrepancies:
         for source, share, freedoms in zip(every, shares, freedoms_of(every), strict=True):
             for count in blocks:
                 found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
-        if data.rough is not data.fine:
+        if data.rough is not data.fine or not fine.only_scaled:
             singles = {source.name: source for source in of_samples}
             found = [replace(term, of_samples=singles[term.source]) for term in found]
         for source, share, history in zip(of_samples, shares, past, strict=True):
@@ -120,11 +121,11 @@ class Discrepancies:
         for source, law in together:
             constant = Course(law, np.ones((fine.count, 1)), np.ones(1))
             found += terms_along(fine.absorbed, source, constant, shared[source.name])
-        # of offsets, and of the tool, the catalogue has single steps
+        # of an axis's offset, and of the tool, the catalogue has single steps
         stepping = frozenset(
             source.name
             for source in of_samples
-            if (source.kind == "offset" and "bias_step" not in without)
+            if (source.of_one_offset and "bias_step" not in without)
             or (source.name == "a turn of the tool" and "mounting_slip" not in without)
         )
         kept = [term for term in found if len(term.values)]
@@ -216,14 +217,16 @@ def weighed(
 
 
 def _leading_on_samples(linear: Linear, found: Sequence[Weighed], on_samples: OnSamples) -> list[Weighed]:
-    """The same, the likeliest first, sample by sample where these gain so much that what means lose of it counts."""
+    """The same, the likeliest first, as exactly as can be where these gain so much that what they lose of it counts."""
     ranked = sorted(found, key=lambda each: -each.log_mass)
     # held against each other: a term of samples may lead these by what means lose
     of_means = [index for index, each in enumerate(ranked) if each.term.of_samples is not None]
-    least = ranked[of_means[0]].log_mass - _NEAR if of_means else 0.0
+    # products of whitened sources lose any share where the floor has a memory
+    near, weak = (_NEAR, _WEAK) if on_samples.data.only_scaled else (np.inf, _WEAK / _ON_SAMPLES)
+    least = ranked[of_means[0]].log_mass - near if of_means else 0.0
     for index in of_means[:_ON_SAMPLES]:
         each = ranked[index]
-        if float(each.gains.max()) > _WEAK and each.log_mass > least:
+        if float(each.gains.max()) > weak and each.log_mass > least:
             again = weighed_terms(linear, [on_samples(each.term)])
             ranked[index] = replace(again[0], log_share=each.log_share) if again else each
     return sorted(ranked, key=lambda each: -each.log_mass)

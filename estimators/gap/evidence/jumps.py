@@ -19,8 +19,10 @@ from scipy.ndimage import maximum_filter1d
 from typing_extensions import override
 
 from estimators.gap.evidence.fitted_courses import FittedCourses
+from estimators.gap.evidence.jumps_in_drift import StepsInDrift, scores
 from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import Course
+from estimators.gap.hypotheses.sources import Source
 from rig.arrays import Array
 
 #: Where the catalogue has single steps, fewer jumps are such ones, each a cause of its own. More are not followed.
@@ -55,6 +57,8 @@ class Jumps(FittedCourses):
         """Those that explain most, each with the jumps that do."""
         count = self.data.count
         residual = left.reshape(len(self.data.columns), count)
+        if not self.data.only_scaled:
+            return self._terms_in_drift(residual)
         found = []
         for source, root, share in zip(self.every, self._roots, self.shares, strict=True):
             moment = np.einsum("fcn,cn->nf", source.series, residual) @ root
@@ -66,13 +70,42 @@ class Jumps(FittedCourses):
         terms = []
         for explained, fewest, source, share, level in sorted(found, key=lambda each: -each[0])[:_SOURCES]:
             at = best(*level) if 0.5 * _TOGETHER * explained + share > least else []
-            if fewest <= len(at) <= _MOST:
-                number = np.searchsorted(at, np.arange(count), side="right")
-                values = (number[:, None] == np.arange(len(at) + 1)).astype(float)
-                course = Course(f"time, in {len(at)} jumps", values, np.ones(len(at) + 1))
-                prior = share - len(at) * log(count) + lgamma(len(at) + 1.0)
-                terms += terms_along(self.data.absorbed, source, course, prior)
+            terms += self._terms(source, at, fewest, share)
         return terms
+
+    @cached_property
+    def in_drift(self) -> list[StepsInDrift]:
+        """Steps of each source where the floor has a memory."""
+        taken = self.data.absorbed.dense().T.reshape(-1, len(self.data.columns), self.data.count)
+        taken = scores(self.data, taken)
+        return [StepsInDrift(self.data, source, taken) for source in self.every]
+
+    def _terms_in_drift(self, residual: Array) -> list[Term]:
+        """Those that explain most where the floor has a memory."""
+        price = _price(np.zeros((self.data.count, 1)))
+        found = []
+        for index, steps in enumerate(self.in_drift):
+            freedoms, largest = len(self.every[index].series), float(steps.squares(residual).max())
+            gain = 0.5 * (largest - freedoms - freedoms * log(max(largest / freedoms, 1.0)))
+            if gain > _TOLD * price:
+                found.append((gain, index))
+        terms = []
+        for _, index in sorted(found, key=lambda each: (-each[0], each[1]))[:_SOURCES]:
+            fewest = _STEPS if self.every[index].name in self.stepping else 1
+            at = self.in_drift[index].instants(residual, price)
+            terms += self._terms(self.every[index], at, fewest, self.shares[index])
+        return terms
+
+    def _terms(self, source: Source, at: Sequence[int], fewest: int, share: float) -> list[Term]:
+        """A source that jumps at these instants, where there are neither too few nor too many."""
+        if not fewest <= len(at) <= _MOST:
+            return []
+        count = self.data.count
+        number = np.searchsorted(at, np.arange(count), side="right")
+        values = (number[:, None] == np.arange(len(at) + 1)).astype(float)
+        course = Course(f"time, in {len(at)} jumps", values, np.ones(len(at) + 1))
+        prior = share - len(at) * log(count) + lgamma(len(at) + 1.0)
+        return terms_along(self.data.absorbed, source, course, prior)
 
 
 def roughly(moment: Array, information: Array) -> list[int]:

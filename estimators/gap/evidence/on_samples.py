@@ -1,4 +1,5 @@
-"""Terms of a discrepancy sample by sample, where those that lead are of means over neighbours.
+"""Terms of a discrepancy sample by sample, each whitened along its course, where those that lead are of means over
+neighbours or products of whitened sources.
 
 What varies from sample to sample loses some of its power in means, one or two per cent where a joint rolls fast. Of an
 unknown thing that gains thousands that is more than what decides between it and an effect, which is fitted on samples.
@@ -8,10 +9,16 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
 
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.terms import Errors, Term, blocks_term, terms_along
 from estimators.gap.hypotheses.courses import Course, cosines, courses, level_courses
+
+#: Of so many pieces of time at most each is whitened by itself.
+_FEW: Final = 128
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,10 @@ class OnSamples:
         assert source is not None
         assert absorbed is not None
         if term.edges is not None:
-            if len(term.edges) == len(term.errors.series):  # something else in each of the means
+            pieces = len(term.edges)
+            if source.felt is not None and pieces <= _FEW:
+                return terms_along(absorbed, source, _in_pieces(term.course, pieces, self.data.count), term.log_prior)
+            if pieces == len(term.errors.series):  # something else in each of the means
                 return []
             errors = Errors.of([source], absorbed=absorbed)
             return [blocks_term(errors, source, slice(0, len(source.series)), len(term.edges), term.log_prior)]
@@ -53,3 +63,9 @@ class OnSamples:
                 return []
             course = found
         return terms_along(absorbed, source, course, term.log_prior)
+
+
+def _in_pieces(name: str, pieces: int, count: int) -> Course:
+    """Something else in each piece of time."""
+    piece = np.searchsorted(np.linspace(0, count, pieces, endpoint=False).astype(int), np.arange(count), side="right")
+    return Course(name, (piece[:, None] == np.arange(1, pieces + 1)).astype(float), np.ones(pieces))

@@ -21,16 +21,17 @@ _HALVED: Final = 0.25
 _NARROW: Final = 16
 
 
-def piecewise(power: Array, least: float = 1.0) -> tuple[float, float, Array]:
+def piecewise(power: Array, least: float = 1.0, alike: int = 1) -> tuple[float, float, Array]:
     """The gain in log likelihood of the likeliest bands against a level of one, what they cost, and their levels (m,).
 
     Args:
         power: (m,) squares of a cosine transform without its mean, of mean one without excess.
         least: level that none falls below.
+        alike: so many channels have one spectrum; ``power`` is then the sum of theirs.
     """
     size = 2 ** int(np.ceil(np.log2(len(power) + 1)))
     sums, many = [np.zeros(size)], [np.zeros(size)]
-    sums[0][1 : len(power) + 1], many[0][1 : len(power) + 1] = power, 1.0
+    sums[0][1 : len(power) + 1], many[0][1 : len(power) + 1] = power, float(alike)
     while len(sums[-1]) > 2:
         sums.append(sums[-1].reshape(-1, 2).sum(axis=1))
         many.append(many[-1].reshape(-1, 2).sum(axis=1))

@@ -73,7 +73,8 @@ class Processes(FittedCourses):
             if promised < least:
                 continue
             source, along = self.every[index], self._roots[index] @ process.direction
-            single = replace(source, series=np.einsum("f,fcn->cn", along, source.series)[None])
+            # direction and spectrum are told of what is whitened already
+            single = replace(source, series=np.einsum("f,fcn->cn", along, source.series)[None], felt=None)
             terms += terms_along(self.data.absorbed, single, _course(process.excess), self.shares[index] - process.cost)
         return terms
 

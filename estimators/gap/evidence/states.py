@@ -295,7 +295,8 @@ def _log_raised(steps: Sequence[Step]) -> float:
 
 
 def unnamed(lefts: Sequence[Left], steady: bool = False) -> NoiseState | None:
-    """Noise of each channel by itself, of any spectrum; that of a sensor may come and go, but where it is steady.
+    """Noise of any spectrum, of each channel by itself or one of a sensor's axes; that of a sensor may come and go, but
+    where it is steady.
 
     Args:
         lefts: of each recording.
@@ -307,9 +308,11 @@ def unnamed(lefts: Sequence[Left], steady: bool = False) -> NoiseState | None:
             own = {column: part.channel(left, column) for column in part.columns if column in range(6)[where]}
             if not own:
                 continue
-            ways = [_any_spectrum(part, own, np.ones(part.count))]
-            if not steady and part.count >= _LONG * _PIECES:
-                ways.append(_coming_and_going(part, own))
+            ways = []
+            for together in (False, True):
+                ways.append(_any_spectrum(part, own, np.ones(part.count), together=together))
+                if not steady and part.count >= _LONG * _PIECES:
+                    ways.append(_coming_and_going(part, own, together))
             _, price, factors = max(ways, key=lambda way: way[0] - way[1])
             weight -= price
             steps += [Step(column, factor, in_time, number) for column, factor, in_time in factors]
@@ -333,30 +336,44 @@ def raised(data: WhitenedData, explained: Explained) -> list[Step]:
 _Way = tuple[float, float, list[tuple[int, Array, bool]]]
 
 
-def _any_spectrum(part: WhitenedData, own: Mapping[int, Array], root: Array, least: float = 1.0) -> _Way:
+def _any_spectrum(
+    part: WhitenedData, own: Mapping[int, Array], root: Array, least: float = 1.0, together: bool = False
+) -> _Way:
     """Noise of any spectrum.
 
     Args:
         own: by channel, (n,) whitened readings. root: (n,) standard deviation that all of them are divided by.
         least: variance that the spectrum does not fall below, 1 of the floor.
+        together: whether all of them have one spectrum, as multiples of their floors'.
     """
-    gain, price, factors = 0.0, 0.0, []
+    gain, power = 0.0, {}
     for column, white in own.items():
         here, gaps = part.weights[:, column] > 0, part.gaps[column]
         filled, share = gaps.filled(white / root), max(float(np.mean(here)), 1e-9)
-        power = dct(filled, norm="ortho")[1:] ** 2 / share
-        gained, cost, raised = piecewise(power, least)
-        gain += (
-            gained + 0.5 * float(white @ white - (white / root) @ (white / root)) - float(np.sum(np.log(root[here])))
-        )
-        price += cost
-        if (raised != 1.0).any():
-            factors.append((column, np.concatenate([[1.0], 1.0 / np.sqrt(raised)]), False))
+        power[column] = dct(filled, norm="ortho")[1:] ** 2 / share
+        gain += 0.5 * float(white @ white - (white / root) @ (white / root)) - float(np.sum(np.log(root[here])))
+    if together:
+        same = piecewise(np.sum(list(power.values()), axis=0), least, len(own))
+        found = [(list(own), same)]
+    else:
+        found = [([column], piecewise(each, least)) for column, each in power.items()]
+    gain += sum(gained for _, (gained, _, _) in found)
+    price = sum(cost for _, (_, cost, _) in found)
+    raised = {column: levels for columns, (_, _, levels) in found for column in columns}
+    factors = [
+        (column, np.concatenate([[1.0], 1.0 / np.sqrt(levels)]), False)
+        for column, levels in raised.items()
+        if (levels != 1.0).any()
+    ]
     return gain, price, factors
 
 
-def _coming_and_going(part: WhitenedData, own: Mapping[int, Array]) -> _Way:
-    """Noise of any spectrum whose size is another in each piece of time, alike for the channels of a sensor."""
+def _coming_and_going(part: WhitenedData, own: Mapping[int, Array], together: bool) -> _Way:
+    """Noise of any spectrum whose size is another in each piece of time, alike for the channels of a sensor.
+
+    Args:
+        together: as for ``_any_spectrum``.
+    """
     piece = np.arange(part.count) * _PIECES // part.count
     there = sum((part.weights[:, column] > 0).astype(float) for column in own)
     many = np.bincount(piece, there, minlength=_PIECES)
@@ -369,7 +386,7 @@ def _coming_and_going(part: WhitenedData, own: Mapping[int, Array]) -> _Way:
             left[column] = after_steps([step], own[column] / root, part.gaps[column]) * root
         square = np.bincount(piece, sum(white**2 for white in left.values()), minlength=_PIECES)
         root = np.sqrt(np.where(many > 0, np.maximum(square / np.maximum(many, 1.0), _LEAST), 1.0))[piece]
-        found = _any_spectrum(part, own, root, _LEAST)
+        found = _any_spectrum(part, own, root, _LEAST, together)
     gain, price, factors = found
     price += float(np.sum(np.log(RANGE / np.sqrt(4.0 * np.pi / np.maximum(many, 1.0)))))
     whole = [(column, np.where(part.weights[:, column] > 0, 1.0 / root, 1.0), True) for column in own]

@@ -6,7 +6,7 @@ The errors of all sources are products with the same functions: what terms share
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -91,7 +91,8 @@ class Term:
         steps, ratio: of the grid of amplitudes.
         unit: variance of the source's error for a variance of one here.
         weight: (k,) prior standard deviations of the functions, up to a common factor; None of pieces.
-        of_samples: the source sample by sample, of a term of means. of_means: the term that one of samples was.
+        of_samples: the source sample by sample, of a term that can be made more exactly. of_means: the term that such
+            a one was. alone: the source, where ``errors`` are of it along the course.
     """
 
     source: str
@@ -110,6 +111,7 @@ class Term:
     weight: Array | None = None
     of_samples: Source | None = None
     of_means: Term | None = None
+    alone: Source | None = None
 
     @property
     def projected(self) -> bool:
@@ -247,9 +249,13 @@ def smooth_terms(
 def terms_along(absorbed: Basis, source: Source, course: Course, log_prior: float) -> list[Term]:
     """One source of every sample along one course: a term, or none where the calibration takes it.
 
+    Where the floor has a memory, what is whitened is the source along the course: a jump in a slow drift is a spike.
+
     Args:
         absorbed: the calibration's tangent.
     """
+    if (followed := source.along(course.values, course.weight)) is not None:
+        source, course = followed, Course(course.name, np.ones((source.series.shape[2], 1)), np.ones(1))
     functions = Functions.of(source.series.shape[2], [course], slow=False)
     return smooth_terms(absorbed, [source], [[course]], [log_prior], functions, lengths=())[1]
 
@@ -257,6 +263,9 @@ def terms_along(absorbed: Basis, source: Source, course: Course, log_prior: floa
 def _gram(errors: Errors, freedoms: slice, functions: slice) -> Array:
     """(f, k, f, k) products of a source's freedoms along functions of time, of unit noise."""
     series, values = errors.series[:, freedoms], errors.values[:, functions]
+    if values.shape[1] == 1:
+        every = (series * values[:, :, None]).transpose(1, 0, 2).reshape(series.shape[1], -1)
+        return np.asarray(every @ every.T)[:, None, :, None]
     both = np.matmul(series, series.transpose(0, 2, 1))
     count = series.shape[1]
     found = np.empty((count, values.shape[1], count, values.shape[1]))
@@ -285,15 +294,18 @@ def _term(
     size = len(gram) * len(weight)
     taken = shared.transpose(1, 0, 2).reshape(size, -1)
     left = gram.reshape(size, size) - taken @ taken.T
-    # each freedom as visible as any other
-    scale = np.sqrt(np.sum(source.series**2, axis=(1, 2)))
-    scale = np.where(scale > 1e-12, 1.0 / np.maximum(scale, 1e-12), 0.0)
+    if source.alone is None:  # each freedom as visible as any other
+        scale = np.sqrt(np.sum(source.series**2, axis=(1, 2)))
+        scale = np.where(scale > 1e-12, 1.0 / np.maximum(scale, 1e-12), 0.0)
+    else:  # as it has been made
+        scale = np.ones(len(source.series))
     weights = np.outer(scale, weight).ravel()
     own, vectors = np.linalg.eigh(weights[:, None] * left * weights)
     whole = float(np.max(weights**2 * np.diag(gram.reshape(size, size)), initial=0.0))
     kept = own > max(_NEGLIGIBLE * float(own[-1]), _ABSORBED * whole, 1e-300)
     scaled = weights[:, None] * vectors[:, kept]
-    return Term(source.name, name, log_prior, own[kept], errors, freedoms, functions, scaled, weight=weight)
+    term = Term(source.name, name, log_prior, own[kept], errors, freedoms, functions, scaled, weight=weight)
+    return term if source.alone is None else replace(term, alone=source.alone)
 
 
 def blocks_term(errors: Errors, source: Source, freedoms: slice, count: int, log_prior: float) -> Term:

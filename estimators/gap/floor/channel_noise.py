@@ -257,6 +257,10 @@ class Whitener:
         white[..., :first] = values[..., :first] @ self._first[:first, :first].T
         return np.asarray(white)
 
+    def from_rest(self, values: Array) -> Array:
+        """The same of what was nothing before."""
+        return np.asarray(lfilter(np.array(self.ar) / self.sigma, self.ma, values))
+
     def log_scale(self, count: int) -> float:
         """The logarithm of the determinant of what turns so many samples of white noise into this noise."""
         first = min(len(self._first), count)

@@ -7,8 +7,9 @@ error of an angle, a clock, a turn, a field, an offset or a gain, times an unkno
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -24,6 +25,11 @@ STRENGTH: Final = "the strength of "
 #: Angle [rad] and delay [s] at which derivatives are taken.
 _STEP: Final = 1e-5
 _DELAY: Final = 1e-4
+#: Readings of a source along a course beyond which it is not whitened as that.
+_LARGE: Final = 1 << 24
+
+#: Whitens changes (m, c, n) of the means.
+Whitening = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -35,12 +41,30 @@ class Source:
         series: (f, c, n) whitened change of each channel that is there for a unit of each of its f freedoms.
         kind: "angle", "clock", "turn", "field", "offset" or "gain".
         column: the channel of an offset or a gain of one axis; -1 for the others.
+        felt: (f, c, n) the same before it was whitened, and what whitens changes (m, c, n); None where whitening only
+            scales, so that what follows a course is the product of ``series`` with that.
+        alone: the source that this one is along a course.
     """
 
     name: str
     series: Array
     kind: str
     column: int = -1
+    felt: tuple[Array, Whitening] | None = None
+    alone: Source | None = None
+
+    def along(self, values: Array, weight: Array) -> Source | None:
+        """The source along functions (n, k) of prior standard deviations (k,), whitened as that: a freedom of it for
+        each of the functions in turn. None where that is the product, or would be too large to make."""
+        if self.felt is None:
+            return None
+        own, whitened = self.felt
+        if own.size * len(weight) > _LARGE:
+            return None
+        series = whitened((own[:, None] * (values * weight).T[:, None]).reshape(-1, *own.shape[1:]))
+        each = np.sum(series.reshape(len(own), -1) ** 2, axis=1)
+        scale = np.repeat(np.where(each > 1e-24, 1.0 / np.sqrt(np.maximum(each, 1e-24)), 0.0), len(weight))
+        return Source(self.name, series * scale[:, None, None], self.kind, self.column, alone=self)
 
     @property
     def of_one_offset(self) -> bool:
@@ -141,19 +165,39 @@ def _in_tool(vectors: Array, rotation: Array) -> Array:
 
 
 def _source(data: WhitenedData, name: str, kind: str, changes: list[Array], column: int = -1) -> Source:
-    series = np.zeros((len(changes), len(data.columns), data.count))
+    means = np.zeros((len(changes), len(data.columns), data.count))
     for index, each in enumerate(data.columns):
         own = np.stack([change[:, each] for change in changes], axis=1)
         if own.any():
-            series[:, index] = data.whiten_means(each, data.means(each, own.T))
-    return _of(data, name, kind, series, column)
+            means[:, index] = data.means(each, own.T)
+    found = _of(data, name, kind, _each_whitened(data, means), column)
+    return found if data.only_scaled else replace(found, felt=(means, partial(_whitened, data)))
 
 
 def _of(data: WhitenedData, name: str, kind: str, series: Array, column: int = -1) -> Source:
     """A source of what it does to each channel by itself, whitened (f, c, n)."""
+    return Source(name, _beside(data, series), kind, column)
+
+
+def _whitened(data: WhitenedData, means: Array) -> Array:
+    """Changes (m, c, n) of the means, whitened."""
+    return _beside(data, _each_whitened(data, means))
+
+
+def _each_whitened(data: WhitenedData, means: Array) -> Array:
+    """(m, c, n) each channel by itself."""
+    white = np.zeros_like(means)
+    for index, column in enumerate(data.columns):
+        if means[:, index].any():
+            white[:, index] = data.whiten_means(column, means[:, index])
+    return white
+
+
+def _beside(data: WhitenedData, series: Array) -> Array:
+    """(m, c, n) channels that were whitened by themselves, beside each other."""
     series = data.beside_each_other(series)
     series[:, :, data.stretches[len(data.parts) - 1].stop :] = 0.0  # a calibration from before has no errors
-    return Source(name, series, kind, column)
+    return series
 
 
 def _felt(data: WhitenedData, name: str, in_tool: Array) -> Array:
