@@ -1,4 +1,4 @@
-"""Where the floor drifts, what an error source leaves is whitened along its course, and jumps are told by their steps."""
+"""Where the floor drifts, an unknown error is whitened along its course, and jumps are told by their steps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rig.arrays import Array
 
 
 @pytest.fixture(scope="module")
-def drifting(data: WhitenedData) -> WhitenedData:  # noqa: F811
+def drifting(data: WhitenedData) -> WhitenedData:
     """As if each channel had three slow parts of its white noise's size."""
     noises = tuple(
         replace(each, parts=tuple((each.white, tau_s) for tau_s in (3.0, 40.0, 500.0)), lags=()) for each in data.noises
@@ -29,12 +29,12 @@ def drifting(data: WhitenedData) -> WhitenedData:  # noqa: F811
     return replace(data, noises=noises)
 
 
-def named(data: WhitenedData, name: str) -> Source:  # noqa: F811
+def named(data: WhitenedData, name: str) -> Source:
     (found,) = [each for each in sources(data) if each.name == name]
     return found
 
 
-def changed(data: WhitenedData, source: Source, course: Array) -> Array:  # noqa: F811
+def changed(data: WhitenedData, source: Source, course: Array) -> Array:
     """(c n,) whitened: what freedoms of a source in one ratio do along a course, beside the calibration."""
     assert source.felt is not None
     felt = np.einsum("f,fcn->cn", np.array([0.7, -0.6, 0.4, 0.5, 0.3])[: len(source.series)], source.felt[0]) * course

@@ -21,12 +21,12 @@ _COURSE = re.compile(r"time, (once|\d times, first) (about|from) (\S+) s for (\S
 
 
 @pytest.fixture(scope="module")
-def passings(data: WhitenedData) -> Passings:  # noqa: F811
+def passings(data: WhitenedData) -> Passings:
     every = sources(data)
     return Passings(data, every, [-float(np.log(len(every)))] * len(every))
 
 
-def leading(data: WhitenedData, passings: Passings, course: Array, source: str, size: float, seed: int) -> Weighed:  # noqa: F811
+def leading(data: WhitenedData, passings: Passings, course: Array, source: str, size: float, seed: int) -> Weighed:
     """The likeliest term where freedoms of a source follow a course in one ratio, at a signal-to-noise."""
     (own,) = [each for each in passings.every if each.name == source]
     ratio = np.array([0.7, -0.6, 0.4])[: len(own.series)]
@@ -43,7 +43,7 @@ def told(found: Weighed) -> tuple[str, str, float, float, float]:
     return often, begins, float(at), float(lasts), float(frequency or 0.0)
 
 
-def test_a_knock_that_rings_out_is_told(data: WhitenedData, passings: Passings) -> None:  # noqa: F811
+def test_a_knock_that_rings_out_is_told(data: WhitenedData, passings: Passings) -> None:
     """At a signal-to-noise of 20: the instant and the time constant to five of the standard deviations that the atom's
     cost is made of, as is the frequency; beyond half the square less 60 nats, which choice and freedoms cost."""
     ring = Atom(900.3, 24.0, 0.21, dies=True)
@@ -58,7 +58,7 @@ def test_a_knock_that_rings_out_is_told(data: WhitenedData, passings: Passings) 
     assert course_words(best.term.course).startswith("that comes once from ")
 
 
-def test_a_pulse_is_told(data: WhitenedData, passings: Passings) -> None:  # noqa: F811
+def test_a_pulse_is_told(data: WhitenedData, passings: Passings) -> None:
     """Of the field, fixed in the base, as by a lift that passes: at a signal-to-noise of 12 by more than 25 nats."""
     course = Atom(700.0, 30.0).everywhere(data.count)[:, 0]
     best = leading(data, passings, course, "the magnetic field", 12.0, 2)
@@ -70,7 +70,7 @@ def test_a_pulse_is_told(data: WhitenedData, passings: Passings) -> None:  # noq
     assert best.log_mass > 25.0
 
 
-def test_bursts_come_again(data: WhitenedData, passings: Passings) -> None:  # noqa: F811
+def test_bursts_come_again(data: WhitenedData, passings: Passings) -> None:
     """Four of one kind, each of a signal-to-noise of 10: all are found, at their frequency."""
     bursts = [Atom(at, 20.0, 0.34) for at in (150.0, 500.0, 800.0, 1400.0)]
     course = np.sum([each.everywhere(data.count)[:, 0] for each in bursts], axis=0)
@@ -81,7 +81,7 @@ def test_bursts_come_again(data: WhitenedData, passings: Passings) -> None:  # n
     assert course_words(best.term.course).startswith("that comes 4 times, first about ")
 
 
-def test_white_noise_shows_nothing_that_passes(data: WhitenedData, passings: Passings) -> None:  # noqa: F811
+def test_white_noise_shows_nothing_that_passes(data: WhitenedData, passings: Passings) -> None:
     """The mass of all terms over that of nothing is more than one in a tenth of white noises at most: its mean is the
     prior mass, which is one where every source's share is spent on what passes (Markov allows no claim; of 60 draws
     none or one has it)."""
