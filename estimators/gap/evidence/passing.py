@@ -295,9 +295,9 @@ def _placed(data: WhitenedData, source: Source, start: Atom, residual: Array, mo
 
 def _explained(data: WhitenedData, source: Source, atom: Atom, residual: Array) -> tuple[float, slice, Array]:
     """The square that an atom of a source explains of a residual (c, n), where, and (c, m) what it makes there."""
-    where, made = _made(data, source, atom)
-    if where.stop <= where.start:
+    if (where := atom.seen(data.count)).stop <= where.start:
         return 0.0, where, np.zeros((len(residual), 0))
+    where, made = _made(data, source, atom)
     columns = made.reshape(len(made), -1)
     columns = columns / np.sqrt(np.maximum(np.sum(columns**2, axis=1), 1e-300))[:, None]
     values, vectors = np.linalg.eigh(columns @ columns.T)
