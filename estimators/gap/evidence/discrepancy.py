@@ -51,7 +51,7 @@ BLOCKS: Final = (128, 512)
 _FITTED: Final[tuple[type[FittedCourses], ...]] = (Repeats, Jumps, Telegraphs, Processes, Passings)
 #: A term that could not gain this much, its prior counted, is not weighed.
 _HOPELESS: Final = -9.0
-#: Log odds against the likeliest term beyond which what repeats, jumps and telegraphs are not weighed.
+#: Log odds against the likeliest term before beyond which courses that only a residual tells are not weighed.
 _NOTHING: Final = 8.0
 #: So many terms are weighed at once: a matrix of all parameters of a set for each of their amplitudes.
 _TERMS: Final = 64
@@ -203,15 +203,17 @@ def weighed(
 
     Args:
         changes: by label and kept shape, of the set's effects, as ``Discrepancies.forms`` takes them.
-        least: log mass below which what repeats, jumps and telegraphs are not weighed.
+        least: log mass below which courses that only the residual tells are not weighed.
     """
     found = weighed_terms(linear, discrepancies.terms)
     least = max((found[0].log_mass if found else 0.0) - _NOTHING, least)
-    found += weighed_terms(linear, [term for each in discrepancies.fitted for term in each.terms(linear.left, least)])
+    for each in discrepancies.fitted:
+        found += (own := weighed_terms(linear, each.terms(linear.left, least)))
+        least = max(least, own[0].log_mass - _NOTHING) if own else least
     if not changes:
         return _leading_on_samples(linear, found, discrepancies.on_samples)
     forms = weighed_terms(linear, [term for each in changes.items() for term in discrepancies.forms(*each)])
-    every = [(each, 1.0 - OTHER_FORM) for each in found] + [(each, OTHER_FORM / len(changes)) for each in forms]
+    every = [(one, 1.0 - OTHER_FORM) for one in found] + [(one, OTHER_FORM / len(changes)) for one in forms]
     shared = [Weighed(one.term, one.gains, log(part)) for one, part in every]
     return _leading_on_samples(linear, shared, discrepancies.on_samples)
 

@@ -38,6 +38,8 @@ _SEEN, _DIES = 3.0, 5.0
 _SOURCES, _TIMES = 2, 6
 #: An atom that is put where it is best explains up to so much more than on the grid.
 _BETWEEN: Final = 1.4
+#: It is, where its square and its place, in widths, change by less than this, or after so many tries.
+_SETTLED, _TRIES = 0.03, 80
 
 
 @dataclass(frozen=True)
@@ -286,7 +288,8 @@ def _placed(data: WhitenedData, source: Source, start: Atom, residual: Array, mo
     for dies in (start.dies,) if moved == 1 else (False, True):
         origin = np.zeros(len(steps))
         origin[0] = -1.0 if dies and not start.dies else 0.0
-        options = {"initial_simplex": np.vstack([origin, origin + np.diag(steps)]), "fatol": 0.1, "xatol": 0.01}
+        simplex = np.vstack([origin, origin + np.diag(steps)])
+        options = {"initial_simplex": simplex, "fatol": _SETTLED, "xatol": _SETTLED, "maxfev": _TRIES}
         found = minimize(missed, origin, (dies,), "Nelder-Mead", options=options)
         best = min(best, (float(found.fun), atom(found.x, dies)), key=lambda each: each[0])
     square, where, made = _explained(data, source, best[1], residual)
