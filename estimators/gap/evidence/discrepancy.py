@@ -47,8 +47,8 @@ from rig.arrays import Array
 Changed = Callable[[], tuple[Array, Array]]
 #: Blocks of time in each of which a source may be off by something else: what changes faster than the cosines.
 BLOCKS: Final = (128, 512)
-#: Of courses that only a residual tells, the kinds.
-_FITTED: Final[tuple[type[FittedCourses], ...]] = (Repeats, Jumps, Telegraphs, Processes, Passings)
+#: Of courses that only a residual tells, the kinds; each is weighed where it may lead those before it.
+_FITTED: Final[tuple[type[FittedCourses], ...]] = (Repeats, Jumps, Telegraphs, Passings, Processes)
 #: A term that could not gain this much, its prior counted, is not weighed.
 _HOPELESS: Final = -9.0
 #: Log odds against the likeliest term before beyond which courses that only a residual tells are not weighed.
