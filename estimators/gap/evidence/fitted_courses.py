@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 
@@ -36,3 +37,9 @@ class FittedCourses(ABC):
             left: (c n,) whitened, with the calibration projected out.
             least: log mass below which a term is not made.
         """
+
+
+def worth(square: float, freedoms: int) -> float:
+    """About the log evidence of what explains such a square of whitened residuals with so many numbers, at their
+    likeliest amplitude."""
+    return 0.5 * (square - freedoms - freedoms * log(max(square / freedoms, 1.0)))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from typing_extensions import override
 
-from estimators.gap.evidence.fitted_courses import FittedCourses
+from estimators.gap.evidence.fitted_courses import FittedCourses, worth
 from estimators.gap.evidence.jumps_in_drift import StepsInDrift, scores
 from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import Course
@@ -42,16 +42,6 @@ _SOURCES: Final = 2
 class Jumps(FittedCourses):
     """What sources would leave of jumps."""
 
-    @cached_property
-    def _roots(self) -> list[Array]:
-        """(f, f) of each source: what makes its freedoms alike and independent, over the whole recording."""
-        found = []
-        for source in self.every:
-            values, vectors = np.linalg.eigh(np.einsum("icn,jcn->ij", source.series, source.series) / self.data.count)
-            kept = values > 1e-9 * values[-1]
-            found.append(vectors[:, kept] / np.sqrt(values[kept]))
-        return found
-
     @override
     def terms(self, left: Array, least: float = -np.inf) -> list[Term]:
         """Those that explain most, each with the jumps that do."""
@@ -60,7 +50,8 @@ class Jumps(FittedCourses):
         if not self.data.only_scaled:
             return self._terms_in_drift(residual)
         found = []
-        for source, root, share in zip(self.every, self._roots, self.shares, strict=True):
+        for source, share in zip(self.every, self.shares, strict=True):
+            root = source.root
             moment = np.einsum("fcn,cn->nf", source.series, residual) @ root
             # one freedom: what each sample tells; several tell about as much wherever the arm points
             told = np.sum(source.series[0] ** 2, axis=0) * root[0, 0] ** 2 if len(root) == 1 else np.ones(count)
@@ -82,11 +73,10 @@ class Jumps(FittedCourses):
 
     def _terms_in_drift(self, residual: Array) -> list[Term]:
         """Those that explain most where the floor has a memory."""
-        price = _price(np.zeros((self.data.count, 1)))
+        price = _price(self.data.count, 1)
         found = []
         for index, steps in enumerate(self.in_drift):
-            freedoms, largest = len(self.every[index].series), float(steps.squares(residual).max())
-            gain = 0.5 * (largest - freedoms - freedoms * log(max(largest / freedoms, 1.0)))
+            gain = worth(float(steps.squares(residual).max()), len(self.every[index].series))
             if gain > _TOLD * price:
                 found.append((gain, index))
         terms = []
@@ -120,7 +110,7 @@ def roughly(moment: Array, information: Array) -> list[int]:
     open_ = {(0, len(moment)): _split(*sums, 0, len(moment))}
     while len(at) < _MOST:
         (first, end), (gain, middle) = max(open_.items(), key=lambda item: item[1][0])
-        if gain < _price(moment):
+        if gain < _price(*moment.shape):
             break
         del open_[first, end]
         at.append(middle)
@@ -151,7 +141,7 @@ def _standing_out(moments: Array, informations: Array) -> list[NDArray[np.intp]]
         gain += _square(moments[after] - moments[at], informations[after] - informations[at])
         gain -= _square(moments[after] - moments[before], informations[after] - informations[before])
         largest = maximum_filter1d(gain, 2 * (width // 2) + 1)
-        found.append(at[(0.5 * gain > _TOLD * _price(moments)) & (gain >= largest)])
+        found.append(at[(0.5 * gain > _TOLD * _price(*moments.shape)) & (gain >= largest)])
         width *= 2
     return found
 
@@ -159,7 +149,7 @@ def _standing_out(moments: Array, informations: Array) -> list[NDArray[np.intp]]
 def _partitioned(moments: Array, informations: Array, at: NDArray[np.intp]) -> list[int]:
     """The instants of some between which levels explain most, less the price of each."""
     ends = np.unique([0, *at, len(moments) - 1])
-    own, told, price = moments[ends], informations[ends], _price(moments)
+    own, told, price = moments[ends], informations[ends], _price(*moments.shape)
     reached, last = np.zeros(len(ends)), np.zeros(len(ends), dtype=np.intp)
     for end in range(1, len(ends)):
         every = reached[:end] + 0.5 * _square(own[end] - own[:end], told[end] - told[:end])
@@ -177,12 +167,12 @@ def _explained(moment: Array, information: Array, at: Sequence[int]) -> float:
     """Twice the log likelihood that levels between instants explain, less the price of these."""
     ends = [0, *at]
     square = _square(np.add.reduceat(moment, ends), np.add.reduceat(information, ends))
-    return float(square.sum()) - 2.0 * len(at) * _price(moment)
+    return float(square.sum()) - 2.0 * len(at) * _price(*moment.shape)
 
 
-def _price(moment: Array) -> float:
-    """What a chance jump of (n, f) gains at most, the largest of all samples, and no less than its instant costs."""
-    return log(len(moment)) + 1.0 + int(moment.shape[1])
+def _price(count: int, freedoms: int) -> float:
+    """What a chance jump gains at most, the largest of all samples, and no less than its instant costs."""
+    return log(count) + 1.0 + freedoms
 
 
 def _sums(values: Array) -> Array:

@@ -23,12 +23,12 @@ from scipy.signal import oaconvolve
 from typing_extensions import override
 
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.fitted_courses import FittedCourses
+from estimators.gap.evidence.fitted_courses import FittedCourses, worth
 from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import Course
 from estimators.gap.hypotheses.sources import Source
 from rig.arrays import Array
-from rig.channels import ACCELEROMETER, COLUMNS_OF, MAGNETOMETER
+from rig.channels import CHANNELS, COLUMNS_OF
 
 #: Standard deviations of windows, from so many samples to such a share of the recording, each twice the one before.
 _SHORTEST, _LONGEST = 2.0, 0.1
@@ -106,17 +106,14 @@ class Passings(FittedCourses):
     """What sources would leave that comes and passes."""
 
     @cached_property
-    def _told(self) -> list[tuple[Array, Array]]:
-        """Of each source (f, f) what makes its freedoms alike and independent, and (n,) what each sample tells of one
-        beside the mean: of several about the same wherever the arm points."""
+    def _told(self) -> list[Array]:
+        """(n,) of each source, what each sample tells of one freedom beside the mean: of several about the same
+        wherever the arm points."""
         found = []
         for source in self.every:
-            values, vectors = np.linalg.eigh(np.einsum("icn,jcn->ij", source.series, source.series) / self.data.count)
-            kept = values > 1e-9 * values[-1]
-            root = vectors[:, kept] / np.sqrt(values[kept])
-            one = root.shape[1] == 1
-            own = np.einsum("fcn,f->cn", source.series, root[:, 0]) if one else None
-            found.append((root, np.sum(own**2, axis=0) if own is not None else np.ones(self.data.count)))
+            alone = source.root[:, 0] if source.root.shape[1] == 1 else None
+            own = None if alone is None else np.sum(np.einsum("fcn,f->cn", source.series, alone) ** 2, axis=0)
+            found.append(np.ones(self.data.count) if own is None else own)
         return found
 
     @override
@@ -131,8 +128,7 @@ class Passings(FittedCourses):
                 square, freedoms = self._roughly(index, atom, residual, where)
                 square *= _BETWEEN
                 if square > freedoms:
-                    gain = share + 0.5 * (square - freedoms - freedoms * log(square / freedoms))
-                    gain -= atom.cost(square - freedoms, count)
+                    gain = share + worth(square, freedoms) - atom.cost(square - freedoms, count)
                     if gain > promised.get(index, (-np.inf, atom))[0]:
                         promised[index] = gain, atom
         terms: list[Term] = []
@@ -144,7 +140,7 @@ class Passings(FittedCourses):
 
     def _roughly(self, index: int, atom: Atom, residual: Array, where: slice) -> tuple[float, int]:
         """About the square that a source under an atom explains, and with how many numbers."""
-        root, told = self._told[index]
+        root, told = self.every[index].root, self._told[index]
         functions = atom.functions(where)
         moments = np.einsum("fcn,cn->fn", self.every[index].series[:, :, where], residual[:, where]) @ functions
         information = np.maximum(told[where] @ functions**2, 1e-300)
@@ -182,7 +178,7 @@ class Passings(FittedCourses):
 
     def _again(self, index: int, atom: Atom, residual: Array) -> Atom:
         """The same atom where it explains most of a residual, to a sample."""
-        root, told = self._told[index]
+        root, told = self.every[index].root, self._told[index]
         moments = root.T @ np.einsum("fcn,cn->fn", self.every[index].series, residual)
         there = replace(atom, at=float(np.ceil(_DIES * atom.width)))
         functions = there.functions(slice(0, 2 * int(there.at) + 1))[::-1]
@@ -201,9 +197,8 @@ def standing_out(data: WhitenedData, residual: Array) -> list[Atom]:
     """
     count = residual.shape[1]
     groups = [[each] for each in range(len(residual))]
-    for sensor in (ACCELEROMETER, MAGNETOMETER):
-        own = range(COLUMNS_OF[sensor].start, COLUMNS_OF[sensor].stop)
-        groups.append([index for index, column in enumerate(data.columns) if column in own])
+    for where in COLUMNS_OF.values():
+        groups.append([index for index, column in enumerate(data.columns) if column in range(len(CHANNELS))[where]])
     groups.append(list(range(len(residual))))
     best: dict[tuple[int, bool], tuple[float, Atom]] = {}
     for width in widths(count):
@@ -258,7 +253,7 @@ class _Placed:
     @property
     def gain(self) -> float:
         """About its log evidence, at the likeliest amplitude."""
-        return 0.5 * (self.excess - self.freedoms * log(max(self.square / self.freedoms, 1.0)))
+        return worth(self.square, self.freedoms)
 
 
 def _placed(data: WhitenedData, source: Source, start: Atom, residual: Array, moved: int = 3) -> _Placed:

@@ -11,7 +11,6 @@ chapter 9).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -50,29 +49,22 @@ class _Process:
 class Processes(FittedCourses):
     """What sources would leave that change irregularly."""
 
-    @cached_property
-    def _roots(self) -> list[Array]:
-        """(f, f) of each source: makes its freedoms' products with white noise ones of variance one."""
-        count = self.data.count
-        grams = [np.einsum("icn,jcn->ij", own.series, own.series) / count for own in self.every]
-        return [_root(gram) for gram in grams]
-
     @override
     def terms(self, left: Array, least: float = -np.inf) -> list[Term]:
         """Those that gain most, each along its likeliest direction and spectrum."""
         residual = left.reshape(len(self.data.columns), self.data.count)
         found: list[tuple[float, int, _Process]] = []
-        for index, (source, root) in enumerate(zip(self.every, self._roots, strict=True)):
+        for index, source in enumerate(self.every):
             if source.column >= 0:  # of one channel: that is noise
                 continue
-            waves = dct(root.T @ np.einsum("fcn,cn->fn", source.series, residual), norm="ortho")[:, 1:]
-            if root.size and (process := likeliest(waves)) is not None:
+            waves = dct(source.root.T @ np.einsum("fcn,cn->fn", source.series, residual), norm="ortho")[:, 1:]
+            if source.root.size and (process := likeliest(waves)) is not None:
                 found.append((process.gain - process.cost + self.shares[index], index, process))
         terms: list[Term] = []
         for promised, index, process in sorted(found, key=lambda each: each[:2], reverse=True)[:_SOURCES]:
             if promised < least:
                 continue
-            source, along = self.every[index], self._roots[index] @ process.direction
+            source, along = self.every[index], self.every[index].root @ process.direction
             # direction and spectrum are told of what is whitened already
             single = replace(source, series=np.einsum("f,fcn->cn", along, source.series)[None], felt=None)
             terms += terms_along(self.data.absorbed, single, _course(process.excess), self.shares[index] - process.cost)
@@ -103,10 +95,3 @@ def _course(excess: Array) -> Course:
     strongest = np.sort(np.argsort(-excess, kind="stable")[:_MOST])
     strongest = strongest[excess[strongest] > 0.0]
     return Course(NAME, half_waves(len(excess) + 1, strongest + 1), np.sqrt(excess[strongest]))
-
-
-def _root(gram: Array) -> Array:
-    """(f, r) with which L' G L is one, of the directions that are there."""
-    values, vectors = np.linalg.eigh(gram)
-    there = values > 1e-9 * max(float(values[-1]), 1e-300)
-    return np.asarray(vectors[:, there] / np.sqrt(values[there]))

@@ -6,7 +6,7 @@ The errors of all sources are products with the same functions: what terms share
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -304,8 +304,10 @@ def _term(
     whole = float(np.max(weights**2 * np.diag(gram.reshape(size, size)), initial=0.0))
     kept = own > max(_NEGLIGIBLE * float(own[-1]), _ABSORBED * whole, 1e-300)
     scaled = weights[:, None] * vectors[:, kept]
-    term = Term(source.name, name, log_prior, own[kept], errors, freedoms, functions, scaled, weight=weight)
-    return term if source.alone is None else replace(term, alone=source.alone)
+    values = own[kept]
+    return Term(
+        source.name, name, log_prior, values, errors, freedoms, functions, scaled, weight=weight, alone=source.alone
+    )
 
 
 def blocks_term(errors: Errors, source: Source, freedoms: slice, count: int, log_prior: float) -> Term:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
@@ -65,6 +65,14 @@ class Source:
         each = np.sum(series.reshape(len(own), -1) ** 2, axis=1)
         scale = np.repeat(np.where(each > 1e-24, 1.0 / np.sqrt(np.maximum(each, 1e-24)), 0.0), len(weight))
         return Source(self.name, series * scale[:, None, None], self.kind, self.column, alone=self)
+
+    @cached_property
+    def root(self) -> Array:
+        """(f, r) makes its freedoms alike and independent over the whole recording: their products with white noise
+        have a variance of one a sample."""
+        values, vectors = np.linalg.eigh(np.einsum("icn,jcn->ij", self.series, self.series) / self.series.shape[2])
+        there = values > 1e-9 * values[-1]
+        return np.asarray(vectors[:, there] / np.sqrt(values[there]))
 
     @property
     def of_one_offset(self) -> bool:
