@@ -64,6 +64,20 @@ def test_what_most_of_the_gap_is_comes_first(closed: float, first: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("course", "at"),
+    [
+        ("time, once about 1208 s for 5.4 s, at 1.1 Hz", "1208 s"),
+        ("time, 4 times, first from 3.2 s for 0.1 s", "3.2 s"),
+    ],
+)
+def test_of_what_passes_it_is_said_when_to_look(course: str, at: str) -> None:
+    told = by_hand("unknown")
+    knock = {"source": "the offsets of the accelerometer", "course": course, "share": 0.8}
+    first, *_ = next_steps(replace(told, remainder=replace(told.remainder, follows=(knock,))))
+    assert f"what happened there at {at}, too" in first
+
+
+@pytest.mark.parametrize(
     ("course", "words"),
     [
         ("time, throughout", "that is constant"),

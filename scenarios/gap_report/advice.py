@@ -61,6 +61,8 @@ _ALSO: Final = {
     "time, irregularly": "; look for what comes and goes nearby, too: draughts, vehicles, other machines",
     "the fading memory": "; look for what stores and gives back, too: steel near the sensor, a filter, what creeps",
 }
+#: What comes once or a few times and passes: when to look.
+_PASSES: Final = re.compile(r"time, (?:once|\d+ times, first) (?:about|from) (\S+ s)\b.*")
 #: A command on the recordings of a diagnosis.
 _OF_RECORDINGS: Final = re.compile(r"rig diagnose RUN(?: OTHER| NEXT)?")
 #: So many errors at most are looked for.
@@ -272,6 +274,8 @@ def _look(source: str, course: str) -> str:
             return words.format(readable(found[1]))
     words = next((words for start, words in _LOOK.items() if source.startswith(start)), "")
     also = next((text for start, text in _ALSO.items() if course.startswith(start)), "")
+    if passes := _PASSES.fullmatch(course):
+        also = f"; see what happened there at {passes[1]}, too: a knock, a brake, a gripper, something carried past"
     return words.format(source=_owner(source)) + (also if words else "")
 
 
