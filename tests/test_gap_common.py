@@ -87,7 +87,8 @@ def test_the_strength_of_common_noise_is_found_beside_what_has_no_name(
     told = [each for each in weighed(linear, discrepancies) if each.term.edges is None]
     ((log_mass, found, both),) = beside_other(linear, [jitter], data.absorbed, told)
     assert log_mass > told[0].log_mass + 100.0
-    assert both[0].term is told[0].term
+    assert [each.log_mass for each in both] == sorted((each.log_mass for each in both), reverse=True)
+    assert (both[0].term.source, both[0].term.course) == (field.name, "time")
     assert found.effect.strengths == pytest.approx(size, rel=0.2)
     quiet = unexplained(project(data.absorbed, left - off.ravel()))
     assert beside_other(quiet, [jitter], data.absorbed, told) == []

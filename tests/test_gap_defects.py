@@ -9,7 +9,7 @@ import numpy as np
 from whitened_examples import louder, recorded
 
 from estimators.gap.data.basefit import estimated_floor, set_up
-from estimators.gap.data.defects import Defect, explained_away, find_defects
+from estimators.gap.data.defects import Defect, explained_away, find_defects, relieved
 from estimators.gap.floor.channel_noise import sigmas
 from rig.arm import Arm
 from rig.effects import Effect, make_effect
@@ -49,6 +49,22 @@ def test_a_model_that_is_off_for_long_makes_no_outliers() -> None:
     off.readings[3000, 4] += 12.0 * sigma[4]
     (found,) = [each for each in find_defects(off, np.zeros(6)) if each.effect == "outliers"]
     assert np.argwhere(found.affected).tolist() == [[3000, 4]]
+
+
+def test_readings_beside_what_is_left_out_are_judged_by_what_is_there() -> None:
+    """Readings 60 standard deviations beside the model, of which stretches are left out: none beside these is an
+    outlier, and where the noise has long tails none is drawn in by more than such tails have (ten standard deviations
+    of 40,000 readings: less than one in a million recordings)."""
+    arm, quiet = Arm.a465(), recorded(1, decimation=25)
+    base = set_up(quiet, estimated_floor(quiet, arm), arm)
+    sigma = sigmas(base.whiteners)
+    off = set_up(quiet, base.floor, arm)
+    left_out = np.zeros(off.readings.shape, dtype=bool)
+    left_out[:50] = left_out[-50:] = left_out[1000:1300] = True
+    off = replace(off, readings=off.readings + 60.0 * sigma).without(left_out)
+    assert not [each for each in find_defects(off, np.zeros(6)) if each.effect == "outliers"]
+    tailed = replace(off, floor=tuple(replace(each, degrees=8.0) for each in off.floor))
+    assert np.abs((relieved(tailed).readings - off.readings) / sigma).max() < 10.0
 
 
 def test_a_level_of_clipping_is_known_to_a_step_of_the_converter() -> None:

@@ -329,6 +329,22 @@ def test_a_level_does_not_jump_where_readings_are_left_out() -> None:
     assert not Gaps.of(np.zeros(3)).at.size
 
 
+def test_a_level_does_not_jump_at_the_edges_of_what_is_left_out_for_long() -> None:
+    """Of 50 readings left out at either end and 300 between, of a level of ten whose low frequencies are whitened: what
+    stops at an edge leaves half of the level there and more; what turns there, a step's memory times its slope."""
+    count = 4000
+    there = np.ones(count, dtype=bool)
+    there[:50] = there[-50:] = there[1000:1300] = False
+    gaps, level = Gaps.of(there.astype(float)), 10.0 * np.cos(3.0 * np.pi * np.arange(count) / count)
+    step = Step(0, np.minimum(1.0, np.arange(count) / 40.0), in_time=False)
+    edges = np.concatenate([np.arange(start, start + 5) for start in (50, 995, 1300, count - 55)])
+    assert np.abs(step(there * level)[edges]).max() > 4.0
+    assert np.abs(after_steps([step], there * level, gaps)[edges]).max() < 1.5
+    noise = gaps.filled(there * np.random.default_rng(5).standard_normal(count))
+    assert float(np.mean(noise**2)) == pytest.approx(gaps.share(count), abs=5.0 * np.sqrt(2.0 * 1.5 / count))
+    assert gaps.share(count) == pytest.approx(1.0 - 100.0 / count, abs=1e-3)  # two that fade have two thirds
+
+
 def test_products_after_a_step_are_those_of_stepped_data_with_readings_left_out(data: WhitenedData) -> None:
     out = np.zeros((len(data.base), 6), dtype=bool)
     out[[0, 1, 700, -1], 4] = True

@@ -23,7 +23,7 @@ class Readings:
         values: (n, 6) [recorded unit]; NaN where a channel is not there.
         expected: (n, 6) [recorded unit] without noise.
         sigma: (6,) [recorded unit] of the noise: of each reading as seen from those before it.
-        white: (n, 6) the difference of the two, whitened; zero where a reading is left out.
+        white: (n, 6) the difference of the two, whitened; where a reading is left out, as those on either side have it.
         left_out: (n, 6) bool, readings that do not count.
         step: (6,) [recorded unit] the converter's step, as it is known from a recording at rest; zero or NaN where
             none is.

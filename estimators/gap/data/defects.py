@@ -85,7 +85,8 @@ def readings_of(data: WhitenedData, step: Array) -> Readings:
     """The readings beside the base fit."""
     white = np.zeros_like(data.readings)
     for column in data.columns:
-        white[:, column] = data.whiteners[column](data.residual[:, column]) * data.weights[:, column]
+        own = data.whiteners[column](data.residual[:, column]) * data.weights[:, column]
+        white[:, column] = data.gaps[column].filled(own)
     sigma = sigmas(data.whiteners)
     degrees = tuple(channel.degrees for channel in data.floor)
     return Readings(data.readings, data.modelled, sigma, white, data.weights == 0.0, step, degrees)

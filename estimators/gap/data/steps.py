@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy.fft import dct, idct
 
 from rig.arrays import Array
 
-#: So many readings on either side of one that is left out stand for it.
+#: So many readings on either side of one that is left out stand for it, where no more than twice as many are.
 _NEIGHBOURS: Final = 4
 
 
@@ -55,10 +54,15 @@ class Gaps:
 
     Attributes:
         at: (g,) which. near: (g, 2 k) the nearest that are there, k before and k after.
+        long: (g,) which of them are in long gaps. images: (m, 2) of these a reading as far before the gap, and one as
+            far behind it, or nearest to that. later: (m,) weight of the second.
     """
 
     at: NDArray[np.intp]
     near: NDArray[np.intp]
+    long: NDArray[np.bool_]
+    images: NDArray[np.intp]
+    later: Array
 
     @classmethod
     def of(cls, weights: Array) -> Gaps:
@@ -66,7 +70,15 @@ class Gaps:
         there = np.flatnonzero(weights > 0.0)
         at = np.flatnonzero(weights == 0.0)[: len(weights) if there.size else 0]
         own = np.searchsorted(there, at)[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS)
-        return cls(at, there[np.clip(own, 0, len(there) - 1)])
+        near = there[np.clip(own, 0, len(there) - 1)]
+        run = np.cumsum(np.diff(at, prepend=at[:1]) > 1)
+        long = np.bincount(run, minlength=1)[run] > 2 * _NEIGHBOURS
+        edges, inside = near[long, _NEIGHBOURS - 1 : _NEIGHBOURS + 1], at[long][:, None]
+        beyond = 2 * edges - inside - np.sign(edges - inside)  # the edge itself is its neighbour's image
+        images = there[np.clip(np.searchsorted(there, beyond), 0, max(len(there) - 1, 0))]
+        width = edges[:, 1] - edges[:, 0]  # none at the ends, where both edges are one
+        later = np.where(width > 0, (inside[:, 0] - edges[:, 0]) / np.maximum(width, 1), 0.0)
+        return cls(at, near, long, images, later)
 
     def bridged(self, means: Array) -> Array:
         """Values (..., count) with a straight line in place of those that are left out: a filter must not carry these
@@ -78,26 +90,28 @@ class Gaps:
         return means
 
     def filled(self, white: Array) -> Array:
-        """Whitened values (..., count) with the mean of the nearest in place of those that are left out, where these
-        are near.
+        """Whitened values (..., count) with others in place of those that are left out: the mean of the nearest, and in
+        long gaps the mirror images of what is on either side, one fading into the other.
 
-        What is slow goes on, and of white noise nothing is added.
+        What is slow goes on, with no jump at an edge: so a cosine transform goes on at its ends.
         """
         if not self.at.size:
             return white
-        white = white.copy()
-        white[..., self.at[self._short]] = white[..., self.near[self._short]].mean(axis=-1)
+        there, white = white, white.copy()
+        white[..., self.at] = there[..., self.near].mean(axis=-1)
+        before, after = np.moveaxis(there[..., self.images], -1, 0)
+        white[..., self.at[self.long]] = (1.0 - self.later) * before + self.later * after
         return white
+
+    def share(self, count: int) -> float:
+        """Mean square of so many filled values of white noise, but for the means of the nearest."""
+        imaged = float(np.sum((1.0 - self.later) ** 2 + self.later**2))
+        return max((count - len(self.at) + imaged) / count, 1e-9)
 
     def emptied(self, white: Array) -> Array:
         """Values (..., count) with nothing where they are left out."""
         white[..., self.at] = 0.0
         return white
-
-    @cached_property
-    def _short(self) -> NDArray[np.bool_]:
-        """(g,) whether another reading is near."""
-        return np.asarray(np.abs(self.near - self.at[:, None]).min(axis=1) <= _NEIGHBOURS)
 
 
 def after_steps(steps: Sequence[Step], white: Array, gaps: Gaps) -> Array:

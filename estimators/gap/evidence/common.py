@@ -178,7 +178,8 @@ def beside(linear: Linear, noises: Sequence[CommonNoise]) -> list[tuple[float, F
 def beside_other(
     linear: Linear, noises: Sequence[CommonNoise], absorbed: Basis, terms: Sequence[Weighed]
 ) -> list[tuple[float, FittedNoise, list[Weighed]]]:
-    """The same beside a discrepancy: log mass of both before the noise's prior, its strength, and the terms.
+    """The same beside a discrepancy: log mass of both before the noise's prior, its strength, and the terms, the
+    likeliest first.
 
     Each of what is left beside the other is told first, and both at once only where that promises something: one after
     the other, both count what either explains.
@@ -204,6 +205,7 @@ def beside_other(
         strength = np.logaddexp.reduce(shares[:, None] + np.logaddexp.reduce(tables, axis=2), axis=0) - alone
         gains = np.logaddexp.reduce(tables, axis=1) - np.log(_STEPS)
         both = [replace(each, gains=own) for each, own in zip(near, gains, strict=True)]
+        both.sort(key=lambda each: -each.log_mass)
         log_mass = noise.term.log_prior + total([each.log_mass for each in both]) + gained
         found.append((log_mass, noise.tested(Weighed(noise.term, strength), known, gained), both))
     return found

@@ -349,8 +349,7 @@ def _any_spectrum(
     gain, power = 0.0, {}
     for column, white in own.items():
         here, gaps = part.weights[:, column] > 0, part.gaps[column]
-        filled, share = gaps.filled(white / root), max(float(np.mean(here)), 1e-9)
-        power[column] = dct(filled, norm="ortho")[1:] ** 2 / share
+        power[column] = dct(gaps.filled(white / root), norm="ortho")[1:] ** 2 / gaps.share(len(white))
         gain += 0.5 * float(white @ white - (white / root) @ (white / root)) - float(np.sum(np.log(root[here])))
     if together:
         same = piecewise(np.sum(list(power.values()), axis=0), least, len(own))

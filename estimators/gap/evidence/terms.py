@@ -24,6 +24,8 @@ from rig.arrays import Array
 _NEGLIGIBLE: Final = 1e-9
 #: And what the calibration leaves less of than this share of its square is rounding.
 _ABSORBED: Final = 1e-9
+#: So many products of freedoms with columns are held at once.
+_AT_ONCE: Final = 1 << 21
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +33,15 @@ class Errors:
     """What sources do to whitened readings, and functions of time that their terms share.
 
     Attributes:
-        series: (n, f, c) of every freedom of every source: its change of each channel.
+        series: (n, f, t) of every freedom of every source: its change of each channel that any of them touches.
+        touched: (c,) which channels these are.
         values: (n, k) functions of time.
         means: the sums over neighbouring samples that these are of; None: of every sample.
         absorbed: what the calibration takes of every sample.
     """
 
     series: Array
+    touched: NDArray[np.bool_]
     values: Array
     means: Means | None = None
     absorbed: Basis | None = None
@@ -51,13 +55,20 @@ class Errors:
         absorbed: Basis | None = None,
     ) -> Errors:
         """Of sources one after another."""
-        series = np.concatenate([each.series for each in every]).transpose(2, 0, 1).copy()
-        return cls(series, np.empty((len(series), 0)) if values is None else values, means, absorbed)
+        touched = np.any([each.series.any(axis=(0, 2)) for each in every], axis=0)
+        series = np.concatenate([each.series[:, touched] for each in every]).transpose(2, 0, 1).copy()
+        return cls(series, touched, np.empty((len(series), 0)) if values is None else values, means, absorbed)
+
+    def of_channels(self, freedoms: slice) -> Array:
+        """(f, c, n) what some freedoms do to each channel."""
+        found = np.zeros((len(self.touched), *self.series[:, freedoms].shape[:2]))
+        found[self.touched] = self.series[:, freedoms].transpose(2, 0, 1)
+        return found.transpose(2, 0, 1)
 
     def summed(self, columns: Array) -> Array:
         """Whitened columns of every sample as these errors are; those that are so already as they are."""
-        count, _, channels = self.series.shape
-        return columns if self.means is None or len(columns) == count * channels else self.means(columns)
+        size = len(self.series) * len(self.touched)
+        return columns if self.means is None or len(columns) == size else self.means(columns)
 
     def left(self, columns: Array) -> Array:
         """The same, without what the calibration takes: that of other causes is a slightly different one."""
@@ -67,9 +78,21 @@ class Errors:
 
     def moments(self, columns: Array, freedoms: slice = slice(None)) -> Array:
         """(n, f, m) products of some freedoms with whitened columns (c n, m), sample by sample or sum by sum."""
-        count, _, channels = self.series.shape
-        by_channel = np.ascontiguousarray(columns.T.reshape(-1, channels, count).transpose(2, 1, 0))
+        every = columns.T.reshape(-1, len(self.touched), len(self.series))
+        by_channel = np.ascontiguousarray(every[:, self.touched].transpose(2, 1, 0))
         return np.asarray(np.matmul(self.series[:, freedoms], by_channel))
+
+    def products(self, columns: Array, freedoms: slice, functions: slice = slice(None)) -> Array:
+        """(k, f, m) of some freedoms along some functions of time with whitened columns (c n, m)."""
+        every = columns.T.reshape(-1, len(self.touched), len(self.series))
+        own, along = self.series[:, freedoms], self.values[:, functions]
+        found = np.zeros((along.shape[1], own.shape[1] * len(every)))
+        size = max(_AT_ONCE // max(found.shape[1], 1), 1)
+        for start in range(0, len(own), size):  # of many freedoms and columns, a few samples at a time
+            rows = slice(start, start + size)
+            by_channel = every[:, self.touched, rows].transpose(2, 1, 0)
+            found += along[rows].T @ np.matmul(own[rows], by_channel).reshape(-1, found.shape[1])
+        return found.reshape(-1, own.shape[1], len(every))
 
     def along(self, moments: Array, functions: slice = slice(None)) -> Array:
         """(k, f, m) of these along some functions of time."""
@@ -136,11 +159,11 @@ class Term:
 
     def along_with_calibration(self, columns: Array) -> Array:
         """The same of columns as they are."""
-        moments = self.errors.moments(self.errors.summed(columns), self.freedoms)
+        sums = self.errors.summed(columns)
         if self.edges is not None:
-            return self.turned(np.add.reduceat(moments, self.edges, axis=0))
+            return self.turned(np.add.reduceat(self.errors.moments(sums, self.freedoms), self.edges, axis=0))
         assert self.functions is not None
-        return self.turned(self.errors.along(moments, self.functions))
+        return self.turned(self.errors.products(sums, self.freedoms, self.functions))
 
     def mean(self, residual: Array, likeliest: int) -> Array:
         """(c n,) what it is most likely to be in a residual (c n,), of every sample or of sums as the errors are.
@@ -163,8 +186,9 @@ class Term:
             flat[self.kept] = sizes
             pieces = np.matmul(self.vectors, flat.reshape(len(self.edges), -1, many))
             each = np.repeat(pieces, np.diff([*self.edges, len(series)]), axis=0)
-        found = np.matmul(series.transpose(0, 2, 1), each)  # (n, c, k)
-        return np.ascontiguousarray(found.transpose(2, 1, 0)).reshape(many, -1).T
+        found = np.zeros((many, len(self.errors.touched), len(series)))
+        found[:, self.errors.touched] = np.matmul(series.transpose(0, 2, 1), each).transpose(2, 1, 0)  # of (n, t, k)
+        return found.reshape(many, -1).T
 
     def every_sample(self, sums: Array) -> Array:
         """(c n, k) of what is of samples, or of sums as the errors are."""
@@ -229,7 +253,7 @@ def smooth_terms(
         lengths: memories, as shares of the recording.
     """
     errors = Errors.of(every, functions.values, means, absorbed)
-    shared = errors.along(errors.moments(errors.summed(absorbed.dense())))  # (k, f, p) what the calibration takes
+    shared = errors.products(errors.summed(absorbed.dense()), slice(None))  # (k, f, p) what the calibration takes
     found: list[Term] = []
     for source, freedoms, own, share in zip(every, freedoms_of(every), along, shares, strict=True):
         gram = _gram(errors, freedoms, slice(0, COSINES)) if lengths else np.empty(0)
@@ -328,17 +352,21 @@ def blocks_term(errors: Errors, source: Source, freedoms: slice, count: int, log
 
 def every_along(terms: Sequence[Term], columns: Array) -> Iterator[Array]:
     """``along`` of each term; what terms of the same errors share is made once."""
-    known: dict[int, tuple[Array, Array]] = {}
+    in_pieces = {id(term.errors) for term in terms if term.edges is not None}
+    moments: dict[int, Array] = {}
+    known: dict[int, Array] = {}
     pieces: dict[tuple[int, int], Array] = {}
     for term in terms:
         errors, own = term.errors, id(term.errors)
         if own not in known:
-            moments = errors.moments(errors.left(columns))
-            known[own] = moments, errors.along(moments)
+            left = errors.left(columns)
+            if own in in_pieces:
+                moments[own] = errors.moments(left)
+            known[own] = errors.along(moments[own]) if own in moments else errors.products(left, slice(None))
         if term.edges is None:
-            yield term.turned(known[own][1][term.functions, term.freedoms])
+            yield term.turned(known[own][term.functions, term.freedoms])
             continue
         key = own, len(term.edges)
         if key not in pieces:
-            pieces[key] = np.add.reduceat(known[own][0], term.edges, axis=0)
+            pieces[key] = np.add.reduceat(moments[own], term.edges, axis=0)
         yield term.turned(pieces[key][:, term.freedoms])

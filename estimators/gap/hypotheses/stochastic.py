@@ -243,11 +243,11 @@ def _spectrum(data: WhitenedData, explained: Explained, column: int, slower: boo
     Cosines are close to the eigenvectors of slowly correlated noise and of a random walk, without the jump between its
     ends that a Fourier transform would see.
     """
-    residual = data.gaps[column].filled(data.channel(explained.residual, column))
+    gaps = data.gaps[column]
+    residual = gaps.filled(data.channel(explained.residual, column))
     count = len(residual)
     frequency = np.arange(count)[_TAKEN:] / (2.0 * count)
-    alive = max(float(np.mean(data.weights[:, column] > 0)), 1e-9)
-    power = dct(residual, norm="ortho")[_TAKEN:] ** 2 / alive
+    power = dct(residual, norm="ortho")[_TAKEN:] ** 2 / gaps.share(count)
     group = groups(count, _TAKEN)
     many = np.bincount(group)
     noise, learned = data.noises[column], data.floor[column]

@@ -80,5 +80,5 @@ def _gained(along: Array, left: Array, channels: int) -> Array:
 
 def _channels(weighed: Weighed) -> NDArray[np.bool_]:
     """(c,) which a term acts on."""
-    own = weighed.term.errors.series[:, weighed.term.freedoms]
-    return np.asarray(np.any(own != 0.0, axis=(0, 1)))
+    own = weighed.term.errors.of_channels(weighed.term.freedoms)
+    return np.asarray(np.any(own != 0.0, axis=(0, 2)))

@@ -177,8 +177,7 @@ def _divided(
 def _series(term: Weighed) -> Array | None:
     """(c, n) what one source does to whitened readings; None of one with several freedoms."""
     source = term.term.of_samples or term.term.alone
-    own = term.term.errors.series[:, term.term.freedoms].transpose(1, 2, 0)
-    several = own if source is None else source.series
+    several = term.term.errors.of_channels(term.term.freedoms) if source is None else source.series
     return several[0] if len(several) == 1 else None
 
 
