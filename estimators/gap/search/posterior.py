@@ -22,6 +22,7 @@ from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation, distinct
 from estimators.gap.search.further_unknowns import weigh_further
 from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.likeliest_alone import weigh_likeliest_alone
 from estimators.gap.search.noise_beside_unknown import weigh_noise_beside_unknown
 from estimators.gap.search.noises import Given, Noises, Promise
 from estimators.gap.search.waveforms import weigh_other_waveforms, with_own_courses
@@ -146,6 +147,7 @@ def explain(
             break
     assert work.discrepancies is not None
     weigh_noise_beside_unknown(work)
+    weigh_likeliest_alone(work)
     weigh_further(work)
     weigh_other_waveforms(work)
     every = with_own_courses(work.hypotheses.values(), work.discrepancies.sources)
