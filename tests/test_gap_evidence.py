@@ -138,11 +138,12 @@ def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(
     """A cubic error whose size goes with the square of time is a signal-to-noise of 40 beside a steady one; no source
     but its own strength follows that in one term."""
     cubic = make_effect("scale_cubic", {"where": "mag1", "fraction_of_full": 0.05})
-    change = data.whiten(data.change([cubic]))
+    steady = data.change([cubic])
+    change = data.whiten(steady)
     share = np.tile(np.linspace(-1.0, 1.0, data.count) ** 2, len(data.columns)) - 1.0 / 3.0
     off = project(data.absorbed, change * share)
     noise = project(data.absorbed, np.random.default_rng(4).standard_normal(data.size))
-    own = {("scale_cubic@mag1", ""): lambda: (change, change[:, None])}
+    own = {("scale_cubic@mag1", ""): lambda: (steady, change[:, None])}
     best = weighed(unexplained(noise + 40.0 * off / np.linalg.norm(off)), discrepancies, own)[0]
     assert best.term.source == "the strength of scale_cubic at mag1"
     assert best.term.course == "time"
@@ -154,8 +155,9 @@ def test_a_cause_of_another_form_is_told_by_its_own_change_along_something(
 def test_what_an_effect_can_do_itself_is_no_other_form_of_it(data: WhitenedData, discrepancies: Discrepancies) -> None:
     """A supply of another waveform than what was found is its own parameters' business, at a signal-to-noise of 40."""
     waves = [make_effect("supply_ratiometric", {"where": "supply", "waveform": row}) for row in 1e-3 * np.eye(24)]
-    own = project(data.absorbed, np.column_stack([data.whiten(data.change([wave])) for wave in waves]))
-    change = own @ np.linspace(1.0, -1.0, 24)
+    every = [data.change([wave]) for wave in waves]
+    own = project(data.absorbed, np.column_stack([data.whiten(each) for each in every]))
+    change = np.tensordot(np.linspace(1.0, -1.0, 24), every, axes=1)
     noise = project(data.absorbed, np.random.default_rng(4).standard_normal(data.size))
     left = noise + 40.0 * own[:, 5] / np.linalg.norm(own[:, 5])
     terms = discrepancies.forms(("supply_ratiometric@supply", "another"), lambda: (change, own))

@@ -40,10 +40,10 @@ from estimators.gap.evidence.terms import (
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import Course, courses, history_courses, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
-from estimators.gap.hypotheses.sources import STRENGTH, Source, alike, sources
+from estimators.gap.hypotheses.sources import STRENGTH, Source, alike, source_of, sources
 from rig.arrays import Array
 
-#: Makes the (c n,) whitened change of an effect, and the derivatives (c n, p) of that by its parameters.
+#: Makes the change (n, 6) [recorded unit] of an effect, and its whitened derivatives (c n, p) by the parameters.
 Changed = Callable[[], tuple[Array, Array]]
 #: Blocks of time in each of which a source may be off by something else: what changes faster than the cosines.
 BLOCKS: Final = (128, 512)
@@ -149,14 +149,13 @@ class Discrepancies:
         """
         if member not in self._forms:
             effect, where = split(member[0])
-            change, own = changed()
-            series = change.reshape(1, len(self.means.fine.columns), -1)
-            single = Source(f"{STRENGTH}{effect} at {where}", series, "gain")
+            (change, own), fine = changed(), self.means.fine
+            single = source_of(fine, f"{STRENGTH}{effect} at {where}", "gain", [change])
             share = -float(np.log(len(self.courses) + 1))
-            taken, source = self.means.fine.absorbed.extended(own), _on_means(self.means, single)
+            taken, source = fine.absorbed.extended(own), _on_means(self.means, single)
             found = smooth_terms(taken, [source], [self.courses], [share], self.functions, self.means)[1]
-            of_means = self.means.rough is not self.means.fine
-            self._forms[member] = [replace(term, of_samples=single) for term in found] if of_means else found
+            rough = self.means.rough is not fine or not fine.only_scaled
+            self._forms[member] = [replace(term, of_samples=single) for term in found] if rough else found
         return self._forms[member]
 
 

@@ -7,7 +7,7 @@ error of an angle, a clock, a turn, a field, an offset or a gain, times an unkno
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Final
@@ -86,8 +86,8 @@ def sources(data: WhitenedData) -> list[Source]:
     found = [*_of_joints(data), *_of_clocks(data), *_of_frames(data, fields), *_of_sensors(data, fields)]
     if len(fields) > 1:  # a converter's reference, a supply, a ground
         readings = np.nan_to_num(data.modelled)
-        found.append(_source(data, "the gain of all channels", "gain", [readings]))
-        found.append(_source(data, "the offset of all channels", "offset", [np.ones_like(readings)]))
+        found.append(source_of(data, "the gain of all channels", "gain", [readings]))
+        found.append(source_of(data, "the offset of all channels", "offset", [np.ones_like(readings)]))
     return [each for each in found if each.series.any()]
 
 
@@ -95,7 +95,7 @@ def _of_joints(data: WhitenedData) -> Iterator[Source]:
     if data.base.q_encoder is not None:
         for name in EFFECTS["joint_offset"].places_on(data.base):
             change = data.change([make_effect("joint_offset", {"where": name, "offset_rad": _STEP})]) / _STEP
-            yield _source(data, f"the angle of {name}", "angle", [change])
+            yield source_of(data, f"the angle of {name}", "angle", [change])
 
 
 def _of_clocks(data: WhitenedData) -> Iterator[Source]:
@@ -104,7 +104,7 @@ def _of_clocks(data: WhitenedData) -> Iterator[Source]:
     for where, name in (("acquisition", "the clock"), *((each, f"the clock of the {each}") for each in CHANNELS_OF)):
         if where == "acquisition" or (several and where in data.pipeline.sensors):
             late = make_effect("latency", {"where": where, "delay_s": _DELAY})
-            yield _source(data, name, "clock", [data.change([late]) / _DELAY])
+            yield source_of(data, name, "clock", [data.change([late]) / _DELAY])
 
 
 def _of_frames(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Source]:
@@ -122,13 +122,13 @@ def _of_frames(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Sour
             np.sum([_felt(data, name, _in_tool(np.cross(field, axis), rotation)) for name, field in fields.items()], 0)
             for axis in axes
         ]
-        yield _source(data, f"a turn of {place}", "turn", turned)
+        yield source_of(data, f"a turn of {place}", "turn", turned)
         for name, field in fields.items():
             what = "the acceleration" if name == ACCELEROMETER else "the magnetic field"
             if place != "the tool":  # there it is an offset
                 size = float(np.linalg.norm(field))
                 felt = [_felt(data, name, size * _in_tool(axis, rotation)) for axis in axes]
-                yield _source(data, what if place == "the base" else f"{what} along {place}", "field", felt)
+                yield source_of(data, what if place == "the base" else f"{what} along {place}", "field", felt)
 
 
 def _of_sensors(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Source]:
@@ -136,15 +136,15 @@ def _of_sensors(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Sou
     for name, field in fields.items():
         in_tool = np.matmul(field, rotation)
         turned = [_felt(data, name, np.cross(in_tool, axis)) for axis in np.eye(3)]
-        yield _source(data, f"a turn of the {name}", "turn", turned)
+        yield source_of(data, f"a turn of the {name}", "turn", turned)
         own = range(len(CHANNELS))[COLUMNS_OF[name]]
-        yield _source(data, f"the offsets of the {name}", "offset", [_only(data, column, 1.0) for column in own])
-        yield _source(data, f"the gains of the {name}", "gain", [_only(data, each, inputs[:, each]) for each in own])
+        yield source_of(data, f"the offsets of the {name}", "offset", [_only(data, column, 1.0) for column in own])
+        yield source_of(data, f"the gains of the {name}", "gain", [_only(data, each, inputs[:, each]) for each in own])
         for column, label in zip(own, CHANNELS_OF[name], strict=True):
-            yield _source(data, f"the offset of {label}", "offset", [_only(data, column, 1.0)], column)
-            yield _source(data, f"the gain of {label}", "gain", [_only(data, column, inputs[:, column])], column)
+            yield source_of(data, f"the offset of {label}", "offset", [_only(data, column, 1.0)], column)
+            yield source_of(data, f"the gain of {label}", "gain", [_only(data, column, inputs[:, column])], column)
             # behind the sensor an amplifier has its offset too
-            yield _source(
+            yield source_of(
                 data, f"the whole reading of {label}", "gain", [_only(data, column, readings[:, column])], column
             )
 
@@ -172,7 +172,8 @@ def _in_tool(vectors: Array, rotation: Array) -> Array:
     return np.asarray(np.einsum("ni,nij->nj", vectors, rotation))
 
 
-def _source(data: WhitenedData, name: str, kind: str, changes: list[Array], column: int = -1) -> Source:
+def source_of(data: WhitenedData, name: str, kind: str, changes: Sequence[Array], column: int = -1) -> Source:
+    """A source of the changes (n, 6) [recorded unit] of the readings that its freedoms make."""
     means = np.zeros((len(changes), len(data.columns), data.count))
     for index, each in enumerate(data.columns):
         own = np.stack([change[:, each] for change in changes], axis=1)

@@ -34,7 +34,7 @@ def displaced(
     Args:
         each: the set. rests: the same without each of its causes.
     """
-    changes = [each.whitened_change(index)[0] for index in range(len(each.members))]
+    changes = [each.data.whiten(each.own_change(index, each.data)) for index in range(len(each.members))]
     columns = np.column_stack([each.linear.left, project(each.data.absorbed, np.column_stack(changes))])
     costs, whole = _costs(each, rests), columns.T @ columns
     promises: dict[frozenset[int], float] = {}

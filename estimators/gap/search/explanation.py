@@ -161,9 +161,9 @@ class Explanation:
         effects = [fit.effect for fit in self.fits]
         return data.change(effects) - data.change(effects[:index] + effects[index + 1 :])
 
-    def whitened_change(self, index: int) -> tuple[Array, Array]:
-        """(c n,) the same in its own data, and (c n, p) its derivatives by the effect's parameters."""
-        return self.data.whiten(self.own_change(index, self.data)), self.linear.tangent[:, self.linear.owner == index]
+    def change_and_slopes(self, index: int) -> tuple[Array, Array]:
+        """(n, 6) the same in its own data, and (c n, p) its whitened derivatives by the effect's parameters."""
+        return self.own_change(index, self.data), self.linear.tangent[:, self.linear.owner == index]
 
     @cached_property
     def changes(self) -> list[Array]:

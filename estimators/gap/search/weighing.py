@@ -123,7 +123,7 @@ class Weighing:
         """An explanation beside discrepancies where any is worth weighing, then beside noise that all channels share,
         too; what was entered is given."""
         changes = {
-            (member.label, str(member.fit.kept)): partial(each.whitened_change, index)
+            (member.label, str(member.fit.kept)): partial(each.change_and_slopes, index)
             for index, member in enumerate(each.members)
         }
         nameless = self.known(each, state) + UNKNOWN
