@@ -87,9 +87,7 @@ class Errors:
         every = columns.T.reshape(-1, len(self.touched), len(self.series))
         own, along = self.series[:, freedoms], self.values[:, functions]
         found = np.zeros((along.shape[1], own.shape[1] * len(every)))
-        size = max(_AT_ONCE // max(found.shape[1], 1), 1)
-        for start in range(0, len(own), size):  # of many freedoms and columns, a few samples at a time
-            rows = slice(start, start + size)
+        for rows in few_at_once(len(own), found.shape[1]):
             by_channel = every[:, self.touched, rows].transpose(2, 1, 0)
             found += along[rows].T @ np.matmul(own[rows], by_channel).reshape(-1, found.shape[1])
         return found.reshape(-1, own.shape[1], len(every))
@@ -178,16 +176,20 @@ class Term:
         series, many = self.errors.series[:, self.freedoms], sizes.shape[1]
         if self.functions is not None:
             own = (self.vectors @ sizes).reshape(series.shape[1], -1, many)
-            each = np.matmul(self.errors.values[:, self.functions], own).transpose(1, 0, 2)  # (n, f, k)
         else:
             assert self.edges is not None
             assert self.kept is not None
             flat = np.zeros((len(self.kept), many))
             flat[self.kept] = sizes
             pieces = np.matmul(self.vectors, flat.reshape(len(self.edges), -1, many))
-            each = np.repeat(pieces, np.diff([*self.edges, len(series)]), axis=0)
+            number = np.repeat(np.arange(len(self.edges)), np.diff([*self.edges, len(series)]))
         found = np.zeros((many, len(self.errors.touched), len(series)))
-        found[:, self.errors.touched] = np.matmul(series.transpose(0, 2, 1), each).transpose(2, 1, 0)  # of (n, t, k)
+        for rows in few_at_once(len(series), series.shape[1] * many):
+            if self.functions is not None:
+                each = np.matmul(self.errors.values[rows, self.functions], own).transpose(1, 0, 2)  # (n, f, k)
+            else:
+                each = pieces[number[rows]]
+            found[:, self.errors.touched, rows] = np.matmul(series[rows].transpose(0, 2, 1), each).transpose(2, 1, 0)
         return found.reshape(many, -1).T
 
     def every_sample(self, sums: Array) -> Array:
@@ -204,6 +206,12 @@ class Term:
         if self.functions is not None:
             return np.asarray(self.vectors.T @ sums.transpose(1, 0, 2).reshape(-1, sums.shape[2]))
         return np.asarray(np.matmul(self.vectors.transpose(0, 2, 1), sums).reshape(-1, sums.shape[2])[self.kept])
+
+
+def few_at_once(count: int, size: int) -> Iterator[slice]:
+    """So many samples, so few at a time that products of this size each fit into the memory."""
+    step = max(_AT_ONCE // max(size, 1), 1)
+    return (slice(start, start + step) for start in range(0, count, step))
 
 
 def freedoms_of(every: Sequence[Source]) -> list[slice]:

@@ -26,7 +26,7 @@ STRENGTH: Final = "the strength of "
 _STEP: Final = 1e-5
 _DELAY: Final = 1e-4
 #: Readings of a source along a course beyond which it is not whitened as that.
-_LARGE: Final = 1 << 24
+_LARGE: Final = 1 << 23
 
 #: Whitens changes (m, c, n) of the means.
 Whitening = Callable[[Array], Array]
@@ -59,7 +59,7 @@ class Source:
         if self.felt is None:
             return None
         own, whitened = self.felt
-        if own.size * len(weight) > _LARGE:
+        if own[:, own.any(axis=(0, 2))].size * len(weight) > _LARGE:
             return None
         series = whitened((own[:, None] * (values * weight).T[:, None]).reshape(-1, *own.shape[1:]))
         each = np.sum(series.reshape(len(own), -1) ** 2, axis=1)
