@@ -290,6 +290,16 @@ class WhitenedData(ModelledRig):
                 values[own] = after_steps([step], values[own].T, self.parts[step.part].gaps[step.column]).T
         return Columns(values, columns.first)
 
+    def before(self, steps: Sequence[Step], white: Array) -> Array:
+        """(c n,) whitened readings of these data as they were before the last of their steps."""
+        found = white.copy()
+        for step in reversed(steps):
+            part = self.stretches[step.part]
+            first = self.columns.index(step.column) * self.count + part.start
+            own = slice(first, first + part.stop - part.start)
+            found[own] = replace(step, factor=1.0 / np.maximum(step.factor, 1e-9))(found[own])
+        return found
+
     def pointwise(self, points: int = 1) -> WhitenedData:
         """The data with the rig evaluated once a block, at its mean pose: quick, and to first order the same.
 

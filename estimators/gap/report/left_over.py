@@ -42,7 +42,8 @@ def follows(posterior: Posterior, gap: float) -> tuple[dict[str, object], ...]:
     linear = linearised(at([], posterior.scanner.fine.data))
     found: dict[str, float] = {}
     every = weighed(linear, posterior.discrepancies)
-    for each, taken in zip(every, _taken(every, linear.left), strict=True):
+    floor = posterior.scanner.fine.data
+    for each, taken in zip(every, _taken(every, linear.left, floor, floor), strict=True):
         gap = max(gap, taken)
         if not each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
             found[each.term.course] = max(found.get(each.term.course, 0.0), taken)
@@ -56,19 +57,30 @@ def follows(posterior: Posterior, gap: float) -> tuple[dict[str, object], ...]:
     )
 
 
-def _taken(every: Sequence[Weighed], residual: Array) -> list[float]:
-    """The squared gap that each term takes of a residual, shrunk by its likeliest amplitude, less what noise makes."""
+def _taken(every: Sequence[Weighed], residual: Array, data: WhitenedData, floor: WhitenedData) -> list[float]:
+    """The squared gap that each term takes of a residual, shrunk by its likeliest amplitude, less what noise makes.
+
+    Args:
+        data: that it is whitened as, maybe under other noise. floor: in whose units the gap is.
+    """
     found = []
     for each, along in zip(every, every_along([each.term for each in every], residual[:, None]), strict=True):
-        values, variance = each.term.values, float(each.term.variances[int(np.argmax(each.gains))])
+        likeliest = int(np.argmax(each.gains))
+        values, variance = each.term.values, float(each.term.variances[likeliest])
         shrink = variance / (1.0 + variance * values)
-        found.append(float(np.sum(shrink**2 * values * np.maximum(along[:, 0] ** 2 - values, 0.0))))
+        square = float(np.sum(shrink**2 * values * np.maximum(along[:, 0] ** 2 - values, 0.0)))
+        if steps := data.steps[len(floor.steps) :]:
+            made = each.term.of_every_sample(residual, likeliest)
+            louder = data.before(steps, made)
+            square *= float(louder @ louder) / max(float(made @ made), 1e-300)
+        found.append(square)
     return found
 
 
 def remainder(
     posterior: Posterior,
     leading: Hypothesis,
+    reported: Sequence[int],
     nameless: Sequence[Defect],
     unnamed: float,
     other: bool,
@@ -76,12 +88,22 @@ def remainder(
     rng: np.random.Generator,
 ) -> Remainder:
     """What is left: single readings without a name, of ``unnamed`` squares; errors of the rig, one of which is meant;
-    noise of channels. Of the squared gap, which is no smaller than what is left."""
+    noise of channels. Of the squared gap, which is no smaller than what is left.
+
+    Args:
+        leading: the hypothesis that is told of. reported: the numbers of those of its members that are named; what the
+            others explain is left.
+    """
     hidden = closure.could_hide(posterior.discrepancies, rng)
     beside, noise = list[_Left](), list[_Left]()
     left: list[_Left] = [("single readings", f"{each.effect}-like", unnamed / len(nameless)) for each in nameless]
     if other:
         errors, beside = _errors(posterior, leading)
+        doubted = _doubted(posterior, leading, reported)
+        if max((one[-1] for one in doubted), default=0.0) > max((one[-1] for one in errors), default=0.0):
+            known = {one[:2] for one in doubted}
+            further = [one for one in [*errors[:1], *beside] if one[:2] not in known]
+            errors, beside = doubted, sorted(further, key=lambda one: -one[-1])[:_BESIDE]
         noise = _nameless_noise(posterior)
         of_error = max((taken for *_, taken in errors), default=0.0)
         gap = max(gap, of_error + sum(added for *_, added in [*beside, *noise]))
@@ -101,23 +123,38 @@ def _errors(posterior: Posterior, leading: Hypothesis) -> tuple[list[_Left], lis
     likely = sum(p for each, p in zip(posterior.hypotheses, posterior.probabilities, strict=True) if each.terms)
     if first is None or likely < _TOLD:
         return [], []
-    near = [each for each in first.terms if each.log_mass > first.terms[0].log_mass - 3.0]
-    of_source = {each.term.source: each for each in reversed(near)}  # of each source the likeliest
-    told = sorted(of_source.values(), key=lambda each: -each.log_mass)[:3]
+    told = _of_sources(first.terms)
     linear = first.explanation.linear
     beside, less, before = list[_Left](), linear, first.terms[0]
     for further in first.further:
         less = left_beside(less, before, posterior.discrepancies)
         before = further[0]
-        beside += _described([before], less.left)
-    errors = _described(told, linear.left)
+        beside += _described([before], less.left, first.explanation.data, posterior)
+    errors = _described(told, linear.left, first.explanation.data, posterior)
     named = {(source, course) for source, course, _ in errors}
     more = {one[:2]: one for one in sorted(beside, key=lambda one: one[-1]) if one[:2] not in named}
     return errors, sorted(more.values(), key=lambda one: -one[-1])[:_BESIDE]
 
 
-def _described(every: Sequence[Weighed], residual: Array) -> list[_Left]:
-    taken = _taken(every, residual)
+def _doubted(posterior: Posterior, told: Hypothesis, reported: Sequence[int]) -> list[_Left]:
+    """What the members of a hypothesis that are not named may stand in for, the likeliest first: errors that explain
+    what those that are named leave."""
+    if len(reported) == len(told.explanation.members):
+        return []
+    data = posterior.scanner.fine.data.like(told.explanation.data)
+    linear = linearised(at([told.explanation.fits[index] for index in reported], data))
+    return _described(_of_sources(weighed(linear, posterior.discrepancies)), linear.left, data, posterior)
+
+
+def _of_sources(terms: Sequence[Weighed]) -> list[Weighed]:
+    """Of each source the likeliest of some terms, the likeliest first, of those near the first."""
+    near = [each for each in terms if each.log_mass > terms[0].log_mass - 3.0]
+    of_source = {each.term.source: each for each in reversed(near)}
+    return sorted(of_source.values(), key=lambda each: -each.log_mass)[:3]
+
+
+def _described(every: Sequence[Weighed], residual: Array, data: WhitenedData, posterior: Posterior) -> list[_Left]:
+    taken = _taken(every, residual, data, posterior.scanner.fine.data)
     return [(each.term.source, each.term.course, square) for each, square in zip(every, taken, strict=True)]
 
 
@@ -133,7 +170,7 @@ def _nameless_noise(posterior: Posterior) -> list[_Left]:
         (
             f"noise of {CHANNELS[step.column]} by itself{_in(rough, step.part)}",
             _band(step.factor, rough.parts[step.part]) + size,
-            float(np.sum(1.0 / np.maximum(step.factor, 1e-9) ** 2 - 1.0)),
+            max(float(np.sum(1.0 / np.maximum(step.factor, 1e-9) ** 2 - 1.0)), 0.0),
         )
         for step in first.state.steps
         if not step.in_time

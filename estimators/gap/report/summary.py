@@ -108,7 +108,7 @@ def conclude(
     other = masses["other"] >= 0.5
     gap = float(np.median(whole))
     remainder = left_over.remainder(
-        posterior, leading, [each for each, _ in no_name], float(unnamed[0]), other, gap, rng
+        posterior, leading, reported, [each for each, _ in no_name], float(unnamed[0]), other, gap, rng
     )
     noise_left = np.median(of_noise[0], axis=0) / np.maximum(of_noise[1][0], 1e-12)
     left_of = float(np.median(after)) * closed_shares.where_left(leading, reported)
