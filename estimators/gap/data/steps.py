@@ -75,7 +75,7 @@ class Gaps:
         long = np.bincount(run, minlength=1)[run] > 2 * _NEIGHBOURS
         edges, inside = near[long, _NEIGHBOURS - 1 : _NEIGHBOURS + 1], at[long][:, None]
         beyond = 2 * edges - inside - np.sign(edges - inside)  # the edge itself is its neighbour's image
-        images = there[np.clip(np.searchsorted(there, beyond), 0, max(len(there) - 1, 0))]
+        images = there[np.clip(np.searchsorted(there, beyond), 0, len(there) - 1)]
         width = edges[:, 1] - edges[:, 0]  # none at the ends, where both edges are one
         later = np.where(width > 0, (inside[:, 0] - edges[:, 0]) / np.maximum(width, 1), 0.0)
         return cls(at, near, long, images, later)

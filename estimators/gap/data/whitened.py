@@ -282,10 +282,9 @@ class WhitenedData(ModelledRig):
         """Whitened columns of these data as further steps make them."""
         values = columns.values
         for step in steps:
-            part = self.stretches[step.part]
-            first = self.columns.index(step.column) * self.count + part.start - columns.first
-            own = slice(first, first + part.stop - part.start)
-            if 0 <= first < len(values) and values[own].any():
+            every = self._stepped_by(step)
+            own = slice(every.start - columns.first, every.stop - columns.first)
+            if 0 <= own.start < len(values) and values[own].any():
                 values = values if values is not columns.values else values.copy(order="F")
                 values[own] = after_steps([step], values[own].T, self.parts[step.part].gaps[step.column]).T
         return Columns(values, columns.first)
@@ -294,11 +293,14 @@ class WhitenedData(ModelledRig):
         """(c n,) whitened readings of these data as they were before the last of their steps."""
         found = white.copy()
         for step in reversed(steps):
-            part = self.stretches[step.part]
-            first = self.columns.index(step.column) * self.count + part.start
-            own = slice(first, first + part.stop - part.start)
+            own = self._stepped_by(step)
             found[own] = replace(step, factor=1.0 / np.maximum(step.factor, 1e-9))(found[own])
         return found
+
+    def _stepped_by(self, step: Step) -> slice:
+        """Where in the whole vector the means are that a step is of."""
+        part, first = self.stretches[step.part], self.columns.index(step.column) * self.count
+        return slice(first + part.start, first + part.stop)
 
     def pointwise(self, points: int = 1) -> WhitenedData:
         """The data with the rig evaluated once a block, at its mean pose: quick, and to first order the same.

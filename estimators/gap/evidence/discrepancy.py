@@ -111,7 +111,7 @@ class Discrepancies:
         for source, share, freedoms in zip(every, shares, freedoms_of(every), strict=True):
             for count in blocks:
                 found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
-        if data.rough is not data.fine or not fine.only_scaled:
+        if not data.exact:
             singles = {source.name: source for source in of_samples}
             found = [replace(term, of_samples=singles[term.source]) for term in found]
         for source, share, history in zip(of_samples, shares, past, strict=True):
@@ -154,8 +154,7 @@ class Discrepancies:
             share = -float(np.log(len(self.courses) + 1))
             taken, source = fine.absorbed.extended(own), _on_means(self.means, single)
             found = smooth_terms(taken, [source], [self.courses], [share], self.functions, self.means)[1]
-            rough = self.means.rough is not fine or not fine.only_scaled
-            self._forms[member] = [replace(term, of_samples=single) for term in found] if rough else found
+            self._forms[member] = found if self.means.exact else [replace(term, of_samples=single) for term in found]
         return self._forms[member]
 
 

@@ -22,6 +22,11 @@ class Means:
     rough: WhitenedData
 
     @property
+    def exact(self) -> bool:
+        """Whether what sources along slow courses do to them is what whitening that sample by sample would make."""
+        return self.rough is self.fine and self.fine.only_scaled
+
+    @property
     def count(self) -> int:
         """Sums a channel."""
         return self.rough.count

@@ -76,21 +76,23 @@ class Errors:
             columns = project(self.absorbed, columns)
         return self.summed(columns)
 
-    def moments(self, columns: Array, freedoms: slice = slice(None)) -> Array:
-        """(n, f, m) products of some freedoms with whitened columns (c n, m), sample by sample or sum by sum."""
+    def moments(self, columns: Array, freedoms: slice = slice(None), rows: slice = slice(None)) -> Array:
+        """(n, f, m) products of some freedoms with whitened columns (c n, m), sample by sample or sum by sum.
+
+        Args:
+            rows: some of the samples, or sums.
+        """
         every = columns.T.reshape(-1, len(self.touched), len(self.series))
-        by_channel = np.ascontiguousarray(every[:, self.touched].transpose(2, 1, 0))
-        return np.asarray(np.matmul(self.series[:, freedoms], by_channel))
+        by_channel = np.ascontiguousarray(every[:, self.touched, rows].transpose(2, 1, 0))
+        return np.asarray(np.matmul(self.series[rows, freedoms], by_channel))
 
     def products(self, columns: Array, freedoms: slice, functions: slice = slice(None)) -> Array:
         """(k, f, m) of some freedoms along some functions of time with whitened columns (c n, m)."""
-        every = columns.T.reshape(-1, len(self.touched), len(self.series))
-        own, along = self.series[:, freedoms], self.values[:, functions]
-        found = np.zeros((along.shape[1], own.shape[1] * len(every)))
-        for rows in few_at_once(len(own), found.shape[1]):
-            by_channel = every[:, self.touched, rows].transpose(2, 1, 0)
-            found += along[rows].T @ np.matmul(own[rows], by_channel).reshape(-1, found.shape[1])
-        return found.reshape(-1, own.shape[1], len(every))
+        along, count = self.values[:, functions], len(self.series[0, freedoms])
+        found = np.zeros((along.shape[1], count * columns.shape[1]))
+        for rows in few_at_once(len(along), found.shape[1]):
+            found += along[rows].T @ self.moments(columns, freedoms, rows).reshape(-1, found.shape[1])
+        return found.reshape(-1, count, columns.shape[1])
 
     def along(self, moments: Array, functions: slice = slice(None)) -> Array:
         """(k, f, m) of these along some functions of time."""

@@ -59,7 +59,7 @@ class Source:
         if self.felt is None:
             return None
         own, whitened = self.felt
-        if own[:, own.any(axis=(0, 2))].size * len(weight) > _LARGE:
+        if len(own) * np.count_nonzero(own.any(axis=(0, 2))) * own.shape[2] * len(weight) > _LARGE:
             return None
         series = whitened((own[:, None] * (values * weight).T[:, None]).reshape(-1, *own.shape[1:]))
         each = np.sum(series.reshape(len(own), -1) ** 2, axis=1)

@@ -65,12 +65,10 @@ def _taken(every: Sequence[Weighed], residual: Array, data: WhitenedData, floor:
     """
     found = []
     for each, along in zip(every, every_along([each.term for each in every], residual[:, None]), strict=True):
-        likeliest = int(np.argmax(each.gains))
-        values, variance = each.term.values, float(each.term.variances[likeliest])
-        shrink = variance / (1.0 + variance * values)
+        values, shrink = each.term.values, each.term.shrunk[0][int(np.argmax(each.gains))]
         square = float(np.sum(shrink**2 * values * np.maximum(along[:, 0] ** 2 - values, 0.0)))
         if steps := data.steps[len(floor.steps) :]:
-            made = each.term.of_every_sample(residual, likeliest)
+            made = each.term.every_sample(each.term.made(shrink[:, None] * along))[:, 0]
             louder = data.before(steps, made)
             square *= float(louder @ louder) / max(float(made @ made), 1e-300)
         found.append(square)

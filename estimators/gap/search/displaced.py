@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.data.projection import project
 from estimators.gap.evidence.discrepancy import Discrepancies
 from estimators.gap.evidence.terms import every_along
 from estimators.gap.search.explanation import Explanation, Member
@@ -34,8 +33,7 @@ def displaced(
     Args:
         each: the set. rests: the same without each of its causes.
     """
-    changes = [each.data.whiten(each.own_change(index, each.data)) for index in range(len(each.members))]
-    columns = np.column_stack([each.linear.left, project(each.data.absorbed, np.column_stack(changes))])
+    columns = np.column_stack([each.linear.left, *each.changes])
     costs, whole = _costs(each, rests), columns.T @ columns
     promises: dict[frozenset[int], float] = {}
     for term, along in zip(discrepancies.terms, every_along(discrepancies.terms, columns), strict=True):

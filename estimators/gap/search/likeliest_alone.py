@@ -18,13 +18,13 @@ def weigh_likeliest_alone(work: Weighing) -> None:
     is learned beside it, would never be weighed with them.
     """
     for _ in range(_ROUNDS):
-        beside = [one for one in work.hypotheses.values() if not _alone(one)]
-        likeliest = max(filter(_alone, work.hypotheses.values()), key=lambda one: one.log_mass)
+        leading, every = work.leading, list(work.hypotheses.values())
+        alone, beside = filter(_alone, every), [one for one in every if not _alone(one)]
+        likeliest = max(alone, key=lambda one: one.log_mass)
         same = [one for one in beside if one.explanation.key == likeliest.explanation.key]
-        if _alone(work.leading) or any(one.state.steps is likeliest.state.steps for one in same):
+        if _alone(leading) or any(one.state.steps is likeliest.state.steps for one in same):
             return
-        leading = work.leading
-        others = [one.log_mass for one in work.hypotheses.values() if _alone(one) and _same(one, leading)]
+        others = [one.log_mass for one in every if _alone(one) and _same(one, leading)]
         if likeliest.log_mass < max(others, default=float("-inf")) + HARDLY:
             return
         work.moved([likeliest], likeliest.state)
