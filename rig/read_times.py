@@ -2,7 +2,9 @@
 
 A pose that is stamped late lies further along the path than its stamp says, in position and in orientation alike: a
 burst of acceleration and its reverse, which no arm makes. The likeliest times, weighed against how far the stamps
-themselves scatter, are those of a path whose accelerations between nodes are normal, of a size that the path tells.
+themselves scatter, are those of a path whose accelerations between nodes are normal, of a size that the path tells,
+here more and there less: an arm speeds up and goes on. Stamps that do not scatter may be a clock's, of poses that were
+read before or after its ticks: by how much the path tells, too.
 """
 
 from __future__ import annotations
@@ -15,27 +17,36 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.optimize import minimize_scalar
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize
 
 from rig.arrays import Array
 
 #: So many nodes on either side tell when one was read.
 _NEIGHBOURS: Final = 6
-#: Stamps that scatter by less than this share of the interval are taken as they are.
+#: Stamps that scatter by less than this share of the interval do not tell how well they are known.
 _EVEN: Final = 0.01
+#: Shares of the interval by which poses may be read off such stamps, and where the search for that starts.
+_OFF: Final = (1e-3, 0.3)
+_START: Final = 0.03
+#: So near the least, in logarithms, the path tells of nothing.
+_NONE: Final = 0.5
 #: Nodes keep at least this share of the interval apart, and move by no more than that at a time.
 _APART: Final = 0.1
 _STEP: Final = 0.3
 #: The path is looked at anew so many times.
 _ROUNDS: Final = 6
-#: Logarithm of the accelerations' size, as a share of what the stamps make of them.
+#: Logarithm of the accelerations' size, as a share of what the times at hand make of them.
 _SMOOTHER: Final = (-8.0, 0.5)
+#: Accelerations of so many nodes are of one size, which is no less than this share of the path's mean square.
+_ALIKE, _LEAST = 13, 1e-3
 
 
 def read_times(t: Array, groups: Sequence[Array]) -> Array:
     """(m,) [s] rising: when nodes stamped at t (m,) were read.
 
     Either evenly, as a controller does, or when they were stamped, give or take: whichever makes the path likelier.
+    Even stamps are known to what makes the path likeliest.
 
     Args:
         groups: (m, k) coordinates of the nodes, each group of one unit: its accelerations are of one size.
@@ -52,29 +63,39 @@ def read_times(t: Array, groups: Sequence[Array]) -> Array:
     # median absolute deviation of a normal, of what a line through so many leaves
     scatter = 1.4826 * float(np.median(np.abs(t - even))) * np.sqrt(width / (width - 1.0))
     if scatter <= _EVEN * interval_s:
-        return t
+        return _likeliest(t, None, groups)[1]
     ways = [_likeliest(t, scatter, groups)]
     if np.all(np.diff(even) > 0.0):
         ways.append(_likeliest(even, scatter / np.sqrt(width), groups))
     return min(ways, key=lambda way: way[0])[1]
 
 
-def _likeliest(prior: Array, sigma: float, groups: Sequence[Array]) -> tuple[float, Array]:
-    """Minus the log likelihood of a path read at times (m,) known to sigma [s], and the likeliest times."""
+def _likeliest(prior: Array, known: float | None, groups: Sequence[Array]) -> tuple[float, Array]:
+    """Minus the log likelihood of a path read at times (m,) known to so many seconds, and the likeliest times.
+
+    Args:
+        known: None: to what makes the path likeliest.
+    """
     interval_s = float(np.median(np.diff(prior)))
     spaced = _APART * interval_s * np.arange(len(prior))
-    at, found = prior, _Path(prior, prior, sigma, groups)
-    sizes = found.sizes  # of the accelerations as the first times have them
-    loss = np.inf
+    at, loss, logs, bounds = prior, np.inf, [0.0], [_SMOOTHER]
+    if known is None:
+        logs.append(np.log(_START * interval_s))
+        bounds.append((np.log(_OFF[0] * interval_s), np.log(_OFF[1] * interval_s)))
     for _ in range(_ROUNDS):
-        found = _Path(at, prior, sigma, groups)
-        best = minimize_scalar(lambda log, path=found: path.solved(np.exp(log) * sizes)[0], bounds=_SMOOTHER)
-        loss, move = found.solved(np.exp(best.x) * sizes)
+        path = _Path(at, prior, groups)
+
+        def solved(logs: Array, path: _Path = path) -> tuple[float, Array]:
+            return path.solved(float(np.exp(logs[0])), known or float(np.exp(logs[1])))
+
+        found = minimize(lambda logs: solved(logs)[0], logs, bounds=bounds, method="Nelder-Mead")
+        logs = found.x
+        loss, move = solved(logs)
         move = np.clip(move, -_STEP * interval_s, _STEP * interval_s)
         at = np.maximum.accumulate(at + move - spaced) + spaced
-        if np.abs(move).max() < _EVEN * sigma:
+        if np.abs(move).max() < _EVEN * (known or float(np.exp(logs[1]))):
             break
-    return loss, at
+    return loss, at if known is not None or logs[1] > bounds[1][0] + _NONE else prior
 
 
 @dataclass(frozen=True)
@@ -82,13 +103,12 @@ class _Path:
     """A path, linearised in the times of its nodes.
 
     Attributes:
-        at: (m,) [s] where. prior: (m,) [s] the times before the path is looked at; known to sigma [s].
+        at: (m,) [s] where. prior: (m,) [s] the times before the path is looked at.
         groups: as in ``read_times``.
     """
 
     at: Array
     prior: Array
-    sigma: float
     groups: Sequence[Array]
 
     @cached_property
@@ -99,42 +119,39 @@ class _Path:
         return np.stack([1.0 / (first * both), -1.0 / first / both - 1.0 / second / both, 1.0 / (second * both)])
 
     @cached_property
-    def _accelerations(self) -> list[Array]:
-        """(m - 2, k) of each group."""
-        return [sum(w[:, None] * g[i : len(g) - 2 + i] for i, w in enumerate(self._weights)) for g in self.groups]
-
-    @property
-    def sizes(self) -> Array:
-        """Root mean square acceleration of each group."""
-        return np.array([max(float(np.sqrt(np.mean(each**2))), 1e-12) for each in self._accelerations])
-
-    @cached_property
-    def _normal(self) -> list[tuple[Array, Array, float]]:
-        """Of each group the bands (3, m) of B'B, B'u and u'u: u the accelerations, B what the times do to them."""
-        found = []
+    def _sums(self) -> tuple[Array, Array, float, float]:
+        """The bands (3, m) of B'WB, B'Wu and u'Wu, and the log of W's determinant: u the accelerations, B what the
+        times do to them, W the inverse of their mean squares around each."""
         count = len(self.at)
-        for group, own in zip(self.groups, self._accelerations, strict=True):
+        bands, moment, square, log_size = np.zeros((3, count)), np.zeros(count), 0.0, 0.0
+        for group in self.groups:
+            own = sum(w[:, None] * group[i : count - 2 + i] for i, w in enumerate(self._weights))
+            mean = np.mean(own**2, axis=1)
+            size = uniform_filter1d(mean, _ALIKE, mode="nearest")
+            weight = 1.0 / np.maximum(size, max(_LEAST * float(mean.mean()), 1e-24))
             velocity = CubicSpline(self.at, group, axis=0)(self.at, 1)
-            bands, moment = np.zeros((3, count)), np.zeros(count)
             columns = [w[:, None] * velocity[i : count - 2 + i] for i, w in enumerate(self._weights)]
             for i in range(3):
-                moment[i : count - 2 + i] += np.sum(columns[i] * own, axis=1)
+                moment[i : count - 2 + i] += weight * np.sum(columns[i] * own, axis=1)
                 for j in range(i, 3):  # lower form: the entry (j, i) of three nodes' block
-                    bands[j - i, i : count - 2 + i] += np.sum(columns[i] * columns[j], axis=1)
-            found.append((bands, moment, float(np.sum(own**2))))
-        return found
+                    bands[j - i, i : count - 2 + i] += weight * np.sum(columns[i] * columns[j], axis=1)
+            square += float(weight @ np.sum(own**2, axis=1))
+            log_size -= group.shape[1] * float(np.sum(0.5 * np.log(weight) + np.log(self._weights[2])))
+        return bands, moment, square, log_size
 
-    def solved(self, sizes: Array) -> tuple[float, Array]:
-        """Minus the log likelihood with accelerations of these sizes, and how far the times move (m,)."""
+    def solved(self, share: float, sigma: float) -> tuple[float, Array]:
+        """Minus the log likelihood, and how far the times move (m,).
+
+        Args:
+            share: of the accelerations' sizes as they are. sigma: [s] to which the times are known.
+        """
         gone = self.at - self.prior
-        bands, moment = np.zeros((3, len(self.at))), -gone / self.sigma**2
-        bands[0] = 1.0 / self.sigma**2
-        misfit = float(gone @ gone) / self.sigma**2
-        loss = len(self.at) * float(np.log(self.sigma))
-        for (own, along, square), group, size in zip(self._normal, self.groups, sizes, strict=True):
-            bands, moment = bands + own / size**2, moment + along / size**2
-            misfit += square / size**2
-            loss += group.shape[1] * float(np.sum(np.log(size / self._weights[2])))
+        bands, moment, square, log_size = self._sums
+        bands, moment = bands / share**2, moment / share**2 - gone / sigma**2
+        bands[0] += 1.0 / sigma**2
+        numbers = (len(self.at) - 2) * sum(group.shape[1] for group in self.groups)
+        loss = len(self.at) * float(np.log(sigma)) + log_size + numbers * float(np.log(share))
+        misfit = float(gone @ gone) / sigma**2 + square / share**2
         factor = cholesky_banded(bands, lower=True)
         move = np.asarray(cho_solve_banded((factor, True), moment))
         return loss + float(np.sum(np.log(factor[0]))) + 0.5 * (misfit - float(moment @ move)), move

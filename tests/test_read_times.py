@@ -54,9 +54,31 @@ def test_the_acceleration_of_the_motion_comes_back(seed: int, evenly: bool) -> N
     assert missed(found, read) < missed(stamped, read) / 3.0
 
 
-def test_even_stamps_are_taken_as_they_are() -> None:
-    t = np.arange(100) * INTERVAL_S
-    np.testing.assert_array_equal(read_times(t, [path(t)]), t)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_a_clock_stamps_before_or_after_its_ticks_is_found_by_the_path_alone(seed: int) -> None:
+    """Read 8 ms off even stamps: what a smooth path is rough by tells of it, and must leave less than a third."""
+    read, stamped = drawn(seed, evenly=True)[1], np.arange(300) * INTERVAL_S
+    found = read_times(stamped, [path(read)])
+    assert np.all(np.diff(found) > 0.0)
+    assert missed(stamped, read) > 0.8
+    assert missed(found, read) < missed(stamped, read) / 3.0
+
+
+@pytest.mark.parametrize("hurried", [True, False])
+def test_even_stamps_are_taken_as_they_are(hurried: bool) -> None:
+    """Of steady motion, and of one that starts and stops within two intervals, at the same speed in between."""
+    t = np.arange(300) * INTERVAL_S
+    ramp, move, rest = 0.14, 1.4, 0.35
+    into = t % (move + rest)
+    way = np.clip(into, 0.0, move)
+    gone = np.where(
+        way < ramp,
+        0.5 * way**2 / ramp,
+        np.where(way > move - ramp, move - ramp - 0.5 * (move - way) ** 2 / ramp, way - 0.5 * ramp),
+    )
+    whole = (t // (move + rest)) * (move - ramp) + gone
+    along = np.outer(whole, [0.4, 0.2, 0.1]) + 0.1 * np.sin(np.outer(whole, [1.0, 2.0, 3.0]))
+    np.testing.assert_array_equal(read_times(t, [along if hurried else path(t)]), t)
 
 
 def test_few_nodes_are_taken_as_they_are() -> None:

@@ -34,7 +34,7 @@ _FELT: Final = 0.005
 _STANDS_OUT: Final = 6.5
 #: So many outliers in a channel make others likely; then those count that noise makes once in five recordings.
 _SEVERAL, _LESS = 3, 4.5
-#: A step is fine that is this share of the noise.
+#: A step is fine that is this share of the noise; noise is no less than that share of a step.
 _FINE: Final = 1e-3
 #: A chance as good as none.
 _NEVER: Final = 1e-12
@@ -277,7 +277,8 @@ def _log_alike(readings: Readings, column: int) -> Array:
     """(n - 1,) logarithm of the chance that a channel's reading and the next round to one level."""
     values = readings.values[:, column]
     step = lattice_step(values) or float(np.diff(np.unique(values[np.isfinite(values)])).min(initial=1.0))
-    spread = float(np.sqrt(2.0) * readings.sigma[column])
+    # the noise before rounding: that of readings holds what rounding adds
+    spread = float(np.sqrt(2.0 * max(readings.sigma[column] ** 2 - step**2 / 12.0, (_FINE * step) ** 2)))
     change = np.diff(readings.expected[:, column])
     if step < _FINE * spread:  # the density of D at zero, a step wide: the differences below would be rounding
         density = np.exp(-0.5 * (change / spread) ** 2) / (np.sqrt(2.0 * np.pi) * spread)
