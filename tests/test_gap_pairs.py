@@ -95,3 +95,19 @@ def test_beside_what_needs_single_samples_means_are_worth_what_these_tell(arm: A
         told = search.fine(each.members, each).log_mass - search.fine(()).log_mass
         assert before < told - 30.0
         assert search.gained(each) == pytest.approx(told, rel=1e-6 if each is both else 5e-3)
+
+
+def test_a_set_whose_effects_do_nothing_without_one_of_them_is_ranked(arm: Arm) -> None:
+    """What single samples add to its slow effects is not to be had; the search goes on, by what the whole set gains."""
+    warming = {"where": "accelerometer", "coefficient": (0.003, -0.006, 0.003), "tau_s": 300.0}
+    run = recorded(3, ("hysteresis", {"where": "mag3", "half_width": 0.0044}), ("bias_warmup", warming), decimation=25)
+    data = set_up(run, estimated_floor(run, arm), arm)
+    candidates = [each for each in all_candidates(data) if each.effect.name in ("hysteresis", "bias_warmup")]
+    search = Search(Scanner.of(data), candidates, set_prior(candidates, {}, data, {}))
+    both = next(each for each in search.run() if len({member.fit.candidate.smooth for member in each.members}) == 2)
+    before = search.gained(both)
+    slow = search.fine([member for member in both.members if member.fit.candidate.smooth])
+    vars(slow)["log_mass"] = -np.inf  # as where one of them does nothing
+    assert search.gained(both) == pytest.approx(both.log_mass - search.fine(()).log_mass)
+    assert search.gained(both) == pytest.approx(before, rel=0.1)
+    assert search._refined()

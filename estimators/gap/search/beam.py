@@ -106,7 +106,7 @@ class Search:
             self.fitted(seed)
         for size, (beam, added) in enumerate(zip(_BEAM, _ADDED, strict=True)):
             if not deep:
-                best = self._best()
+                best = self.ranked[0]
                 if size < len(best.members):
                     continue
                 level, beam, added = [best], 1, 3
@@ -120,7 +120,7 @@ class Search:
             level = sorted(grown.values(), key=lambda each: -self.gained(each))
             if self.progress is not None:
                 self.progress((size + 1) / len(_BEAM))
-            best = self._best()
+            best = self.ranked[0]
             if not deep and best.members and len(best.members) <= size:
                 break
             level = [each for each in level if self.gained(each) > self.gained(best) - _PROMISING]
@@ -137,7 +137,7 @@ class Search:
                 continue
             self._improve(3)  # two may explain together what neither does alone
             level = self._of_size(size + 1)
-            if self._far_behind(self._best(), elsewhere[0]):
+            if self._far_behind(self.ranked[0], elsewhere[0]):
                 grown_too = [self.fine(each.members, each) for each in level[:beam]]
                 likeliest = max(((under_others(each), each) for each in grown_too), key=lambda one: one[0])
                 if likeliest[0] <= elsewhere[0]:
@@ -291,11 +291,11 @@ class Search:
     def _improve(self, rounds: int) -> None:
         """Drops and swaps of the leading set, until nothing is better."""
         for _ in range(rounds):
-            best = self._best()
+            best = self.ranked[0]
             if len(best.members) < 2:
                 return
             self._swap(best)
-            if self._best() is best:
+            if self.ranked[0] is best:
                 return
 
     def _swap(self, best: Explanation) -> None:
@@ -309,10 +309,14 @@ class Search:
     def gained(self, each: Explanation) -> float:
         """Log mass beyond that of the set without effects, the same for all sets: as means over neighbouring samples
         tell it, and what needs single samples for what it adds on them."""
-        smooth = tuple(member for member in each.members if member.fit.candidate.smooth)
-        rough = each if not each.fine and len(smooth) == len(each.members) else self.fitted(smooth)
+        slow = tuple(member for member in each.members if member.fit.candidate.smooth)
+        alone = len(slow) == len(each.members)
+        rough = each if not each.fine and alone else self.fitted(slow)
         own = (rough.log_mass - self._fitted((), self.rough).log_mass) * self._finer()
-        return own if len(smooth) == len(each.members) else own + each.log_mass - self.fine(smooth, rough).log_mass
+        without = (each if alone else self.fine(slow, rough)).log_mass
+        if not np.isfinite(without):  # an effect does nothing without the others
+            return each.log_mass - self.fine(()).log_mass
+        return own + each.log_mass - without
 
     def _finer(self) -> float:
         """Beside sets that need single samples: by what factor these tell more than means of the likeliest that does
@@ -332,9 +336,6 @@ class Search:
     def _far_behind(self, each: Explanation, log_mass: float) -> bool:
         """Whether a set is far less likely, sample by sample."""
         return self.fine(each.members, each).log_mass < log_mass - _FAR
-
-    def _best(self) -> Explanation:
-        return self.ranked[0]
 
     @property
     def ranked(self) -> list[Explanation]:
@@ -358,8 +359,7 @@ class Search:
             of_size.setdefault(len(each.members), []).append(each)
         chosen = near[:_FINE] + [each for own in of_size.values() for each in own[:_FINE_EACH]]
         leading = self._fitted(chosen[0].members, self.data)
-        subsets = without_one(chosen[0].members)
-        keys = {key_of(subset) for subset in subsets if len(subset) > 0}
+        keys = {key_of(subset) for subset in without_one(chosen[0].members) if subset}
         sizes = {len(each.members): each for each in reversed(ranked)}  # the best of each size, for other noise
         wanted = (
             chosen[1:]
