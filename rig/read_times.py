@@ -2,9 +2,10 @@
 
 A pose that is stamped late lies further along the path than its stamp says, in position and in orientation alike: a
 burst of acceleration and its reverse, which no arm makes. The likeliest times, weighed against how far the stamps
-themselves scatter, are those of a path whose accelerations between nodes are normal, of a size that the path tells,
-here more and there less: an arm speeds up and goes on. Stamps that do not scatter may be a clock's, of poses that were
-read before or after its ticks: by how much the path tells, too.
+themselves scatter, are those of a path whose accelerations between nodes are normal, of a size that the path tells.
+Stamps that do not scatter may be a clock's, of poses that were read before or after its ticks: by how much the path
+tells, too. Then the size is that of each stretch, as an arm speeds up and goes on: with one size for all, whatever is
+more sudden would be such a scatter.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _STEP: Final = 0.3
 _ROUNDS: Final = 6
 #: Logarithm of the accelerations' size, as a share of what the times at hand make of them.
 _SMOOTHER: Final = (-8.0, 0.5)
-#: Accelerations of so many nodes are of one size, which is no less than this share of the path's mean square.
+#: Accelerations of so many nodes are a stretch, whose mean square is no less than this share of the path's.
 _ALIKE, _LEAST = 13, 1e-3
 
 
@@ -83,7 +84,7 @@ def _likeliest(prior: Array, known: float | None, groups: Sequence[Array]) -> tu
         logs.append(np.log(_START * interval_s))
         bounds.append((np.log(_OFF[0] * interval_s), np.log(_OFF[1] * interval_s)))
     for _ in range(_ROUNDS):
-        path = _Path(at, prior, groups)
+        path = _Path(at, prior, groups, varied=known is None)
 
         def solved(logs: Array, path: _Path = path) -> tuple[float, Array]:
             return path.solved(float(np.exp(logs[0])), known or float(np.exp(logs[1])))
@@ -104,12 +105,13 @@ class _Path:
 
     Attributes:
         at: (m,) [s] where. prior: (m,) [s] the times before the path is looked at.
-        groups: as in ``read_times``.
+        groups: as in ``read_times``. varied: whether accelerations differ in size from stretch to stretch.
     """
 
     at: Array
     prior: Array
     groups: Sequence[Array]
+    varied: bool
 
     @cached_property
     def _weights(self) -> Array:
@@ -127,8 +129,9 @@ class _Path:
         for group in self.groups:
             own = sum(w[:, None] * group[i : count - 2 + i] for i, w in enumerate(self._weights))
             mean = np.mean(own**2, axis=1)
-            size = uniform_filter1d(mean, _ALIKE, mode="nearest")
-            weight = 1.0 / np.maximum(size, max(_LEAST * float(mean.mean()), 1e-24))
+            whole = max(float(mean.mean()), 1e-24)
+            around = uniform_filter1d(mean, _ALIKE, mode="nearest") if self.varied else np.full(len(mean), whole)
+            weight = 1.0 / np.maximum(around, _LEAST * whole)
             velocity = CubicSpline(self.at, group, axis=0)(self.at, 1)
             columns = [w[:, None] * velocity[i : count - 2 + i] for i, w in enumerate(self._weights)]
             for i in range(3):

@@ -29,15 +29,15 @@ def swinging(data: WhitenedData, snr: float) -> tuple[WhitenedData, float]:
 
 
 def told_left(
-    data: WhitenedData, discrepancies: Discrepancies, gap: float, reported: list[int]
+    data: WhitenedData, discrepancies: Discrepancies, gap: float, named: bool
 ) -> tuple[dict[str, object], ...]:
-    explanation = SimpleNamespace(members=[None], fits=[None], data=data)
-    told = SimpleNamespace(explanation=explanation, terms=())
+    weighed = SimpleNamespace(terms=())
+    alone = weighed if named else SimpleNamespace(explanation=SimpleNamespace(fits=[], data=data), terms=())
     fine = SimpleNamespace(data=data)
     posterior = SimpleNamespace(
         scanner=SimpleNamespace(fine=fine), discrepancies=discrepancies, hypotheses=(), probabilities=np.zeros(0)
     )
-    found = remainder(posterior, told, reported, [], 0.0, True, gap, np.random.default_rng(0))  # type: ignore[arg-type]
+    found = remainder(posterior, weighed, alone, [], 0.0, True, gap, np.random.default_rng(0))  # type: ignore[arg-type]
     return found.follows
 
 
@@ -45,11 +45,11 @@ def test_what_a_doubted_cause_alone_explains_is_left(data: WhitenedData, discrep
     """An error of 60 that one cause explains, which is not named: it is described as what it is, nearly all of the gap
     (of 3,600 squares the noise has 60 either way, the shrinkage a tenth). Of a cause that is named nothing is left."""
     off, square = swinging(data, 60.0)
-    first, *_ = told_left(off, discrepancies, square, [])
+    first, *_ = told_left(off, discrepancies, square, named=False)
     assert first["source"] == "the offset of mag1"
     assert first["course"].startswith("time")
     assert 0.8 < first["share"] <= 1.0
-    assert told_left(off, discrepancies, square, [0]) == ()
+    assert told_left(off, discrepancies, square, named=True) == ()
 
 
 @pytest.mark.parametrize("in_time", [True, False])

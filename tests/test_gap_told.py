@@ -5,13 +5,23 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnosed_recordings import recorded
+from whitened_examples import recorded as recorded_by
 
 import estimators
-from estimators.gap.diagnosis import Hypothesis
+from estimators.gap.data.basefit import estimated_floor, set_up
+from estimators.gap.diagnosis import Hypothesis as Listed
+from estimators.gap.evidence.refine import Fitted, at
+from estimators.gap.evidence.states import NoiseState
+from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.report.marginal import Place
 from estimators.gap.report.summary import _at_least, _told_of
+from estimators.gap.report.told import told
+from estimators.gap.search.explanation import Explanation, Member
+from estimators.gap.search.hypothesis import Hypothesis
+from rig.arm import Arm
 from rig.effects import EFFECTS
 
 DIPOLE = ("base_dipole", "base")
@@ -23,20 +33,40 @@ def found(*labels: str, other: bool = True) -> Any:
     return SimpleNamespace(explanation=SimpleNamespace(members=members), state=SimpleNamespace(labels=()), other=other)
 
 
-def told(hypotheses: list[Any], doubted: dict[int, tuple[float, ...]], *causes: tuple[str, str]) -> Any:
+def told_of(hypotheses: list[Any], doubted: dict[int, tuple[float, ...]], *causes: tuple[str, str]) -> Any:
     posterior = SimpleNamespace(hypotheses=hypotheses, leading=hypotheses[0])
-    first = [Hypothesis(causes, True, 0.5)]
-    return _told_of(posterior, PLACES, {}, doubted, first, (), False)[0]  # type: ignore[arg-type]
+    first = [Listed(causes, True, 0.5)]
+    return hypotheses[_told_of(posterior, PLACES, {}, doubted, first, (), False)]  # type: ignore[arg-type]
 
 
 def test_the_figures_are_of_the_explanation_that_is_listed_first() -> None:
     """A dipole leads by its mass; it is doubted in a set with another effect, or so that most are without it."""
     dipole, nothing, doubtful = found("base_dipole@base"), found(), found("latency@mag")
     every, doubted = [dipole, doubtful, nothing], {0: (0.6,), 1: (0.2,)}
-    assert told(every, doubted, DIPOLE) is dipole
-    assert told(every, doubted) is nothing  # with no cause that is doubted, where there is one
-    assert told([dipole, doubtful], doubted) is doubtful
-    assert told([dipole], {0: (0.6,)}) is dipole  # nothing else was weighed
+    assert told_of(every, doubted, DIPOLE) is dipole
+    assert told_of(every, doubted) is nothing  # with no cause that is doubted, where there is one
+    assert told_of([dipole, doubtful], doubted) is doubtful
+    assert told_of([dipole], {0: (0.6,)}) is dipole  # nothing else was weighed
+
+
+def test_a_cause_is_fitted_again_without_an_image_beside_it(arm: Arm) -> None:
+    """A latency of 2 s, and a lag that does nearly the same beside it, each at half of that: a lag that is no cause
+    takes nothing from the latency, which is then within four standard deviations of what it is; it was off by fifty."""
+    run = recorded_by(3, ("latency", {"where": "accelerometer", "delay_s": 2.0}))
+    data = set_up(run, estimated_floor(run, arm), arm)
+    labels = ("sensor_lag@accelerometer", "latency@accelerometer")
+    every = {each.label: each for each in all_candidates(data)}
+    halves = [Fitted(every[label], np.ones(1), {}) for label in labels]
+    members = [Member(fit, 0.0, (label,)) for fit, label in zip(halves, labels, strict=True)]
+    both = Explanation.of(members, at(halves, data), 0.0, fine=True)
+    weighed = Hypothesis(both, NoiseState(), (), 0.0)
+    found = told(weighed, (0.1, 0.9))
+    (latency,) = found.hypothesis.explanation.fits
+    std = np.sqrt(found.hypothesis.moments[1][0, 0]) * latency.scale[0]
+    assert abs(latency.values[0] - 2.0) < 4.0 * std < 0.1
+    assert found.place(weighed, 1) == (found.hypothesis, 0)
+    assert found.place(weighed, 0) == (weighed, 0)
+    assert told(weighed, (0.6, 0.9)).hypothesis is weighed
 
 
 def test_weights_that_were_given_are_told() -> None:

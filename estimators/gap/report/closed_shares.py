@@ -33,13 +33,11 @@ from rig.channels import CHANNELS
 _LIKELY: Final = ndtri((np.arange(8) + 0.5) / 8.0)
 
 
-def of_causes(
-    posterior: Posterior, told: Hypothesis, reported: Sequence[int], rng: np.random.Generator
-) -> tuple[Array, Array]:
+def of_causes(posterior: Posterior, told: Hypothesis, rng: np.random.Generator) -> tuple[Array, Array]:
     """Draws (d,) of the squared gap that is left and that was there, in whitened units: of what moves the mean.
 
     Args:
-        told: the hypothesis whose causes are reported. reported: the numbers of those of its members that are.
+        told: the hypothesis whose causes are reported.
     """
     floor = posterior.scanner.fine.data
     known: dict[tuple[object, ...], Linear] = {}
@@ -51,12 +49,7 @@ def of_causes(
             known[key] = explanation.linear if same else explanation.on(floor).linear
         return known[key]
 
-    leading = told.explanation
-    own = under_floor(leading)
-    if len(reported) < len(leading.members):
-        data = floor.like(leading.data)
-        change = project(data.absorbed, data.whiten(data.change([leading.fits[index].effect for index in reported])))
-        own = replace(own, left=floor.whitened - change, tangent=own.tangent[:, np.isin(own.owner, reported)])
+    own = under_floor(told.explanation)
     fitted = floor.whitened - own.left
     ways = []
     for each, probability in zip(posterior.hypotheses, posterior.probabilities, strict=True):
@@ -71,19 +64,17 @@ def of_causes(
                 way = replace(way, nameless=max(left - _added(each.state.fitted), 0.0))
             ways.append(way)
     after, before = closure.drawn(ways, fitted, rng)
-    if reported:
+    if told.explanation.members:
         took = closure.held_out(own, fitted, floor)  # draws say how it varies with what is left
         before = before * (took + float(after.mean())) / float(before.mean())
         after = after + out_of_form(before, rng)
     return after, before
 
 
-def where_left(told: Hypothesis, reported: Sequence[int]) -> Array:
+def where_left(told: Hypothesis) -> Array:
     """(c,) shares of the channels in what reported causes leave, as their parameters' widths have it."""
     linear, channels = told.explanation.linear, len(told.explanation.data.columns)
-    own = np.isin(linear.owner, reported)
-    tangent, covariance = linear.tangent[:, own], told.moments[1][np.ix_(own, own)]
-    left = np.sum((tangent @ covariance) * tangent, axis=1).reshape(channels, -1).sum(axis=1)
+    left = np.sum((linear.tangent @ told.moments[1]) * linear.tangent, axis=1).reshape(channels, -1).sum(axis=1)
     return np.asarray(left / max(float(left.sum()), 1e-300))
 
 

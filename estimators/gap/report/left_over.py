@@ -78,7 +78,7 @@ def _taken(every: Sequence[Weighed], residual: Array, data: WhitenedData, floor:
 def remainder(
     posterior: Posterior,
     leading: Hypothesis,
-    reported: Sequence[int],
+    alone: Hypothesis,
     nameless: Sequence[Defect],
     unnamed: float,
     other: bool,
@@ -89,15 +89,15 @@ def remainder(
     noise of channels. Of the squared gap, which is no smaller than what is left.
 
     Args:
-        leading: the hypothesis that is told of. reported: the numbers of those of its members that are named; what the
-            others explain is left.
+        leading: the hypothesis that is told of. alone: the same without the effects that are images; what those
+            explain is left.
     """
     hidden = closure.could_hide(posterior.discrepancies, rng)
     beside, noise = list[_Left](), list[_Left]()
     left: list[_Left] = [("single readings", f"{each.effect}-like", unnamed / len(nameless)) for each in nameless]
     if other:
         errors, beside = _errors(posterior, leading)
-        doubted = _doubted(posterior, leading, reported)
+        doubted = _doubted(posterior, alone) if alone is not leading else []
         if max((one[-1] for one in doubted), default=0.0) > max((one[-1] for one in errors), default=0.0):
             known = {one[:2] for one in doubted}
             further = [one for one in [*errors[:1], *beside] if one[:2] not in known]
@@ -134,13 +134,10 @@ def _errors(posterior: Posterior, leading: Hypothesis) -> tuple[list[_Left], lis
     return errors, sorted(more.values(), key=lambda one: -one[-1])[:_BESIDE]
 
 
-def _doubted(posterior: Posterior, told: Hypothesis, reported: Sequence[int]) -> list[_Left]:
-    """What the members of a hypothesis that are not named may stand in for, the likeliest first: errors that explain
-    what those that are named leave."""
-    if len(reported) == len(told.explanation.members):
-        return []
-    data = posterior.scanner.fine.data.like(told.explanation.data)
-    linear = linearised(at([told.explanation.fits[index] for index in reported], data))
+def _doubted(posterior: Posterior, alone: Hypothesis) -> list[_Left]:
+    """What images may stand in for, the likeliest first: errors that explain what a hypothesis without them leaves."""
+    data = posterior.scanner.fine.data.like(alone.explanation.data)
+    linear = linearised(at(alone.explanation.fits, data))
     return _described(_of_sources(weighed(linear, posterior.discrepancies)), linear.left, data, posterior)
 
 

@@ -23,6 +23,7 @@ from estimators.gap.report.one_of import at_least_one
 from estimators.gap.report.p_values import defect_probability, doubts
 from estimators.gap.report.recorded_units import in_recorded_units
 from estimators.gap.report.shift import calibration_shift
+from estimators.gap.report.told import REPORTED, Told, told
 from estimators.gap.search.hypothesis import Hypothesis as Found
 from estimators.gap.search.posterior import Posterior
 from rig.arrays import Array
@@ -34,8 +35,6 @@ from rig.recording import Recording
 _LISTED, _MOST = 0.005, 50
 #: Causes that are likely enough to be told of, beside those of the likeliest explanation.
 _TOLD: Final = 0.1
-#: Of the likeliest explanation, where it holds something outside the catalogue, the causes that are told of and fitted.
-_REPORTED: Final = 0.5
 #: Shares of a hypothesis' probability that are not followed.
 _NO_SHARE: Final = 1e-9
 _NO_CLOSURE: Final = Closed(None, None, None)
@@ -76,17 +75,23 @@ def conclude(
     places = marginal.places(posterior, same)
     doubted = doubts(posterior)
     hypotheses, masses, omitted, one_of = _listed(posterior, places, same, certain, nameless, doubted)
-    single = [name for name, probability in certain.items() if probability >= _REPORTED]
-    leading, believed = _told_of(posterior, places, same, doubted, hypotheses[:1], single, nameless)
+    single = [name for name, probability in certain.items() if probability >= REPORTED]
+    number = _told_of(posterior, places, same, doubted, hypotheses[:1], single, nameless)
+    weighed, believed = posterior.hypotheses[number], _believed(posterior.hypotheses[number], doubted.get(number))
+    likely = [at for at, share in enumerate(posterior.probabilities) if share >= _TOLD or at == number]
+    without_images = {
+        at: told(each, [share for _, share in _believed(each, doubted.get(at))])
+        for at, each in ((at, posterior.hypotheses[at]) for at in likely)
+    }
+    leading = without_images[number].hypothesis
     rng = np.random.default_rng(0)
-    reported = [index for index in range(len(leading.explanation.members)) if believed[index][1] >= _REPORTED]
-    held = {label for label, share in believed[len(leading.explanation.members) :] if share >= _REPORTED}
+    held = {label for label, share in believed[len(weighed.explanation.members) :] if share >= REPORTED}
     noises = tuple(fitted for fitted in leading.state.fitted if fitted.label in held)
-    fits = [fit for index, fit in enumerate(_at_every_sample(leading, data)) if index in reported]
-    after, before = closed_shares.of_causes(posterior, leading, reported, rng)
+    fits = _at_every_sample(leading, data)
+    after, before = closed_shares.of_causes(posterior, leading, rng)
     effects = [fit.effect for fit in fits]
     of_noise = closed_shares.of_noise_by_channel(
-        noises, [one for one in named if certain[one[0].effect, one[0].where] >= _REPORTED], data, rng
+        noises, [one for one in named if certain[one[0].effect, one[0].where] >= REPORTED], data, rng
     )
     noise_after, noise_before = (each.sum(axis=1) for each in of_noise)
     no_name = [(each, number) for number, own in enumerate(defects) for each in own if each.effect in without]
@@ -99,7 +104,7 @@ def conclude(
         ()
         if quiet
         else _causes(
-            posterior, leading, places, same, named, certain, doubted, reported, before - after, whole, data, rng
+            posterior, without_images, number, places, same, named, certain, doubted, before - after, whole, data, rng
         )
     )
     causes = in_recorded_units(causes, recordings[0].units)
@@ -108,10 +113,10 @@ def conclude(
     other = masses["other"] >= 0.5
     gap = float(np.median(whole))
     remainder = left_over.remainder(
-        posterior, leading, reported, [each for each, _ in no_name], float(unnamed[0]), other, gap, rng
+        posterior, weighed, leading, [each for each, _ in no_name], float(unnamed[0]), other, gap, rng
     )
     noise_left = np.median(of_noise[0], axis=0) / np.maximum(of_noise[1][0], 1e-12)
-    left_of = float(np.median(after)) * closed_shares.where_left(leading, reported)
+    left_of = float(np.median(after)) * closed_shares.where_left(leading)
     channels = by_channel.channels(data, settled, effects, noises, defects, floors, quiet, other, left_of, noise_left)
     counts = [len(recording) for recording in recordings]
     names = [recording.name for recording in recordings]
@@ -201,10 +206,10 @@ def _told_of(
     first: Sequence[Hypothesis],
     single: Sequence[tuple[str, str]],
     nameless: bool,
-) -> tuple[Found, list[tuple[str, float]]]:
-    """The hypothesis that all figures are of, with the probability of its labels: the likeliest with the causes of the
-    explanation that is listed first, without any that are doubted where there is one. Beside something outside the
-    catalogue, doubts can put another set there than the likeliest's.
+) -> int:
+    """The number of the hypothesis that all figures are of: the likeliest with the causes of the explanation that is
+    listed first, without any that are doubted where there is one. Beside something outside the catalogue, doubts can
+    put another set there than the likeliest's.
 
     Args:
         first: the explanation that is listed first. single, nameless: causes of single readings, and whether some have
@@ -214,12 +219,10 @@ def _told_of(
     found = []
     for number, each in enumerate(posterior.hypotheses):
         believed = _believed(each, doubted.get(number))
-        names = [places[same.get(label, label)].name for label, share in believed if share >= _REPORTED]
+        names = [places[same.get(label, label)].name for label, share in believed if share >= REPORTED]
         if (sorted([*names, *single]), each.other or nameless) in wanted:
-            found.append((len(believed) - len(names), number, each, believed))
-    if not found:
-        return posterior.leading, _believed(posterior.leading, doubted.get(0))
-    return min(found, key=lambda one: one[:2])[2:]
+            found.append((len(believed) - len(names), number))
+    return min(found, default=(0, 0))[1]
 
 
 def _believed(each: Found, doubted: Sequence[float] | None) -> list[tuple[str, float]]:
@@ -260,26 +263,29 @@ def _at_every_sample(leading: Found, data: WhitenedData) -> list:  # type: ignor
 
 def _causes(
     posterior: Posterior,
-    leading: Found,
+    without_images: Mapping[int, Told],
+    leading: int,
     places: Mapping[str, marginal.Place],
     same: Mapping[str, str],
     defects: Sequence[tuple[Defect, int]],
     certain: Mapping[tuple[str, str], float],
     doubted: Mapping[int, Sequence[float]],
-    means: Sequence[int],
     took: Array,
     whole: Array,
     every: WhitenedData,
     rng: np.random.Generator,
 ) -> tuple[Cause, ...]:
-    """Those of the leading explanation (``means``: the numbers of its reported members), and others that are likely.
+    """Those of the hypothesis that is told of, and others that are likely.
 
     Args:
+        without_images: hypotheses as they are told of, by their numbers. leading: the number of the one all figures
+            are of.
         took, whole: (d,) draws of the squares that its mean effects took, and of the squared gap. every: the data.
     """
     holders: dict[tuple[str, int], list[tuple[Found, float, int]]] = {}
     reported = set()
     for number, (each, weight) in enumerate(zip(posterior.hypotheses, posterior.probabilities, strict=True)):
+        alone = without_images.get(number)
         believed: dict[str, list[tuple[float, int]]] = {}
         for index, (label, share) in enumerate(_believed(each, doubted.get(number))):
             believed.setdefault(same.get(label, label), []).append((share, index))
@@ -288,10 +294,11 @@ def _causes(
             shares.sort(key=lambda one: -one[0])
             at_least = _at_least([share for share, _ in shares])
             for copy, ((share, index), so_many) in enumerate(zip(shares, at_least, strict=True)):
-                holders.setdefault((label, copy), []).append((each, float(weight) * so_many, index))
-                if each is leading and share >= _REPORTED:
+                own = (each, index) if alone is None else alone.place(each, index)
+                holders.setdefault((label, copy), []).append((own[0], float(weight) * so_many, own[1]))
+                if number == leading and share >= REPORTED:
                     reported.add((label, copy))
-    found = []
+    found, first = [], without_images[leading].hypothesis
     for (label, copy), held in holders.items():
         probability = min(sum(weight for _, weight, _ in held), 1.0)
         if (label, copy) not in reported and probability < _TOLD:
@@ -304,9 +311,9 @@ def _causes(
         mean = [one for one in held if label in one[0].explanation.key]
         if mean:
             holder, _, index = mean[0]
-            alone = (label, 1) not in holders
-            estimates = marginal.parameters(index, [one[:2] for one in mean] if alone else [mean[0][:2]])
-            only = took if holder is leading and list(means) == [index] else None
+            once = (label, 1) not in holders
+            estimates = marginal.parameters(index, [one[:2] for one in mean] if once else [mean[0][:2]])
+            only = took if holder is first and len(first.explanation.members) == 1 else None
             closed = closed_shares.by_cause(index, holder, posterior, only, whole, rng)
         else:
             holder, index = held[0][0], -1
@@ -315,7 +322,7 @@ def _causes(
                 continue
             wrong, added = closed_shares.of_noise((fitted,), (), every, rng)
             estimates, closed = _of_noise(fitted), closed_shares.of_whole(added - wrong, whole)
-        data = leading.explanation.data
+        data = first.explanation.data
         cause = Cause(effect, where, probability, equivalent, estimates, closed)
         if isinstance(data, Stack):
             cause = of_several(cause, label, index, holder, data)
@@ -325,7 +332,7 @@ def _causes(
         wrong, added = closed_shares.of_noise((), ((defect, number),), every, rng)
         part = closed_shares.of_whole(added - wrong, whole)
         cause = Cause(defect.effect, defect.where, certain[defect.effect, defect.where], (), estimates, part)
-        data = leading.explanation.data
+        data = first.explanation.data
         found.append(replace(cause, recording=data.names[number]) if isinstance(data, Stack) else cause)
     return tuple(sorted(found, key=lambda cause: -cause.probability))
 
