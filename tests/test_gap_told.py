@@ -64,9 +64,14 @@ def test_a_cause_is_fitted_again_without_an_image_beside_it(arm: Arm) -> None:
     (latency,) = found.hypothesis.explanation.fits
     std = np.sqrt(found.hypothesis.moments[1][0, 0]) * latency.scale[0]
     assert abs(latency.values[0] - 2.0) < 4.0 * std < 0.1
-    assert found.place(weighed, 1) == (found.hypothesis, 0)
-    assert found.place(weighed, 0) == (weighed, 0)
-    assert told(weighed, (0.6, 0.9)).hypothesis is weighed
+    assert found.places(1) == [(found.hypothesis, 0, 1.0)]
+    assert found.places(0) == [(weighed, 0, 1.0)]
+    assert told(weighed, (0.92, 0.95)).hypothesis is weighed
+    unsure = told(weighed, (0.6, 0.95))
+    assert unsure.hypothesis is weighed
+    (as_weighed, *_), (otherwise, number, share) = unsure.places(1)
+    assert (as_weighed, number, share) == (weighed, 0, pytest.approx(0.4))
+    assert otherwise.explanation.fits[0].values == pytest.approx(latency.values)
 
 
 def test_weights_that_were_given_are_told() -> None:

@@ -294,8 +294,8 @@ def _causes(
             shares.sort(key=lambda one: -one[0])
             at_least = _at_least([share for share, _ in shares])
             for copy, ((share, index), so_many) in enumerate(zip(shares, at_least, strict=True)):
-                own = (each, index) if alone is None else alone.place(each, index)
-                holders.setdefault((label, copy), []).append((own[0], float(weight) * so_many, own[1]))
+                for own, at, by in alone.places(index) if alone else [(each, index, 1.0)]:
+                    holders.setdefault((label, copy), []).append((own, float(weight) * so_many * by, at))
                 if number == leading and share >= REPORTED:
                     reported.add((label, copy))
     found, first = [], without_images[leading].hypothesis
