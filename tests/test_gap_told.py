@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,15 +14,19 @@ from whitened_examples import recorded as recorded_by
 import estimators
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.diagnosis import Hypothesis as Listed
+from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.refine import Fitted, at
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.candidates import all_candidates
-from estimators.gap.report.marginal import Place
+from estimators.gap.report.marginal import Place, twins
+from estimators.gap.report.same_sets import merged
 from estimators.gap.report.summary import _at_least, _told_of
 from estimators.gap.report.told import told
 from estimators.gap.search.explanation import Explanation, Member
 from estimators.gap.search.hypothesis import Hypothesis
+from estimators.gap.search.posterior import Posterior
 from rig.arm import Arm
+from rig.channels import SENSORS
 from rig.effects import EFFECTS
 
 DIPOLE = ("base_dipole", "base")
@@ -72,6 +77,33 @@ def test_a_cause_is_fitted_again_without_an_image_beside_it(arm: Arm) -> None:
     (as_weighed, *_), (otherwise, number, share) = unsure.places(1)
     assert (as_weighed, number, share) == (weighed, 0, pytest.approx(0.4))
     assert otherwise.explanation.fits[0].values == pytest.approx(latency.values)
+
+
+def test_of_latencies_any_two_of_which_do_the_same_each_sensor_has_its_own(arm: Arm) -> None:
+    """That of both sensors and that of one make what those of each sensor do: no one of the three stands for another.
+    Of the three sets the one is told whose effects share no channel; its mass is that of all."""
+    late = [("latency", {"where": where, "delay_s": 2.0 + by}) for where, by in ((SENSORS[0], 1.0), (SENSORS[1], 0.0))]
+    run = recorded_by(3, *late)
+    data = set_up(run, estimated_floor(run, arm), arm)
+    every = {each.label: each for each in all_candidates(data)}
+    accelerometer, magnetometer, both = (f"latency@{where}" for where in (*SENSORS, "acquisition"))
+    hypotheses = []
+    for mass, own in (
+        (0.0, (both, accelerometer)),
+        (-0.01, (both, magnetometer)),
+        (-0.02, (accelerometer, magnetometer)),
+    ):
+        fits = [Fitted(every[label], np.ones(1), {}) for label in own]
+        members = [Member(fit, 0.0, (label,)) for fit, label in zip(fits, own, strict=True)]
+        found = converged(fits, data)
+        hypotheses.append(Hypothesis(Explanation.of(members, found, 0.0, fine=True), NoiseState(), (), mass))
+    posterior = Posterior(tuple(hypotheses), None, None, None)  # type: ignore[arg-type]
+    (told_of,) = merged(posterior).hypotheses
+    assert told_of.explanation.key == (accelerometer, magnetometer)
+    assert told_of.log_mass == pytest.approx(np.logaddexp.reduce([0.0, -0.01, -0.02]))
+    alone = replace(posterior, hypotheses=(told_of,))
+    assert merged(alone).hypotheses == (told_of,)
+    assert twins(alone) == {}
 
 
 def test_weights_that_were_given_are_told() -> None:

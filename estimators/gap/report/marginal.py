@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import project
 from estimators.gap.diagnosis import Estimate
 from estimators.gap.evidence.refine import Fitted
 from estimators.gap.hypotheses.candidates import split
+from estimators.gap.report import same_sets
 from estimators.gap.report.curvature import beyond_normal
-from estimators.gap.search.explanation import Explanation, Member
+from estimators.gap.search.explanation import Member
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
 from rig.arrays import Array
 from rig.effects import EFFECTS
 
-#: Squared distance between what two sets change, in noise, below which no data of this maneuver tell them apart.
-_TWINS: Final = 0.02
-#: Log odds against the likeliest with and without an unknown thing within which sets are compared for that.
-_COMPARED: Final = 6.0
 #: A direction of the parameters is not felt where the data shrink its prior by less than this factor; a parameter is
 #: not, where such directions hold more than this share of it.
 _SHRUNK: Final = 0.5
@@ -57,48 +52,11 @@ def twins(posterior: Posterior) -> dict[str, str]:
             if member.label not in found:
                 others = set(member.labels[1:]) - set(found.values()) - found.keys()
                 found |= dict.fromkeys(others, member.label)
-    pairs = list[tuple[Hypothesis, Hypothesis]]()
-    for beside in (False, True):  # an unknown thing
-        own = [each for each in posterior.hypotheses if bool(each.terms) == beside]
-        pairs += combinations([each for each in own if each.log_mass > own[0].log_mass - _COMPARED], 2)
-    known: dict[int, Array] = {}
-
-    def moved(each: Explanation) -> Array:
-        if id(each) not in known:
-            known[id(each)] = _moved(each)
-        return known[id(each)]
-
-    for one, two in pairs:
-        if one.state.kind != two.state.kind:
-            continue
-        mine = set(one.explanation.key) - set(two.explanation.key)
-        theirs = set(two.explanation.key) - set(one.explanation.key)
-        if len(mine) != 1 or len(theirs) != 1:
-            continue
-        (kept,), (gone,) = mine, theirs
-        kept = found.get(kept, kept)
-        if gone not in found and gone != kept and _distance(one, two, moved) < _TWINS:
+    for pair in same_sets.but_for_one(posterior):
+        kept, gone = found.get(pair.mine, pair.mine), pair.theirs
+        if gone not in found and gone != kept and pair.same:
             found = {label: kept if same == gone else same for label, same in found.items()} | {gone: kept}
     return found
-
-
-def _distance(one: Hypothesis, two: Hypothesis, moved: Callable[[Explanation], Array]) -> float:
-    """Squared distance of what two explanations change where each is likeliest, whitened, the calibration projected
-    out: one of them may not have been fitted under this noise itself."""
-    if one.explanation.data.size != two.explanation.data.size:
-        return np.inf
-    data = one.explanation.data
-    apart = data.change([m.fit.effect for m in one.explanation.members])
-    other = two.explanation.data
-    apart = apart + data.modelled - other.modelled - other.change([m.fit.effect for m in two.explanation.members])
-    left = project(data.absorbed, data.whiten(apart)) + moved(one.explanation) - moved(two.explanation)
-    return float(left @ left)
-
-
-def _moved(explanation: Explanation) -> Array:
-    """(c n,) by what the change of an explanation's likeliest values differs from that of those it was fitted at."""
-    linear = explanation.linear
-    return np.asarray(linear.tangent @ linear.posterior(linear.likeliest)[0])
 
 
 def places(posterior: Posterior, same: Mapping[str, str]) -> dict[str, Place]:

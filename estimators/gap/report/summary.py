@@ -16,7 +16,7 @@ from estimators.gap.evidence.converge import converged
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.pooled import pooled
-from estimators.gap.report import by_channel, closed_shares, closure, left_over, marginal
+from estimators.gap.report import by_channel, closed_shares, closure, left_over, marginal, same_sets
 from estimators.gap.report.by_recording import of_several
 from estimators.gap.report.louder_rest import loud_floor_words
 from estimators.gap.report.one_of import at_least_one
@@ -58,6 +58,7 @@ def conclude(
         without: effects left out of the catalogue: their defects have no name.
         floors: of each recording, the noise of each channel. sources: where these come from.
     """
+    posterior = same_sets.merged(posterior)
     defects = [
         # nobody knows the converter's own step: a lattice is no cause
         [defect for defect in own if source == "locked recording" or defect.effect != "adc_quantisation"]

@@ -313,10 +313,10 @@ class Search:
         alone = len(slow) == len(each.members)
         rough = each if not each.fine and alone else self.fitted(slow)
         own = (rough.log_mass - self._fitted((), self.rough).log_mass) * self._finer()
-        without = (each if alone else self.fine(slow, rough)).log_mass
+        without = 0.0 if alone else self.fine(slow, rough).log_mass
         if not np.isfinite(without):  # an effect does nothing without the others
             return each.log_mass - self.fine(()).log_mass
-        return own + each.log_mass - without
+        return own if alone else own + each.log_mass - without
 
     def _finer(self) -> float:
         """Beside sets that need single samples: by what factor these tell more than means of the likeliest that does
