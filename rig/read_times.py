@@ -146,8 +146,8 @@ class _Path:
 
     @cached_property
     def _sums(self) -> tuple[Array, Array, float, float]:
-        """The bands (order + 1, m) of B'WB, B'Wu and u'Wu, and the log of W's determinant: u the changes, B what the
-        times do to them, W the inverse of their mean squares around each."""
+        """The bands (order + 1, m) of B'WB, B'Wu and u'Wu: u the changes, B what the times do to them, W the inverse of
+        their mean squares around each; and minus the log normalisation of the positions' density with these."""
         count = len(self.at)
         rest = count - self.order
         bands, moment, square, log_size = np.zeros((self.order + 1, count)), np.zeros(count), 0.0, 0.0

@@ -97,12 +97,10 @@ def merged(posterior: Posterior) -> Posterior:
 
 
 def _as_one(alike: Sequence[Hypothesis]) -> Hypothesis:
-    clearest = min(alike, key=lambda one: (_shared(one.explanation), -one.log_mass))
+    clearest = min(alike, key=lambda one: (_touched(one.explanation), -one.log_mass))
     return replace(clearest, log_mass=float(np.logaddexp.reduce([one.log_mass for one in alike])))
 
 
-def _shared(explanation: Explanation) -> int:
+def _touched(explanation: Explanation) -> int:
     """How many channels its effects act on, each channel once for every effect."""
-    channels = len(explanation.data.columns)
-    squares = np.stack([np.sum(each.reshape(channels, -1) ** 2, axis=1) for each in explanation.changes])
-    return int(np.sum(squares > 1e-9 * squares.sum(axis=1, keepdims=True)))
+    return sum(int(np.count_nonzero(fit.touched(explanation.data))) for fit in explanation.fits)
