@@ -10,6 +10,7 @@ from whitened_examples import data, recorded  # noqa: F401
 
 from estimators.gap.data import tangent
 from estimators.gap.data.basefit import estimated_floor, set_up
+from estimators.gap.data.rebase import rebased
 from estimators.gap.data.tangent import stepped
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
@@ -128,3 +129,19 @@ def test_a_step_keeps_a_sensitivity_of_any_unit_and_its_sign(data: WhitenedData)
     less = tangent.stepped(pipeline, beyond).magnetometer
     assert less is not None
     assert 0.0 < less.sensitivity[0] < small[0]
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("link", ["link1", "link3"])
+def test_what_a_set_is_said_to_leave_was_attained(seed: int, link: str, arm: Arm) -> None:
+    """Soft iron in the place of a strong hard iron doubles the field, and halves the gains: beyond the calibration's
+    tangent, which promised a third of what is left. Around the calibration that fits best beside it, to one."""
+    run = recorded(seed, ("link_hard_iron", {"where": "link2", "field": (0.3, -0.15, 0.1)}))
+    whitened = set_up(run, estimated_floor(run, arm), arm)
+    (candidate,) = [each for each in all_candidates(whitened) if each.label == f"link_soft_iron@{link}"]
+    found = converged([Fitted(candidate, np.full(6, 1e-3), {})], whitened)
+    effects = [fit.effect for fit in found.fits]
+    there = rebased(found.data, effects)
+    left = there.whiten(there.residual - there.change(effects))
+    assert abs(found.misfit + found.short - float(left @ left)) < 1.0
+    assert found.misfit < 0.1 * float(whitened.whitened @ whitened.whitened)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,13 +13,18 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.refine import Fitted, Refit, refit
 
 #: Calibrations started from anew at most.
-_ROUNDS: Final = 4
+_ROUNDS: Final = 8
 #: Misfit (chi-square) by which a recording is off that is worth another.
 _OFF: Final = 1.0
+#: The least share of the way to the effects that are likeliest, as if the calibration followed its tangent.
+_SHORTEST: Final = 0.1
 
 
 def converged(fits: Sequence[Fitted], data: WhitenedData, rough: WhitenedData | None = None) -> Refit:
     """The fitted effects, around the calibration that they hold beside: the given one where that was good enough.
+
+    Where the calibration is pushed so far that its tangent does not tell what it takes, a part of the way is gone: what
+    is left then is what was attained, not what a straight line promised.
 
     Args:
         rough: means over neighbouring samples: effects that outlive these are fitted there first, which
@@ -28,16 +34,40 @@ def converged(fits: Sequence[Fitted], data: WhitenedData, rough: WhitenedData | 
         first = converged(fits, rough)
         fits, data = first.fits, data if first.data is rough else data.like(first.data)
     found = refit(fits, data)
-    least = np.inf
-    for _ in range(_ROUNDS if found.fits else 0):
-        effects = [fit.effect for fit in found.fits]
-        fresh = rebased(data, effects)
-        left = fresh.whiten(fresh.residual - fresh.change(effects))
-        misfit = float(left @ left)
-        if abs(misfit - found.misfit) < _OFF or misfit >= least:  # another calibration that is no better ends nothing
+    if not found.fits:
+        return found
+    # with nothing there, the calibration is where it fits best
+    reached, least = [_without_strength(fit) for fit in found.fits], float(data.whitened @ data.whitened)
+    for number in range(_ROUNDS + 1):
+        share, tried = 1.0, list(found.fits)
+        fresh, misfit = _attained(tried, data)
+        if abs(misfit - found.misfit) < _OFF:
             break
-        data, least = fresh, misfit
-        found = refit(found.fits, data, most=4)
-    if found.fits and not data.in_place:  # what the calibration takes of a strong cause, it takes beside that
+        while misfit >= least and share > _SHORTEST:
+            share *= 0.5
+            tried = [_between(*pair, share) for pair in zip(reached, found.fits, strict=True)]
+            fresh, misfit = _attained(tried, data)
+        if misfit >= least or number == _ROUNDS:  # another calibration that is no better ends nothing
+            return replace(found, short=max(min(misfit, least) - found.misfit, 0.0))
+        data, least, reached = fresh, misfit, tried
+        found = refit(tried, data, most=4)
+    if not data.in_place:  # what the calibration takes of a strong cause, it takes beside that
         found = refit(found.fits, data.around(data.pipeline, [fit.effect for fit in found.fits]), most=4)
     return found
+
+
+def _attained(fits: Sequence[Fitted], data: WhitenedData) -> tuple[WhitenedData, float]:
+    """The data around the calibration that fits best beside some effects, and what these leave there (chi-square)."""
+    effects = [fit.effect for fit in fits]
+    fresh = rebased(data, effects)
+    left = fresh.whiten(fresh.residual - fresh.change(effects))
+    return fresh, float(left @ left)
+
+
+def _between(one: Fitted, other: Fitted, share: float) -> Fitted:
+    return replace(other, values=(1.0 - share) * one.values + share * other.values)
+
+
+def _without_strength(fit: Fitted) -> Fitted:
+    strengths = sum(item.size for item in fit.free if item.strength)
+    return replace(fit, values=np.concatenate([np.zeros(strengths), fit.values[strengths:]]))

@@ -156,12 +156,14 @@ class Refit:
         fits: the effects. data: where.
         left: (c count,) what they leave of the whitened residual; the calibration is not projected out.
         columns: (c count, p) their whitened derivatives there, each for a typical size.
+        short: by how much more is left (chi-square) than the calibration's tangent tells, where that is too far off.
     """
 
     fits: list[Fitted]
     data: WhitenedData
     left: Array
     columns: Array
+    short: float = 0.0
 
     @property
     def misfit(self) -> float:

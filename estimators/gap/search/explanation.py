@@ -103,7 +103,7 @@ class Explanation:
     Attributes:
         members: the effects. data: whitened around the calibration that fits best with them.
         log_prior: of the set. fine: whether it was fitted sample by sample.
-        refitted: whether it was fitted on these very data.
+        refitted: whether it was fitted on these very data. short: as of ``Refit``.
     """
 
     members: tuple[Member, ...]
@@ -111,11 +111,13 @@ class Explanation:
     log_prior: float
     fine: bool
     refitted: bool = False
+    short: float = 0.0
 
     @classmethod
     def of(cls, members: Sequence[Member], refitted: Refit, log_prior: float, fine: bool) -> Explanation:
         """Of members as they were fitted together."""
-        found = cls(as_fitted(members, refitted), refitted.data, log_prior, fine, refitted=True)
+        own = as_fitted(members, refitted)
+        found = cls(own, refitted.data, log_prior, fine, refitted=True, short=refitted.short)
         found._linearise(refitted)
         return found
 
@@ -151,7 +153,8 @@ class Explanation:
         for _ in range(_ANEW):
             linear = each.linear
             held = np.where(linear.strength, linear.likeliest, 0.0)
-            each = Explanation.of(each.members, refit(each.fits, each.data, held=held), each.log_prior, each.fine)
+            refitted = replace(refit(each.fits, each.data, held=held), short=each.short)
+            each = Explanation.of(each.members, refitted, each.log_prior, each.fine)
             if not each.felt or each.ahead < _THERE:
                 break
         return each
@@ -205,7 +208,7 @@ class Explanation:
         return vars(self).get("_linear") or self._linearise(at(self.fits, self.data))
 
     def _linearise(self, refitted: Refit) -> Linear:
-        found = linearised(refitted, sum(member.searched for member in self.members))
+        found = linearised(refitted, sum(member.searched for member in self.members) + 0.5 * self.short)
         vars(self)["_linear"] = found
         _keep(self, found.tangent.size)
         return found
