@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, CubicSpline, make_smoothing_spline
 from scipy.ndimage import percentile_filter
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -41,11 +41,15 @@ class PoseNodes:
         t: (m,) [s] rising.
         quaternion: (m, 4) R_base_tool, scalar first, of one sign from node to node.
         position: (m, 3) [m]; (0, 0) where it was not logged.
+        read: (m,) [s] when they were read; None: what the path makes likeliest.
+        smoothed: waves shorter than so many times two intervals are noise, of orientations and of positions.
     """
 
     t: Array
     quaternion: Array
     position: Array
+    read: Array | None = None
+    smoothed: tuple[float, float] = (0.0, 0.0)
     _last: list[Array] = field(default_factory=list, repr=False, compare=False)
 
     @property
@@ -56,7 +60,8 @@ class PoseNodes:
     def smooth(self, t: Array) -> tuple[Array, Array]:
         """Orientations (n, 3, 3) and positions (n, 3) at times t: cubic splines through the nodes, when they were read.
 
-        The components of the unit quaternions are interpolated and scaled to length one.
+        The components of the unit quaternions are interpolated and scaled to length one. Where nodes are noisy, the
+        splines are smoothing ones.
         """
         at = np.clip(t, self.read_s[0], self.read_s[-1])
         quaternion, position = self._splines
@@ -77,16 +82,30 @@ class PoseNodes:
             self._last[:] = [t, R_base_tool, turn.as_rotvec(), path]
         return self._last[2], self._last[3]
 
-    @cached_property
+    @property
     def read_s(self) -> Array:
         """(m,) [s] when the poses were read, by the stamps and by how smooth the path is."""
+        return self.likely_read_s[0] if self.read is None else self.read
+
+    @cached_property
+    def likely_read_s(self) -> tuple[Array, ...]:
+        """As ``read_s``, with other times that the path makes likely."""
         turns = 2.0 * self.quaternion  # [rad]
         return read_times(self.t, [turns, self.position] if self.position.size else [turns])
 
     @cached_property
-    def _splines(self) -> tuple[CubicSpline, CubicSpline | None]:
-        quaternion = CubicSpline(self.read_s, self.quaternion, axis=0)
-        return quaternion, CubicSpline(self.read_s, self.position, axis=0) if self.position.size else None
+    def _splines(self) -> tuple[CubicSpline | BSpline, CubicSpline | BSpline | None]:
+        turns, moves = self.smoothed
+        position = self._spline(self.position, moves) if self.position.size else None
+        return self._spline(self.quaternion, turns), position
+
+    def _spline(self, values: Array, smoothed: float) -> CubicSpline | BSpline:
+        """Through nodes' coordinates (m, k), or near them: halving waves of so many times two intervals."""
+        if smoothed == 0.0:
+            return CubicSpline(self.read_s, values, axis=0)
+        # a spline of penalty p through nodes h apart halves waves of angular frequency (1/(p h))^(1/4)
+        penalty = (smoothed / np.pi) ** 4 * self.interval_s**3
+        return make_smoothing_spline(self.read_s, values, lam=penalty)
 
 
 def find_nodes(t: Array, R_base_tool: Array, position: Array) -> PoseNodes | None:

@@ -43,23 +43,25 @@ _ROUNDS: Final = 6
 #: Logarithm of the changes' size, as a share of what the times at hand make of them.
 _SMOOTHER: Final = (-8.0, 0.5)
 #: Orders of a path's changes.
-_ACCELERATION, _JERK = 2, 3
+_ACCELERATION, _JERK, _SNAP = 2, 3, 4
 #: Changes of so many nodes are a stretch, whose mean square is no less than this share of the path's.
 _ALIKE, _LEAST = 13, 1e-3
 
 
-def read_times(t: Array, groups: Sequence[Array]) -> Array:
-    """(m,) [s] rising: when nodes stamped at t (m,) were read.
+def read_times(t: Array, groups: Sequence[Array]) -> tuple[Array, ...]:
+    """Each (m,) [s] rising: when nodes stamped at t (m,) were read, the likeliest first.
 
     Either evenly, as a controller does, or when they were stamped, give or take: whichever makes the path likelier.
-    Even stamps are known to what makes the path likeliest.
+    Even stamps are known to what makes the path's accelerations likeliest, or its jerks, or how these change: the
+    higher, the better they tell, of an arm that moves smoothly, how far the stamps are off; one that starts and stops
+    within an interval they take for that. How likely each is does not say which of these it is.
 
     Args:
         groups: (m, k) coordinates of the nodes, each group of one unit: its accelerations are of one size.
     """
     width = 2 * _NEIGHBOURS + 1
     if len(t) < width:
-        return t
+        return (t,)
     from scipy.signal import savgol_filter  # takes a third of a second and 20 MB, which few recordings need
 
     interval_s = float(np.median(np.diff(t)))
@@ -71,12 +73,15 @@ def read_times(t: Array, groups: Sequence[Array]) -> Array:
     if scatter <= _EVEN * interval_s:
         found = _likeliest(t, None, groups, _ACCELERATION)
         if found.sigma < _NONE * interval_s:
-            return t
-        return _likeliest(t, found.sigma, groups, _JERK).at
+            return (t,)
+        ways = [
+            _likeliest(t, sigma, groups, order) for sigma, order in ((found.sigma, _JERK), (None, _JERK), (None, _SNAP))
+        ]
+        return tuple(way.at for way in ways)
     ways = [_likeliest(t, scatter, groups, _ACCELERATION)]
     if np.all(np.diff(even) > 0.0):
         ways.append(_likeliest(even, scatter / np.sqrt(width), groups, _ACCELERATION))
-    return min(ways, key=lambda way: way.loss).at
+    return (min(ways, key=lambda way: way.loss).at,)
 
 
 class _Times(NamedTuple):
@@ -103,7 +108,7 @@ def _likeliest(prior: Array, known: float | None, groups: Sequence[Array], order
     if known is None:
         logs.append(np.log(sigma))
         bounds.append((np.log(_OFF[0] * interval_s), np.log(_OFF[1] * interval_s)))
-    varied = known is None or order == _JERK
+    varied = known is None or order > _ACCELERATION
     for _ in range(_ROUNDS):
         path = _Path(at, prior, groups, order, varied)
 

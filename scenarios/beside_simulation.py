@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from scipy.special import chdtrc
 
-from estimators.gap.data.basefit import set_up, signals_of
+from estimators.gap.data.basefit import on_likely_path, set_up, signals_of
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.report.fitted_rig import delayed
 from rig.arrays import Array
@@ -61,7 +61,7 @@ def beside_simulation(recording: Recording, scenario: Scenario) -> tuple[tuple[C
     begin_s = float(recording.t[0])
     effects = tuple(delayed(effect, begin_s) for effect in rig.effects)
     mean = tuple(effect for effect in effects if effect.kind is Kind.MEAN)
-    signals = signals_of(recording, rig.arm)
+    signals = on_likely_path(recording, signals_of(recording, rig.arm))
     if signals.temperature is None:
         signals = replace(signals, temperature=rig.environment.temperature(recording.t - begin_s))
     rng = np.random.default_rng(0)  # mean effects draw nothing

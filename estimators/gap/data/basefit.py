@@ -11,6 +11,7 @@ from estimators.calibration import Calibration
 from estimators.calibration.turned import turned
 from estimators.dispatch import calibrate
 from estimators.gap.data.defects import lattice
+from estimators.gap.data.likely_path import likely_path
 from estimators.gap.data.modelled import known
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import ChannelNoise
@@ -25,7 +26,7 @@ from estimators.goodness.residuals import residuals_of
 from estimators.known_angle.from_recording import arm_of
 from estimators.noise import held_poses
 from rig.arm import Arm
-from rig.arrays import Array, Rows
+from rig.arrays import Array, Mask, Rows
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect
 from rig.effects.tails import beside_neighbours, drawn_in, student, tails_of, variance_beside_neighbours
@@ -285,13 +286,25 @@ def placed(recording: Recording, signals: Signals, pipeline: Pipeline, floor: tu
     show, nobody knows.
     """
     readings = all_readings(recording)
-    base = pipeline.expected(signals, np.random.default_rng(0))
-    data = WhitenedData(known(base), pipeline, readings, floor, np.ones_like(readings), floor)
+    base = on_likely_path(recording, known(pipeline.expected(signals, np.random.default_rng(0))))
+    data = WhitenedData(base, pipeline, readings, floor, np.ones_like(readings), floor)
     if recording.metadata.still_poses:
         return data
+    return data.without(np.broadcast_to(_ends(recording)[:, None], readings.shape))
+
+
+def on_likely_path(recording: Recording, signals: Signals) -> Signals:
+    """With the path through the nodes of a log that the recording's readings tell."""
+    if (nodes := signals.pose_nodes) is None:
+        return signals
+    readings = {sensor: recording.readings(sensor) for sensor in recording.sensors}
+    return replace(signals, known_nodes=(likely_path(nodes, signals.t, readings, ~_ends(recording)),))
+
+
+def _ends(recording: Recording) -> Mask:
+    """(n,) the samples at either end."""
     t = recording.t
-    ends = np.minimum(t - t[0], t[-1] - t) < _ENDS_S
-    return data.without(np.broadcast_to(ends[:, None], readings.shape))
+    return np.asarray(np.minimum(t - t[0], t[-1] - t) < _ENDS_S)
 
 
 def floor_of(recording: Recording, floor: Sequence[ChannelNoise]) -> dict[str, Array]:
