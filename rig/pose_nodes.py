@@ -50,7 +50,7 @@ class PoseNodes:
     position: Array
     read: Array | None = None
     smoothed: tuple[float, float] = (0.0, 0.0)
-    _last: list[Array] = field(default_factory=list, repr=False, compare=False)
+    _last: list[Array] = field(default_factory=list, init=False, repr=False, compare=False)
 
     @property
     def interval_s(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -132,3 +133,13 @@ def test_readings_that_do_not_count_tell_nothing() -> None:
     nodes = nodes_of(rng, 0.0, 5e-4, 0.0)
     t = np.arange(0.0, DURATION_S, 0.01)
     assert likely_path(nodes, t, readings(t, rng), np.zeros(len(t), dtype=bool)) is nodes
+
+
+def test_another_path_is_away_by_its_own() -> None:
+    """How far a log is away from a path is asked for each strength of an effect, and kept; not for another path."""
+    nodes = nodes_of(np.random.default_rng(0), 0.0, 0.0, 3e-3)
+    t = np.arange(1.0, DURATION_S - 1.0, 0.01)
+    logged = Rotation.from_rotvec(angles(t)).as_matrix()
+    before = nodes.away(t, logged)[0]
+    smooth = replace(nodes, read=nodes.read_s, smoothed=(4.0, 0.0))
+    assert np.sqrt(np.mean(smooth.away(t, logged)[0] ** 2)) < 0.8 * np.sqrt(np.mean(before**2))
