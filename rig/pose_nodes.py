@@ -6,7 +6,7 @@ the pose was read; a smooth path through these nodes is nearer to the motion tha
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -56,6 +56,10 @@ class PoseNodes:
     def interval_s(self) -> float:
         """The usual interval between nodes [s]."""
         return float(np.median(np.diff(self.t)))
+
+    def later(self, by: float) -> PoseNodes:
+        """The same nodes on a clock that tells so much more [s]."""
+        return replace(self, t=self.t + by, read=self.read_s + by)
 
     def smooth(self, t: Array) -> tuple[Array, Array]:
         """Orientations (n, 3, 3) and positions (n, 3) at times t: cubic splines through the nodes, when they were read.

@@ -145,3 +145,19 @@ def test_what_a_set_is_said_to_leave_was_attained(seed: int, link: str, arm: Arm
     left = there.whiten(there.residual - there.change(effects))
     assert abs(found.misfit + found.short - float(left @ left)) < 1.0
     assert found.misfit < 0.1 * float(whitened.whitened @ whitened.whitened)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_fit_that_does_not_get_there_is_charged_with_what_it_attained(seed: int, arm: Arm) -> None:
+    """Soft iron of another link, which is far from what a strong hard iron does: fitted again from there it leaves no
+    more, and what its effects leave around the best calibration beside them is what it is charged with, to a tenth."""
+    run = recorded(seed, ("link_hard_iron", {"where": "link2", "field": (0.6, -0.3, 0.2)}))
+    whitened = set_up(run, estimated_floor(run, arm), arm)
+    (candidate,) = [each for each in all_candidates(whitened) if each.label == "link_soft_iron@link5"]
+    found = converged([Fitted(candidate, np.full(6, 1e-3), {})], whitened)
+    effects = [fit.effect for fit in found.fits]
+    around = found.data.around(found.data.pipeline, effects)
+    left = around.whiten(around.residual - around.change(effects))
+    assert found.short > 1.0
+    assert found.attained == pytest.approx(float(left @ left), rel=0.1)
+    assert converged(found.fits, found.data).attained < 1.001 * found.attained

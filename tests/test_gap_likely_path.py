@@ -143,3 +143,20 @@ def test_another_path_is_away_by_its_own() -> None:
     before = nodes.away(t, logged)[0]
     smooth = replace(nodes, read=nodes.read_s, smoothed=(4.0, 0.0))
     assert np.sqrt(np.mean(smooth.away(t, logged)[0] ** 2)) < 0.8 * np.sqrt(np.mean(before**2))
+
+
+@pytest.mark.parametrize("reading", [np.nan, 0.0])
+def test_of_an_axis_that_says_nothing_the_others_tell(reading: float) -> None:
+    rng = np.random.default_rng(0)
+    nodes = nodes_of(rng, 0.0, 5e-4, 0.0)
+    t = np.arange(0.0, DURATION_S, 0.01)
+    own = readings(t, rng)
+    own[ACCELEROMETER][:, 1] = reading
+    found = likely_path(nodes, t, own, np.minimum(t, DURATION_S - t) > 0.5)
+    assert errors(found)[0] < 0.5 * errors(nodes)[0]
+
+
+def test_nodes_on_another_clock_are_of_the_same_path() -> None:
+    nodes = nodes_of(np.random.default_rng(0), 2e-3, 0.0, 0.0)
+    t = np.arange(1.0, DURATION_S - 1.0, 0.01)
+    np.testing.assert_allclose(nodes.later(5.0).smooth(t + 5.0)[1], nodes.smooth(t)[1], rtol=0.0, atol=1e-12)

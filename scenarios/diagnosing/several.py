@@ -11,6 +11,7 @@ from estimators.gap.diagnose import Examined
 from estimators.gap.report.fitted_rig import delayed
 from rig.arrays import Array
 from rig.effects import EFFECTS, Effect, Kind
+from rig.signals import Signals
 from scenarios.gap_report.gap_residuals import GapResiduals, diagnosed_effects, whitened, with_noise
 
 
@@ -42,11 +43,17 @@ def residuals_of_each(found: Examined) -> list[GapResiduals]:
                 white_before=whitened(part, part.residual),
                 white_after=whitened(with_noise(part, named, left), left) if explained else None,
                 causes=causes,
-                data=replace(part, base=replace(part.base, t=part.base.t - began, known_nodes=None)) if began else part,
+                data=replace(part, base=_earlier(part.base, began)) if began else part,
                 calibrated=found.settled.restricted(recording.sensors),
             )
         )
     return result
+
+
+def _earlier(base: Signals, by: float) -> Signals:
+    """Signals on a clock that tells so much less [s]."""
+    nodes = base.pose_nodes
+    return replace(base, t=base.t - by, known_nodes=(None if nodes is None else nodes.later(-by),))
 
 
 def _own(effect: Effect, began: float, start: float) -> Effect:

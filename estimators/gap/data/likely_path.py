@@ -32,8 +32,6 @@ _LAG: Final = 0.01
 #: Waves shorter than so many times two intervals may be noise of the nodes: longer in steps of a half, which change
 #: what is left of a wave by four.
 _SMOOTHED: Final = (1.0, 1.4, 2.0, 2.8, 4.0)
-#: Of these so many in a row are no better where none is.
-_BEHIND: Final = 2
 #: Readings are explained better if their log likelihood grows by more than this.
 _BETTER: Final = 3.0
 #: The lowest octave has so many waves at least: of fewer, what fits would leave nothing.
@@ -49,9 +47,14 @@ def likely_path(nodes: PoseNodes, t: Array, readings: Mapping[str, Array], kept:
 
     Args:
         t: (n,) [s]. readings: sensor -> (n, 3), late by what they like, and lagging.
-        kept: (n,) which of them count; where these are few, the nodes stay what they are.
+        kept: (n,) which of them count; where these are few, the nodes stay what they are. An axis that
+            is constant, or without numbers somewhere, is left out.
     """
-    part = _liveliest(np.hstack(list(readings.values())))
+    readings = {name: own[:, np.ptp(own, axis=0) > 0.0] for name, own in readings.items()}
+    every = np.hstack(list(readings.values()))
+    if not every.size:
+        return nodes
+    part = _liveliest(every)
     t, kept = t[part], kept[part]
     if np.count_nonzero(kept) < _FEWEST:
         return nodes
@@ -70,14 +73,11 @@ def likely_path(nodes: PoseNodes, t: Array, readings: Mapping[str, Array], kept:
     for read in nodes.likely_read_s[1:]:
         better(replace(nodes, read=read))
     found = replace(found, read=found.read_s)
-    for what in ("positions", "orientations"):
-        behind = 0
-        for smoothed in _SMOOTHED:
-            orientations, positions = found.smoothed
-            pair = (orientations, smoothed) if what == "positions" else (smoothed, positions)
-            behind = 0 if better(replace(found, smoothed=pair)) else behind + 1
-            if behind == _BEHIND:
-                break
+    for smoothed in _SMOOTHED:
+        better(replace(found, smoothed=(0.0, smoothed)))
+    moves = found.smoothed[1]
+    for smoothed in _SMOOTHED:
+        better(replace(found, smoothed=(smoothed, moves)))
     return found
 
 
@@ -165,5 +165,5 @@ def _misfit(design: Array, waves: Array, bands: Sequence[slice]) -> float:
         gram[np.diag_indices(len(gram))] += 1e-9 * np.trace(gram) / len(gram)
         fitted = np.linalg.solve(gram, np.tensordot(1.0 / sizes, moments, axes=1))
         left = squares - 2.0 * moments @ fitted + np.einsum("i,bij,j->b", fitted, grams, fitted)
-        sizes = np.maximum(left, 1e-12 * squares) / counts
+        sizes = np.maximum(left, 1e-12 * squares + np.finfo(float).tiny) / counts
     return float(0.5 * counts @ np.log(sizes))

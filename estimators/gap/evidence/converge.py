@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.gap.data.rebase import rebased
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.refine import Fitted, Refit, refit
+from estimators.gap.evidence.refine import Fitted, Refit, at, refit
 
 #: Calibrations started from anew at most.
 _ROUNDS: Final = 8
@@ -36,8 +36,10 @@ def converged(fits: Sequence[Fitted], data: WhitenedData, rough: WhitenedData | 
     found = refit(fits, data)
     if not found.fits:
         return found
-    # with nothing there, the calibration is where it fits best
-    reached, least = [_without_strength(fit) for fit in found.fits], float(data.whitened @ data.whitened)
+    if data.in_place:
+        reached, least = list(fits), _left(fits, data)
+    else:  # with nothing there, the calibration is where it fits best
+        reached, least = [_without_strength(fit) for fit in found.fits], float(data.whitened @ data.whitened)
     for number in range(_ROUNDS + 1):
         share, tried = 1.0, list(found.fits)
         fresh, misfit = _attained(tried, data)
@@ -47,8 +49,11 @@ def converged(fits: Sequence[Fitted], data: WhitenedData, rough: WhitenedData | 
             share *= 0.5
             tried = [_between(*pair, share) for pair in zip(reached, found.fits, strict=True)]
             fresh, misfit = _attained(tried, data)
-        if misfit >= least or number == _ROUNDS:  # another calibration that is no better ends nothing
-            return replace(found, short=max(min(misfit, least) - found.misfit, 0.0))
+        better = misfit < least
+        if not better or number == _ROUNDS:  # another calibration that is no better ends nothing
+            attained = min(misfit, least)
+            there = at(tried, fresh) if better else at(reached, data) if data.in_place else found
+            return replace(there, short=max(attained - found.misfit, 0.0))
         data, least, reached = fresh, misfit, tried
         found = refit(tried, data, most=4)
     if not data.in_place:  # what the calibration takes of a strong cause, it takes beside that
@@ -56,12 +61,16 @@ def converged(fits: Sequence[Fitted], data: WhitenedData, rough: WhitenedData | 
     return found
 
 
+def _left(fits: Sequence[Fitted], data: WhitenedData) -> float:
+    """What some effects leave (chi-square) around the calibration as it is."""
+    left = data.whiten(data.residual - data.change([fit.effect for fit in fits]))
+    return float(left @ left)
+
+
 def _attained(fits: Sequence[Fitted], data: WhitenedData) -> tuple[WhitenedData, float]:
     """The data around the calibration that fits best beside some effects, and what these leave there (chi-square)."""
-    effects = [fit.effect for fit in fits]
-    fresh = rebased(data, effects)
-    left = fresh.whiten(fresh.residual - fresh.change(effects))
-    return fresh, float(left @ left)
+    fresh = rebased(data, [fit.effect for fit in fits])
+    return fresh, _left(fits, fresh)
 
 
 def _between(one: Fitted, other: Fitted, share: float) -> Fitted:

@@ -171,6 +171,11 @@ class Refit:
         taken = self.data.absorbed.along(self.left)
         return float(self.left @ self.left - taken @ taken)
 
+    @property
+    def attained(self) -> float:
+        """Chi-square that was attained around the calibration that then fits best."""
+        return self.misfit + self.short
+
     @cached_property
     def explained(self) -> Explained:
         """What they leave, with their tangents explained."""

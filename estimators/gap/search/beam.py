@@ -195,7 +195,7 @@ class Search:
         if not same and tested.score.strengths.size:
             fit = started(tested, look.data, explained)
             again = converged([*refitted.fits[:index], fit, *refitted.fits[index + 1 :]], refitted.data)
-            if again.misfit > refitted.misfit:
+            if again.attained > refitted.attained:
                 return members, refitted
         own = list(as_fitted(members, again))
         own[index] = replace(own[index], searched=tested.spread, widths=tested.widths)

@@ -133,7 +133,11 @@ class Explanation:
 
     def on(self, data: WhitenedData) -> Explanation:
         """The same set as it was fitted, in other data, or under other noise."""
-        return replace(self, data=data.like(self.data), refitted=False)
+        found = replace(self, data=data.like(self.data), refitted=False, short=0.0)
+        if not self.short:
+            return found
+        own, other = (float(each.linear.left @ each.linear.left) for each in (self, found))
+        return replace(found, short=self.short * other / own)
 
     @property
     def seeds(self) -> list[tuple[Member, ...]]:
@@ -148,13 +152,12 @@ class Explanation:
         a fit that leaves least has large ones against each other, and straight on from there lie any number of others.
         """
         each = self
-        if not each.members or not each.felt or each.ahead < _ELSEWHERE:
+        if not each.members or not each.felt or each.short or each.ahead < _ELSEWHERE:
             return each
         for _ in range(_ANEW):
             linear = each.linear
             held = np.where(linear.strength, linear.likeliest, 0.0)
-            refitted = replace(refit(each.fits, each.data, held=held), short=each.short)
-            each = Explanation.of(each.members, refitted, each.log_prior, each.fine)
+            each = Explanation.of(each.members, refit(each.fits, each.data, held=held), each.log_prior, each.fine)
             if not each.felt or each.ahead < _THERE:
                 break
         return each
