@@ -135,7 +135,7 @@ def test_a_step_keeps_a_sensitivity_of_any_unit_and_its_sign(data: WhitenedData)
 @pytest.mark.parametrize("link", ["link1", "link3"])
 def test_what_a_set_is_said_to_leave_was_attained(seed: int, link: str, arm: Arm) -> None:
     """Soft iron in the place of a strong hard iron doubles the field, and halves the gains: beyond the calibration's
-    tangent, which promised a third of what is left. Around the calibration that fits best beside it, to one."""
+    tangent, which promised two fifths of what is left. Around the calibration that fits best beside it, to one."""
     run = recorded(seed, ("link_hard_iron", {"where": "link2", "field": (0.3, -0.15, 0.1)}))
     whitened = set_up(run, estimated_floor(run, arm), arm)
     (candidate,) = [each for each in all_candidates(whitened) if each.label == f"link_soft_iron@{link}"]

@@ -16,11 +16,10 @@ from typing import Final
 import numpy as np
 from scipy.fft import dct
 from scipy.optimize import minimize
-from scipy.signal import lfilter
 
 from rig.arrays import Array, Mask
 from rig.channels import ACCELEROMETER
-from rig.effects._numerics import curvature
+from rig.effects._numerics import curvature, low_passed
 from rig.pose_nodes import PoseNodes
 
 #: [s] by which readings may be late, and forget: as long as boards, buses and filters of laboratories delay.
@@ -34,7 +33,8 @@ _LAG: Final = 0.01
 _SMOOTHED: Final = (1.0, 1.4, 2.0, 2.8, 4.0)
 #: Readings are explained better if their log likelihood grows by more than this.
 _BETTER: Final = 3.0
-#: The lowest octave has so many waves at least: of fewer, what fits would leave nothing.
+#: Fewer readings tell nothing of the path. The lowest octave has twice as many waves at least: of fewer, what fits
+#: would leave nothing.
 _FEWEST: Final = 64
 #: So many samples next to each other are enough.
 _MOST: Final = 8192
@@ -61,23 +61,23 @@ def likely_path(nodes: PoseNodes, t: Array, readings: Mapping[str, Array], kept:
     responses = [_Response(t, own[part][kept], kept, name == ACCELEROMETER) for name, own in readings.items()]
     found, least = nodes, _loss(responses, nodes)
 
-    def better(tried: PoseNodes) -> bool:
+    def weigh(tried: PoseNodes) -> None:
         nonlocal found, least
         missed = _loss(responses, tried)
-        least = min(least, _loss(responses, found))  # also from where the last search ended
         if missed > least - _BETTER:
-            return False
-        found, least = tried, missed
-        return True
+            return
+        least = min(least, _loss(responses, found))  # also from where the last search ended
+        if missed <= least - _BETTER:
+            found, least = tried, missed
 
     for read in nodes.likely_read_s[1:]:
-        better(replace(nodes, read=read))
+        weigh(replace(nodes, read=read))
     found = replace(found, read=found.read_s)
     for smoothed in _SMOOTHED:
-        better(replace(found, smoothed=(0.0, smoothed)))
+        weigh(replace(found, smoothed=(0.0, smoothed)))
     moves = found.smoothed[1]
     for smoothed in _SMOOTHED:
-        better(replace(found, smoothed=(smoothed, moves)))
+        weigh(replace(found, smoothed=(smoothed, moves)))
     return found
 
 
@@ -101,7 +101,8 @@ class _Response:
     """How a sensor's readings follow a path: its axes and offsets are what fits, as are a latency and a lag.
 
     Attributes:
-        t: (n,) [s]. readings: (m, 3) of those kept (n,). accelerated: whether it reads accelerations.
+        t: (n,) [s]. readings: (m, k) of its axes. kept: (n,) where these are.
+        accelerated: whether it reads accelerations.
         late: latency and lag [s] of the path that was looked at last.
     """
 
@@ -118,11 +119,15 @@ class _Response:
         if self.accelerated and position.size:
             columns.append(np.einsum("nji,nj->ni", rotation, curvature(self.t, position)))
         inputs = np.hstack(columns)
-        starts = [np.array([late, _LAG]) for late in _LATENCIES] if self.late is None else [self.late]
-        start = min(starts, key=lambda late: self._missed(inputs, late))
+
+        def missed(late: Array) -> float:
+            return self._missed(inputs, late)
+
+        if self.late is None:
+            self.late = min((np.array([late, _LAG]) for late in _LATENCIES), key=missed)
         found = minimize(
-            lambda late: self._missed(inputs, late),
-            start,
+            missed,
+            self.late,
             bounds=(_LATE, _FORGOTTEN),
             method="Nelder-Mead",
             options={"xatol": 2e-4, "fatol": 0.3},
@@ -132,9 +137,7 @@ class _Response:
 
     def _missed(self, inputs: Array, late: Array) -> float:
         latency, lag = late
-        step = float(np.median(np.diff(self.t)))
-        kept = np.exp(-step / lag) if lag > 0.0 else 0.0
-        lagging = lfilter([1.0 - kept], [1.0, -kept], inputs - inputs[0], axis=0)
+        lagging = low_passed(self.t, inputs, lag) if lag > 0.0 else inputs
         at = self.t[self.kept] - latency
         follows = np.stack([np.interp(at, self.t, column) for column in lagging.T], axis=1)
         design = dct(np.hstack([follows, np.ones((len(at), 1))]), axis=0, norm="ortho")
@@ -148,9 +151,9 @@ class _Response:
     def _bands(self) -> list[slice]:
         """Octaves of frequency, the lowest of enough waves."""
         edges = [len(self.readings)]
-        while edges[-1] >= 2 * _FEWEST:
-            edges.append(edges[-1] // 2)
-        return [slice(*pair) for pair in pairwise([0, *edges[-2::-1]] if len(edges) > 1 else [0, *edges])]
+        while edges[0] >= 4 * _FEWEST:
+            edges.insert(0, edges[0] // 2)
+        return [slice(*pair) for pair in pairwise([0, *edges])]
 
 
 def _misfit(design: Array, waves: Array, bands: Sequence[slice]) -> float:
