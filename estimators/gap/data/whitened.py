@@ -144,9 +144,15 @@ class WhitenedData(ModelledRig):
     def whiten_means(self, column: int, means: Array) -> Array:
         """One channel's means (..., count) over the blocks of samples by the floor's own filter: (..., count)."""
         whitener, gaps = self.whiteners[column], self.gaps[column]
-        if gaps.at.size and not whitener.white:
-            means = gaps.bridged(means)
-        return whitener(means) * self.weights[:, column]
+        if whitener.white:
+            return np.asarray(means * self._scales[column])
+        return whitener(gaps.bridged(means) if gaps.at.size else means) * self._scales[column]
+
+    @cached_property
+    def _scales(self) -> dict[int, Array]:
+        """(count,) of each channel: its weights, over its noise where that is white."""
+        sigmas = {column: self.whiteners[column].sigma if self.whiteners[column].white else 1.0 for column in self.columns}
+        return {column: np.ascontiguousarray(self.weights[:, column]) / sigma for column, sigma in sigmas.items()}
 
     def beside_each_other(self, white: Array, first: int = 0) -> Array:
         """Channels (..., k, count), each whitened by its floor's filter, as the others and further steps leave them.

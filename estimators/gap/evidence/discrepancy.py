@@ -279,6 +279,26 @@ def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
     return sorted(found, key=lambda each: -each.log_mass)
 
 
+def squares_taken(
+    every: Sequence[Weighed], residual: Array, data: WhitenedData, floor: WhitenedData
+) -> list[float]:
+    """The squared gap that each term takes of a residual, shrunk by its likeliest amplitude, less what noise makes.
+
+    Args:
+        data: that it is whitened as, maybe under other noise. floor: in whose units the gap is.
+    """
+    found = []
+    for each, along in zip(every, every_along([each.term for each in every], residual[:, None]), strict=True):
+        values, shrink = each.term.values, each.term.shrunk[0][int(np.argmax(each.gains))]
+        square = float(np.sum(shrink**2 * values * np.maximum(along[:, 0] ** 2 - values, 0.0)))
+        if steps := data.steps[len(floor.steps) :]:
+            made = each.term.every_sample(each.term.made(shrink[:, None] * along))[:, 0]
+            louder = data.before(steps, made)
+            square *= float(louder @ louder) / max(float(made @ made), 1e-300)
+        found.append(square)
+    return found
+
+
 def total(log_masses: Sequence[float]) -> float:
     """log of the sum of exponentials."""
     return float(np.logaddexp.reduce(list(log_masses))) if len(log_masses) else -np.inf

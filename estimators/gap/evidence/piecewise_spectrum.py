@@ -7,6 +7,7 @@ frequency as well as stand in a line that wanders.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -35,18 +36,19 @@ def piecewise(power: Array, least: float = 1.0, alike: int = 1) -> tuple[float, 
     while len(sums[-1]) > 2:
         sums.append(sums[-1].reshape(-1, 2).sum(axis=1))
         many.append(many[-1].reshape(-1, 2).sum(axis=1))
+    first = np.cumsum([0, *map(len, sums)])
+    gains, costs, raised = _bands(np.concatenate(sums), np.concatenate(many), least)
+    alone = np.maximum(gains - costs, 0.0)
     worth, halved = np.zeros(size), list[Mask]()
-    for level, (own, count) in enumerate(zip(sums, many, strict=True)):
-        gains, costs, _ = _bands(own, count, least)
-        alone = np.maximum(gains - costs, 0.0)
+    for level, own in enumerate(alone[start:end] for start, end in pairwise(first)):
         if 2**level > _NARROW:
             apart = worth.reshape(-1, 2).sum(axis=1) + np.log(_HALVED)
-            alone += np.log(1.0 - _HALVED)
-            halved.append(apart > alone)
-            worth = np.maximum(apart, alone)
+            own = own + np.log(1.0 - _HALVED)
+            halved.append(apart > own)
+            worth = np.maximum(apart, own)
         else:
             halved.append(np.zeros(len(own), dtype=bool))
-            worth = alone
+            worth = own
     gain, cost, levels = 0.0, 0.0, np.ones(size)
     open_bands = [(level, 1) for level in range(len(sums))]  # octaves
     while open_bands:
@@ -57,10 +59,10 @@ def piecewise(power: Array, least: float = 1.0, alike: int = 1) -> tuple[float, 
             continue
         if 2**level > _NARROW:
             cost -= float(np.log(1.0 - _HALVED))
-        (own_gain,), (own_cost,), (raised,) = _bands(sums[level][[index]], many[level][[index]], least)
-        if own_gain > own_cost:
-            gain, cost = gain + float(own_gain), cost + float(own_cost)
-            levels[index * 2**level : (index + 1) * 2**level] = raised
+        place = first[level] + index
+        if gains[place] > costs[place]:
+            gain, cost = gain + float(gains[place]), cost + float(costs[place])
+            levels[index * 2**level : (index + 1) * 2**level] = raised[place]
     return gain, cost, levels[1 : len(power) + 1]
 
 

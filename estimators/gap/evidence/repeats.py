@@ -41,8 +41,11 @@ _STEADY: Final = 0.1
 #: Of a channel's level: a period of so many standard deviations of its noise is seen through this, and of so many steps
 #: it is no rounding.
 _THROUGH, _ROUNDED = 3.0, 2.0
-#: Frequencies a cell, over two cells to either side, about the best of which it is polished.
-_NEAR: Final = 4
+#: Frequencies a cell, over two cells to either side, about the best of which it is polished, to this share of their
+#: distance: of a sine of signal-to-noise 1,000 that loses less than one in square.
+_NEAR, _AS_NEAR = 2, 1e-3
+#: Makes a Gram matrix positive where waves are alike.
+_NEXT_TO_NOTHING: Final = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,24 +237,26 @@ def _polished(clock: Clock, series: Array, own: Array, harmonics: int, frequency
     rows = np.vstack([np.einsum("pcn,pcn->pn", series[first], series[second]), own])
     order = np.arange(1, harmonics + 1)
     apart, both = order - order[:, None], order + order[:, None]
-    powers = np.empty((clock.x.size, 2 * harmonics + 1), dtype=complex)
+    powers = np.ones((2 * harmonics + 1, clock.x.size), dtype=complex)
 
     def lost(near: float) -> float:
-        powers[:, 0] = 1.0
-        powers[:, 1:] = np.exp(2j * np.pi * near * clock.x)[:, None]
-        np.cumprod(powers, axis=1, out=powers)
-        sums = (rows @ powers.view(float)).view(complex)
+        np.exp(2j * np.pi * near * clock.x, out=powers[1])
+        for number in range(2, len(powers)):
+            np.multiply(powers[number - 1], powers[1], out=powers[number])
+        sums = rows @ powers.real.T + 1j * (rows @ powers.imag.T)
         waves, seen = sums[: len(first)], sums[len(first) :, order]
         less, more = waves[:, np.abs(apart)], waves[:, both]
         crossed = more.imag + np.sign(apart) * less.imag
         rows_of = [[less.real + more.real, crossed], [crossed.transpose(0, 2, 1), less.real - more.real]]
         size = len(own) * 2 * harmonics
         gram = 0.5 * np.block(rows_of)[pairs].transpose(0, 2, 1, 3).reshape(size, size)
+        gram[np.diag_indices(size)] += max(_NEXT_TO_NOTHING * np.trace(gram) / size, 1e-300)
         moment = np.hstack([seen.real, seen.imag]).ravel()
-        return -float(moment @ np.linalg.pinv(gram, hermitian=True) @ moment)
+        return -float(moment @ np.linalg.solve(gram, moment))
 
     step = clock.cell / harmonics / _NEAR
     grid = frequency + step * np.arange(-2 * _NEAR, 2 * _NEAR + 1)
     nearest = float(min(grid, key=lost))
-    best = minimize_scalar(lost, bounds=(nearest - step, nearest + step), method="bounded")
+    within = {"xatol": _AS_NEAR * step}
+    best = minimize_scalar(lost, bounds=(nearest - step, nearest + step), method="bounded", options=within)
     return -float(best.fun), float(best.x)

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct
 
 from estimators.gap.data.projection import Basis, project
 from estimators.gap.evidence.means import Means
@@ -266,7 +267,7 @@ def smooth_terms(
     shared = errors.products(errors.summed(absorbed.dense()), slice(None))  # (k, f, p) what the calibration takes
     found: list[Term] = []
     for source, freedoms, own, share in zip(every, freedoms_of(every), along, shares, strict=True):
-        gram = _gram(errors, freedoms, slice(0, COSINES)) if lengths else np.empty(0)
+        gram = _gram_of_cosines(errors, freedoms) if lengths else np.empty(0)
         ways = []
         for length in lengths:  # the first of the same cosines
             most = min(COSINES, max(8, int(np.ceil(8.0 / length))))
@@ -306,6 +307,23 @@ def _gram(errors: Errors, freedoms: slice, functions: slice) -> Array:
     for i in range(count):
         for j in range(i, count):
             found[i, :, j] = found[j, :, i] = values.T @ (both[:, i, j, None] * values)
+    return found
+
+
+def _gram_of_cosines(errors: Errors, freedoms: slice) -> Array:
+    """(f, k, f, k) the same along the slowest cosines: a product of two is half the sum of those of the sum and of the
+    difference of their orders, so that one cosine transform tells all."""
+    series = errors.series[:, freedoms]
+    first, second = np.triu_indices(series.shape[1])
+    both = np.einsum("npt,npt->pn", series[:, first], series[:, second])
+    waves = 0.5 * np.asarray(dct(both))
+    waves = np.hstack([waves, np.zeros((len(both), 1)), -waves[:, :0:-1]])  # of faster ones than samples tell apart
+    order = np.arange(COSINES)
+    size = np.where(order > 0, np.sqrt(2.0), 1.0)
+    pairs = 0.5 * np.outer(size, size) * (waves[:, order + order[:, None]] + waves[:, np.abs(order - order[:, None])])
+    found = np.empty((series.shape[1], COSINES, series.shape[1], COSINES))
+    found[first, :, second] = pairs
+    found[second, :, first] = pairs
     return found
 
 

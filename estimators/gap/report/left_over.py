@@ -12,10 +12,9 @@ from estimators.gap.data.defects import Defect
 from estimators.gap.data.stack import Stack
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Remainder
-from estimators.gap.evidence.discrepancy import Weighed, left_beside, weighed
+from estimators.gap.evidence.discrepancy import Weighed, left_beside, squares_taken, weighed
 from estimators.gap.evidence.laplace import linearised
 from estimators.gap.evidence.refine import at
-from estimators.gap.evidence.terms import every_along
 from estimators.gap.remainder_words import course_words
 from estimators.gap.report import closure
 from estimators.gap.search.hypothesis import Hypothesis
@@ -39,14 +38,11 @@ _Left = tuple[str, str, float]
 
 def follows(posterior: Posterior, gap: float) -> tuple[dict[str, object], ...]:
     """What the whole squared gap follows: for each course the share that the likeliest source takes along that."""
-    linear = linearised(at([], posterior.scanner.fine.data))
     found: dict[str, float] = {}
-    every = weighed(linear, posterior.discrepancies)
-    floor = posterior.scanner.fine.data
-    for each, taken in zip(every, _taken(every, linear.left, floor, floor), strict=True):
+    for course, taken in posterior.taken:
         gap = max(gap, taken)
-        if not each.term.course.startswith("time,"):  # pieces of time: the same course, more roughly
-            found[each.term.course] = max(found.get(each.term.course, 0.0), taken)
+        if not course.startswith("time,"):  # pieces of time: the same course, more roughly
+            found[course] = max(found.get(course, 0.0), taken)
     ranked = dict(sorted(found.items(), key=lambda item: -item[1]))
     first: dict[str, str] = {}
     for name in ranked:  # others of one clock are lines of what repeats in it most
@@ -55,24 +51,6 @@ def follows(posterior: Posterior, gap: float) -> tuple[dict[str, object], ...]:
     return tuple(
         {"variable": name, "share": ranked[name] / gap} for name in first.values() if ranked[name] > 0.01 * gap
     )
-
-
-def _taken(every: Sequence[Weighed], residual: Array, data: WhitenedData, floor: WhitenedData) -> list[float]:
-    """The squared gap that each term takes of a residual, shrunk by its likeliest amplitude, less what noise makes.
-
-    Args:
-        data: that it is whitened as, maybe under other noise. floor: in whose units the gap is.
-    """
-    found = []
-    for each, along in zip(every, every_along([each.term for each in every], residual[:, None]), strict=True):
-        values, shrink = each.term.values, each.term.shrunk[0][int(np.argmax(each.gains))]
-        square = float(np.sum(shrink**2 * values * np.maximum(along[:, 0] ** 2 - values, 0.0)))
-        if steps := data.steps[len(floor.steps) :]:
-            made = each.term.every_sample(each.term.made(shrink[:, None] * along))[:, 0]
-            louder = data.before(steps, made)
-            square *= float(louder @ louder) / max(float(made @ made), 1e-300)
-        found.append(square)
-    return found
 
 
 def remainder(
@@ -149,7 +127,7 @@ def _of_sources(terms: Sequence[Weighed]) -> list[Weighed]:
 
 
 def _described(every: Sequence[Weighed], residual: Array, data: WhitenedData, posterior: Posterior) -> list[_Left]:
-    taken = _taken(every, residual, data, posterior.scanner.fine.data)
+    taken = squares_taken(every, residual, data, posterior.scanner.fine.data)
     return [(each.term.source, each.term.course, square) for each, square in zip(every, taken, strict=True)]
 
 

@@ -47,7 +47,8 @@ class Posterior:
     Attributes:
         hypotheses: the likeliest first. prior: of sets.
         scanner, discrepancies: of the data under the floor. candidates: what was considered. absorbed: what the
-            calibration takes.
+            calibration takes. taken: of each term of the discrepancies the course, and the squared gap that it takes
+            where there are no effects.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -56,6 +57,7 @@ class Posterior:
     discrepancies: Discrepancies
     candidates: tuple[Candidate, ...] = ()
     absorbed: tuple[Candidate, ...] = ()
+    taken: tuple[tuple[str, float], ...] = ()
 
     @cached_property
     def probabilities(self) -> Array:
@@ -152,7 +154,8 @@ def explain(
     weigh_other_waveforms(work)
     every = with_own_courses(work.hypotheses.values(), work.discrepancies.sources)
     weighed_all = tuple(sorted(every, key=lambda one: -one.log_mass))
-    return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed))
+    taken = tuple(work.taken or ())
+    return Posterior(weighed_all, prior, scanner, work.discrepancies, tuple(candidates), tuple(absorbed), taken)
 
 
 def _far_from_it(work: Weighing, given: Given, each: Explanation) -> list[tuple[Given, Explanation]]:

@@ -13,7 +13,7 @@ import numpy as np
 from estimators.gap.data.steps import Step
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import CommonNoise, beside, beside_other, common_noises
-from estimators.gap.evidence.discrepancy import Discrepancies, total, weighed
+from estimators.gap.evidence.discrepancy import Discrepancies, squares_taken, total, weighed
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
@@ -55,6 +55,7 @@ class Weighing:
         discrepancies: under the floor as it was learned. hypotheses: the likeliest of each kind.
         overtaken: states of the noise whose search ended as another is far likelier, and the log mass under that.
         gains: what a discrepancy makes of the log mass of a set under a state.
+        taken: of each term the course, and the squared gap that it takes where there are no effects.
         _under: discrepancies under the states that were asked for last. _shared: common noise under the steps of
             the last one.
     """
@@ -68,6 +69,7 @@ class Weighing:
     hypotheses: dict[tuple[tuple[str, ...], str, bool, bool, bool], Hypothesis] = field(default_factory=dict)
     overtaken: list[tuple[NoiseState, float]] = field(default_factory=list)
     gains: list[tuple[NoiseState, Key, float]] = field(default_factory=list)
+    taken: list[tuple[str, float]] | None = None
     _under: list[tuple[NoiseState, Discrepancies]] = field(default_factory=list)
     _shared: tuple[tuple[Step, ...], Sequence[CommonNoise]] | None = None
 
@@ -128,6 +130,10 @@ class Weighing:
         }
         nameless = self.known(each, state) + UNKNOWN
         terms = weighed(each.linear, discrepancies, changes, self.best_under(state) - FAR - nameless)
+        if self.taken is None:  # beside nothing at all, the first that is weighed
+            floor = self.scanner.fine.data
+            squares = squares_taken(terms, each.linear.left, floor, floor)
+            self.taken = [(term.term.course, square) for term, square in zip(terms, squares, strict=True)]
         gained = total([term.log_mass for term in terms])
         self.gains.append((state, each.key, UNKNOWN + max(gained, 0.0)))
         if not terms:
