@@ -23,6 +23,8 @@ from rig.arrays import Array
 _MOST: Final = 32
 #: A step of which the calibration leaves less than this share is not one.
 _LEFT: Final = 1e-3
+#: And of directions that leave less of it than this share little is made.
+_TAKEN: Final = 1e-6
 
 
 def scores(data: WhitenedData, white: Array) -> Array:
@@ -64,9 +66,11 @@ class StepsInDrift:
                 told += begins[:, None, None] * own[:, :, None] * own[:, None, :]
         shared = _from_here(np.einsum("fcn,pcn->nfp", felt, self.taken))
         left = told - shared @ shared.transpose(0, 2, 1)
-        there = np.trace(left, axis1=1, axis2=2) > _LEFT * np.trace(told, axis1=1, axis2=2)
+        size = np.trace(left, axis1=1, axis2=2)
+        there = size > _LEFT * np.trace(told, axis1=1, axis2=2)
         found = np.zeros_like(told)
-        found[there] = np.linalg.pinv(left[there], rcond=1e-6, hermitian=True)
+        taken = _TAKEN * size[there, None, None] * np.eye(len(felt))  # what the calibration takes tells nothing
+        found[there] = np.linalg.inv(left[there] + taken)
         return found
 
     def squares(self, left: Array) -> Array:

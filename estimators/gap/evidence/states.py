@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from estimators.gap.data.projection import side_by_side
-from estimators.gap.data.steps import Step, after_steps
+from estimators.gap.data.steps import Gaps, Step, after_steps, joined, products_after
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.piecewise_spectrum import RANGE, piecewise
@@ -122,22 +122,28 @@ class Pieces:
         """(m, m) products of the columns after further steps."""
         found = dict(self._grams)
         for place in dict.fromkeys((step.column, step.part) for step in steps):
-            *before, last = (step for step in steps if (step.column, step.part) == place)
             column, part = place
-            _, values = self._values[place]
             gaps = self.data.parts[part].gaps[column]
-            if before or gaps.at.size or last.in_time:
-                values = after_steps([*before, last], values, gaps)
-            else:  # the transform keeps products: it need not be undone
-                if place not in self._spectra:
-                    self._spectra[place] = dct(values, norm="ortho")
-                values = self._spectra[place] * last.factor
-            found[place] = values @ values.T
+            *before, last = joined([step for step in steps if (step.column, step.part) == place])
+            if last.in_time:
+                values = after_steps([*before, last], self._values[place][1], gaps)
+                found[place] = values @ values.T
+            else:
+                found[place] = products_after(self._spectrum(place, before, gaps) * last.factor, gaps)
         whole = np.zeros((self.columns.shape[1],) * 2)
         for place, gram in found.items():
             there, _ = self._values[place]
             whole[np.ix_(there, there)] += gram
         return whole
+
+    def _spectrum(self, place: tuple[int, int], before: Sequence[Step], gaps: Gaps) -> Array:
+        """(k, n) cosine transforms of a channel's columns after steps."""
+        _, values = self._values[place]
+        if before:
+            return np.asarray(dct(gaps.filled(after_steps(before, values, gaps)), norm="ortho"))
+        if place not in self._spectra:
+            self._spectra[place] = dct(gaps.filled(values), norm="ortho")
+        return self._spectra[place]
 
 
 def log_det(data: WhitenedData, steps: Sequence[Step]) -> float:
