@@ -99,9 +99,9 @@ class BaseDipole(Effect):
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:
         moment = np.asarray(self.moment)
         way = signals.position - np.asarray(self.position_m)
-        squared = np.maximum(np.sum(way**2, axis=1), _NEAREST**2)[:, None]
+        squared = np.maximum(np.einsum("ni,ni->n", way, way), _NEAREST**2)[:, None]
         along = (way @ moment)[:, None]
-        return with_field(signals, (3.0 * way * along / squared - moment) / squared**1.5)
+        return with_field(signals, (way * (3.0 * along / squared) - moment) / (squared * np.sqrt(squared)))
 
 
 def _thinned(signals: Signals) -> Array:

@@ -155,7 +155,8 @@ def _families(data: WhitenedData) -> list[Family]:
         every.append((name, sizes, falling(sizes[data.columns[0]].shape[1])))
     found = []
     for name, of, weight in every:
-        once = {id(values): _standard(values) for values in of.values()}  # most are those of all channels
+        once = {id(values): values for values in of.values()}  # most are those of all channels
+        once = {number: _standard(values) for number, values in once.items()}
         scaled = {column: once[id(values)] for column, values in of.items()}
         found.append(Family(name, scaled, weight / float(np.linalg.norm(weight))))
     return found
