@@ -151,7 +151,9 @@ class WhitenedData(ModelledRig):
     @cached_property
     def _scales(self) -> dict[int, Array]:
         """(count,) of each channel: its weights, over its noise where that is white."""
-        sigmas = {column: self.whiteners[column].sigma if self.whiteners[column].white else 1.0 for column in self.columns}
+        sigmas = {
+            column: self.whiteners[column].sigma if self.whiteners[column].white else 1.0 for column in self.columns
+        }
         return {column: np.ascontiguousarray(self.weights[:, column]) / sigma for column, sigma in sigmas.items()}
 
     def beside_each_other(self, white: Array, first: int = 0) -> Array:

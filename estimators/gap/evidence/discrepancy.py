@@ -279,9 +279,7 @@ def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
     return sorted(found, key=lambda each: -each.log_mass)
 
 
-def squares_taken(
-    every: Sequence[Weighed], residual: Array, data: WhitenedData, floor: WhitenedData
-) -> list[float]:
+def squares_taken(every: Sequence[Weighed], residual: Array, data: WhitenedData, floor: WhitenedData) -> list[float]:
     """The squared gap that each term takes of a residual, shrunk by its likeliest amplitude, less what noise makes.
 
     Args:
