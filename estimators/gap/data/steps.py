@@ -14,8 +14,6 @@ from rig.arrays import Array
 
 #: So many readings on either side of one that is left out stand for it, where no more than twice as many are.
 _NEIGHBOURS: Final = 4
-#: Of more readings that are left out a cosine transform is undone, instead of asking for what it has there.
-_FEW: Final = 64
 
 
 @dataclass(frozen=True)
@@ -118,17 +116,17 @@ class Gaps:
 
 def after_steps(steps: Sequence[Step], white: Array, gaps: Gaps) -> Array:
     """Whitened values (..., count) of one channel after further steps, in this order."""
-    for step in joined(steps):
+    for step in joined(steps, gaps):
         white = step(white if step.in_time else gaps.filled(white))
     return gaps.emptied(white) if steps else white
 
 
-def joined(steps: Sequence[Step]) -> list[Step]:
-    """Steps of one channel, neighbours of one kind as one: what stands for readings that are left out goes through all
-    of them."""
+def joined(steps: Sequence[Step], gaps: Gaps) -> list[Step]:
+    """Steps of one channel, neighbours of one kind as one; but of frequency where readings are left out, as before each
+    of these steps others stand for them."""
     found: list[Step] = []
     for step in steps:
-        if found and found[-1].in_time == step.in_time:
+        if found and found[-1].in_time == step.in_time and (step.in_time or not gaps.at.size):
             found[-1] = replace(step, factor=found[-1].factor * step.factor)
         else:
             found.append(step)
@@ -138,17 +136,7 @@ def joined(steps: Sequence[Step]) -> list[Step]:
 def products_after(spectrum: Array, gaps: Gaps) -> Array:
     """(k, k) products of values, of which there are cosine transforms (k, count), with nothing where they are left out.
 
-    The transform keeps products: it is undone only where much is left out.
+    The transform keeps products: it is undone only where something is left out.
     """
-    if len(gaps.at) > _FEW:
-        values = gaps.emptied(idct(spectrum, norm="ortho"))
-        return np.asarray(values @ values.T)
-    left_out = spectrum @ _waves_at(gaps.at, spectrum.shape[1])
-    return np.asarray(spectrum @ spectrum.T - left_out @ left_out.T)
-
-
-def _waves_at(at: NDArray[np.intp], count: int) -> Array:
-    """(count, g) the transform's cosines at some readings."""
-    waves = np.cos(np.pi * np.outer(np.arange(count), at + 0.5) / count) * np.sqrt(2.0 / count)
-    waves[0] = np.sqrt(1.0 / count)
-    return np.asarray(waves)
+    left = gaps.emptied(idct(spectrum, norm="ortho")) if gaps.at.size else spectrum
+    return np.asarray(left @ left.T)

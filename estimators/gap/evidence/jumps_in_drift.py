@@ -23,7 +23,7 @@ from rig.arrays import Array
 _MOST: Final = 32
 #: A step of which the calibration leaves less than this share is not one.
 _LEFT: Final = 1e-3
-#: And of directions that leave less of it than this share little is made.
+#: And a direction of which it leaves less than this share of the most tells nothing.
 _TAKEN: Final = 1e-6
 
 
@@ -66,11 +66,11 @@ class StepsInDrift:
                 told += begins[:, None, None] * own[:, :, None] * own[:, None, :]
         shared = _from_here(np.einsum("fcn,pcn->nfp", felt, self.taken))
         left = told - shared @ shared.transpose(0, 2, 1)
-        size = np.trace(left, axis1=1, axis2=2)
-        there = size > _LEFT * np.trace(told, axis1=1, axis2=2)
+        there = np.trace(left, axis1=1, axis2=2) > _LEFT * np.trace(told, axis1=1, axis2=2)
+        values, vectors = np.linalg.eigh(left[there])
+        told_of = values > _TAKEN * values[:, -1:]
         found = np.zeros_like(told)
-        taken = _TAKEN * size[there, None, None] * np.eye(len(felt))  # what the calibration takes tells nothing
-        found[there] = np.linalg.inv(left[there] + taken)
+        found[there] = (vectors * np.where(told_of, 1.0 / np.where(told_of, values, 1.0), 0.0)[:, None]) @ vectors.mT
         return found
 
     def squares(self, left: Array) -> Array:

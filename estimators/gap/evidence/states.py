@@ -101,7 +101,7 @@ class Pieces:
 
     data: WhitenedData
     columns: Array
-    _spectra: dict[tuple[int, int], Array] = field(default_factory=dict)
+    _spectra: dict[tuple[tuple[int, int], tuple[int, ...]], tuple[Sequence[Step], Array]] = field(default_factory=dict)
 
     @cached_property
     def _values(self) -> dict[tuple[int, int], tuple[NDArray[np.intp], Array]]:
@@ -124,7 +124,7 @@ class Pieces:
         for place in dict.fromkeys((step.column, step.part) for step in steps):
             column, part = place
             gaps = self.data.parts[part].gaps[column]
-            *before, last = joined([step for step in steps if (step.column, step.part) == place])
+            *before, last = joined([step for step in steps if (step.column, step.part) == place], gaps)
             if last.in_time:
                 values = after_steps([*before, last], self._values[place][1], gaps)
                 found[place] = values @ values.T
@@ -137,13 +137,12 @@ class Pieces:
         return whole
 
     def _spectrum(self, place: tuple[int, int], before: Sequence[Step], gaps: Gaps) -> Array:
-        """(k, n) cosine transforms of a channel's columns after steps."""
-        _, values = self._values[place]
-        if before:
-            return np.asarray(dct(gaps.filled(after_steps(before, values, gaps)), norm="ortho"))
-        if place not in self._spectra:
-            self._spectra[place] = dct(gaps.filled(values), norm="ortho")
-        return self._spectra[place]
+        """(k, n) cosine transforms of a channel's columns after steps, kept as long as these are."""
+        key = place, tuple(id(step.factor) for step in before)
+        if key not in self._spectra:
+            values = after_steps(before, self._values[place][1], gaps)
+            self._spectra[key] = before, dct(gaps.filled(values), norm="ortho")
+        return self._spectra[key][1]
 
 
 def log_det(data: WhitenedData, steps: Sequence[Step]) -> float:

@@ -312,12 +312,12 @@ def _gram(errors: Errors, freedoms: slice, functions: slice) -> Array:
 
 def _gram_of_cosines(errors: Errors, freedoms: slice) -> Array:
     """(f, k, f, k) the same along the slowest cosines: a product of two is half the sum of those of the sum and of the
-    difference of their orders, so that one cosine transform tells all."""
+    difference of their orders, so that one cosine transform tells all that samples tell apart."""
     series = errors.series[:, freedoms]
+    if len(series) < 2 * COSINES:
+        return _gram(errors, freedoms, slice(0, COSINES))
     first, second = np.triu_indices(series.shape[1])
-    both = np.einsum("npt,npt->pn", series[:, first], series[:, second])
-    waves = 0.5 * np.asarray(dct(both))
-    waves = np.hstack([waves, np.zeros((len(both), 1)), -waves[:, :0:-1]])  # of faster ones than samples tell apart
+    waves = 0.5 * np.asarray(dct(np.einsum("npt,npt->pn", series[:, first], series[:, second])))
     order = np.arange(COSINES)
     size = np.where(order > 0, np.sqrt(2.0), 1.0)
     pairs = 0.5 * np.outer(size, size) * (waves[:, order + order[:, None]] + waves[:, np.abs(order - order[:, None])])

@@ -129,8 +129,10 @@ class Weighing:
             for index, member in enumerate(each.members)
         }
         nameless = self.known(each, state) + UNKNOWN
-        terms = weighed(each.linear, discrepancies, changes, self.best_under(state) - FAR - nameless)
-        if self.taken is None:  # beside nothing at all, the first that is weighed
+        # beside nothing at all, the first that is weighed, whatever is followed is told
+        least = -np.inf if self.taken is None else self.best_under(state) - FAR - nameless
+        terms = weighed(each.linear, discrepancies, changes, least)
+        if self.taken is None:
             floor = self.scanner.fine.data
             squares = squares_taken(terms, each.linear.left, floor, floor)
             self.taken = [(term.term.course, square) for term, square in zip(terms, squares, strict=True)]
