@@ -101,6 +101,9 @@ def test_of_latencies_any_two_of_which_do_the_same_each_sensor_has_its_own(arm: 
     (told_of,) = merged(posterior).hypotheses
     assert told_of.explanation.key == (accelerometer, magnetometer)
     assert told_of.log_mass == pytest.approx(np.logaddexp.reduce([0.0, -0.01, -0.02]))
+    ahead = replace(hypotheses[0], terms=("something unknown",), log_mass=20.0)  # type: ignore[arg-type]
+    beside = merged(replace(posterior, hypotheses=(ahead, *hypotheses))).hypotheses
+    assert [one.explanation.key for one in beside] == [ahead.explanation.key, told_of.explanation.key]
     alone = replace(posterior, hypotheses=(told_of,))
     assert merged(alone).hypotheses == (told_of,)
     assert twins(alone) == {}

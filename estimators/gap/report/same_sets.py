@@ -64,23 +64,26 @@ def but_for_one(posterior: Posterior) -> Iterator[Pair]:
             known[id(each)] = np.asarray(each.linear.tangent @ each.linear.posterior(each.linear.likeliest)[0])
         return known[id(each)]
 
-    for beside in (False, True):  # an unknown thing
-        own = [each for each in posterior.hypotheses if bool(each.terms) == beside]
-        for one, two in combinations([each for each in own if each.log_mass > own[0].log_mass - _COMPARED], 2):
+    for own in _compared(posterior):
+        for one, two in combinations(own, 2):
             mine = set(one.explanation.key) - set(two.explanation.key)
             theirs = set(two.explanation.key) - set(one.explanation.key)
             if one.state.kind == two.state.kind and len(mine) == 1 == len(theirs):
                 yield Pair(one, two, mine.pop(), theirs.pop(), moved)
 
 
+def _compared(posterior: Posterior) -> Iterator[list[Hypothesis]]:
+    """The likely hypotheses without an unknown thing, and those with one."""
+    for beside in (False, True):
+        own = [each for each in posterior.hypotheses if bool(each.terms) == beside]
+        yield [each for each in own if each.log_mass > own[0].log_mass - _COMPARED]
+
+
 def merged(posterior: Posterior) -> Posterior:
     """The posterior with sets that do the same as one, where effects that they differ by are in one set elsewhere: the
     one whose effects have the fewest channels in common stands for all."""
     together = {
-        frozenset(two)
-        for each in posterior.hypotheses
-        if each.log_mass > posterior.leading.log_mass - _COMPARED
-        for two in combinations(each.explanation.key, 2)
+        frozenset(two) for own in _compared(posterior) for each in own for two in combinations(each.explanation.key, 2)
     }
     group = {id(each): [each] for each in posterior.hypotheses}
     for pair in but_for_one(posterior):
