@@ -13,6 +13,7 @@ from estimators.gap.floor.censored import uncut
 from estimators.gap.floor.clean_rest import sound
 from rig.effects import Effect, make_effect
 from rig.effects.tails import limit
+from rig.errors import RigError
 
 POSES, COUNT = 3, 4000
 LABELS = np.repeat(np.arange(POSES), COUNT)
@@ -139,3 +140,21 @@ def test_the_floor_of_the_rig_is_found_beside_an_effect_on_single_readings(effec
     at_a_limit = effect.name == "saturation"
     within = np.array([0.082 if at_a_limit else 0.03, 0.03, 0.03])
     assert np.all(np.abs(found / [13.4, 13.6, 14.6] - 1.0) < within)
+
+
+def test_a_file_that_is_rounded_beyond_its_noise_is_refused() -> None:
+    """The noise of readings at rest that stay at two values is not known, whatever the sweep's converter is."""
+    locked = scenarios.load("ann-arbor").simulate_locked(0)
+    assert locked.magnetometer is not None
+    two = 0.1 * (np.random.default_rng(5).random(locked.magnetometer.shape) < 0.1)
+    with pytest.raises(RigError, match=r"mag1 stays at 2 values at rest, expected readings that show its noise$"):
+        learn_floor(replace(locked, magnetometer=two), 0.25, np.zeros(6))
+
+
+def test_a_supply_that_drifts_at_rest_is_learned() -> None:
+    """Lags that are cut off are no autocovariance of what lasts for longer: a matrix of them once had no factor."""
+    rng = np.random.default_rng(2)
+    supply = {"where": "supply", "waveform": tuple(0.003 * rng.standard_normal(24)), "supply_V": 0.0}
+    scenario = scenarios.load("ann-arbor").with_effects([make_effect("supply_ratiometric", supply)])
+    floor = learn_floor(scenario.simulate_locked(3), 0.25)
+    assert all(np.isfinite(noise.variance) and noise.variance > 0.0 for noise in floor)

@@ -174,3 +174,38 @@ def test_a_stated_offset_of_the_clock_holds_within_one_log_too(rig: Rig, log: Pa
     np.testing.assert_array_equal(late.accelerometer, plain.accelerometer[5:])  # type: ignore[index]
     line = rig.refused("import", log, "-o", log.with_name("out.csv"), "--clock-offset", "1e30")
     assert "do not overlap" in line
+
+
+def test_rows_that_begin_with_the_newest_are_sorted(log: Path) -> None:
+    """Some loggers write so: it once was a log without times, of poses held still."""
+    names, *rows = log.read_text().splitlines()
+    upright = import_logs([log], None, None)
+    log.write_text("\n".join(["time" + names[len("t_s") :], *reversed(rows)]) + "\n")
+    found = import_logs([log], None, None)
+    assert any(f"time goes back {len(rows) - 1} times" in line for line in found.findings)
+    np.testing.assert_array_equal(found.recording.t, upright.recording.t)
+    np.testing.assert_array_equal(found.recording.accelerometer, upright.recording.accelerometer)
+
+
+def test_a_header_that_is_not_utf_8_keeps_its_units(tmp_path: Path) -> None:
+    """A spreadsheet's micro sign is one byte: read as nothing, it once left tesla."""
+    t = np.arange(ROWS) / 20.0
+    turned = np.stack([np.cos(t), np.sin(t), np.full(ROWS, 0.5)], axis=1)
+    values = np.hstack([t[:, None], 9.0 * turned, 40.0 * turned])
+    header = (
+        "Zeit [s];" + ";".join(f"a{axis} [m/s²]" for axis in "xyz") + ";" + ";".join(f"B{axis} [µT]" for axis in "xyz")
+    )
+    lines = [header, *(";".join(f"{value:.6f}".replace(".", ",") for value in row) for row in values)]
+    path = tmp_path / "log.csv"
+    for encoding in ("cp1252", "utf-8"):
+        path.write_bytes("\n".join(lines).encode(encoding))
+        found = import_logs([path], None, None).recording
+        assert found.units == {"accelerometer": "m_s2", "magnetometer": "uT"}
+        np.testing.assert_allclose(found.magnetometer, values[:, 4:], atol=1e-5)
+
+
+def test_times_as_dates_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,ax,ay,az\n" + "".join(f"2026-01-05T10:00:{second:02d},1,2,3\n" for second in range(60)))
+    with pytest.raises(RigError, match=r"holds '2026-01-05T10:00:.*', expected times in seconds$"):
+        import_logs([path], None, None)

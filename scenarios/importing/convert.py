@@ -73,7 +73,8 @@ def import_logs(
     else:
         present = [name for log in logs for name in (*log.columns, *log.unread)]
         if absent := next((name for name in mapping.columns if name not in present), None):
-            known = f"{', '.join(present[:10])}{nearest(absent, present)}"
+            more = ", .." if len(present) > 10 else ""
+            known = f"{', '.join(present[:10])}{more}{nearest(absent, present)}"
             raise RigError(f"{paths[0]}: no log has a column {absent!r}: expected one of {known}")
     _check_numbers(logs, mapping)
     tracks: dict[str, Track] = {}

@@ -186,13 +186,14 @@ def is_time(name: str) -> bool:
 
 
 def _guess_time(columns: dict[str, Array], found: dict[str, str]) -> None:
-    """A column by that name; in other languages, one in a unit of time that rises from row to row."""
+    """A column by that name, from the first row to the last or, newest first, the other way; in other languages, one in
+    a unit of time that rises from row to row."""
     named = [name for name in columns if is_time(name)]
     timed = [name for name in columns if unit_word(name, tuple(TIME_UNITS)) and "/" not in name]
     for names, least in ((named, 0.0), (timed, np.nextafter(0.0, 1.0))):
         for name in names:
-            values = columns[name][np.isfinite(columns[name])]
-            if len(values) > 1 and (np.diff(values) >= least).mean() > 0.99:
+            steps = np.diff(columns[name][np.isfinite(columns[name])])
+            if len(steps) and ((steps >= least).mean() > 0.99 or (names is named and (steps <= 0.0).mean() > 0.99)):
                 found[name] = "t"
                 return
 

@@ -6,6 +6,7 @@ import csv
 import re
 from collections.abc import Mapping as Table
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
@@ -61,8 +62,8 @@ def read_text_log(path: Path) -> Log:
         raise RigError(f"{path}: cannot be read: {error.strerror}") from error
     if not head.strip() or b"\0" in head:
         raise RigError(f"{path}: is {'empty' if not head.strip() else 'no text'}, expected a table of numbers")
-    text = head.decode("utf-8-sig", errors="replace")
-    lines = text.splitlines()
+    encoding = _encoding(head)
+    lines = head.decode(encoding, errors="replace").splitlines()
     if len(head) == _LOOKED_AT:
         if len(lines) == 1:
             raise RigError(f"{path}: has a line of more than {_LOOKED_AT} bytes, expected a table of numbers")
@@ -79,14 +80,35 @@ def read_text_log(path: Path) -> Log:
         (row for row, line in enumerate(cells) if line and all(map(_NUMBER.fullmatch, filter(None, line)))), -1
     )
     if first < 0:
-        raise RigError(f"{path}: found no line of numbers among the first {len(cells)}, expected a table of numbers")
+        raise RigError(f"{path}: found no line of numbers among the first {len(cells)}{_no_number(cells[-1])}")
     width = len(cells[first])
     names = _names(cells[:first], lines[:comments], delimiter, width)
     comma = delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell) for line in cells[first:] for cell in line)
-    table, unread = _numbers(path, delimiter, comments + first, names, comma)
+    table, unread = _numbers(path, delimiter, comments + first, names, comma, encoding)
     words = {"\t": "tabs", None: "blanks"}.get(delimiter, f"{delimiter!r}")
     said = f"separated by {words}{', decimal comma' if comma else ''}{'' if first else ', no header'}"
     return Log(str(path), table, said, unread=unread)
+
+
+def _encoding(head: bytes) -> str:
+    """UTF-8, or where the head of a file is none what spreadsheets in Western Europe write."""
+    try:
+        head.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        cut = len(head) == _LOOKED_AT and error.start > len(head) - 4  # amid a character
+        return "utf-8-sig" if cut else "cp1252"
+    return "utf-8-sig"
+
+
+def _no_number(cells: list[str]) -> str:
+    """What a line holds instead of numbers, and what was expected, in words."""
+    cell = next((cell for cell in cells if cell and not _NUMBER.fullmatch(cell)), "")
+    found = f": the last of them holds {shown(cell)}" if cell else ""
+    try:
+        datetime.fromisoformat(cell)
+    except ValueError:
+        return f"{found}, expected a table of numbers"
+    return f"{found}, expected times in seconds"
 
 
 def _delimiter(lines: list[str]) -> str | None:
@@ -127,12 +149,12 @@ def _names(header: list[list[str]], comments: list[str], delimiter: str | None, 
 
 
 def _numbers(
-    path: Path, delimiter: str | None, skipped: int, names: list[str], comma: bool
+    path: Path, delimiter: str | None, skipped: int, names: list[str], comma: bool, encoding: str
 ) -> tuple[dict[str, Array], dict[str, str]]:
     """The columns that hold numbers, others, such as texts, left out; and of all others a cell that is no number."""
     if delimiter is None:
         try:
-            values = np.loadtxt(path, skiprows=skipped, ndmin=2, encoding="utf-8-sig")
+            values = np.loadtxt(path, skiprows=skipped, ndmin=2, encoding=encoding)
         except ValueError as error:
             raise RigError(f"{path}: not a table of numbers: {' '.join(str(error).split())[:120]}") from error
         return dict(zip(names, np.ascontiguousarray(values.T), strict=False)), {}

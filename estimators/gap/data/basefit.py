@@ -56,7 +56,7 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
     Args:
         locked: several poses held still.
         interval_s: between samples of the sweep.
-        steps: (6,) of its converter, where they are known.
+        steps: (6,) of the sweep's converter, where they are known.
     """
     labels = held_poses(locked)
     stride = max(1, int(interval_s * locked.rate_Hz / _FINER))
@@ -66,7 +66,8 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         raise _never_at_rest(locked)
     channels, tails, coarse, known, still, tones = {}, {}, {}, {}, {}, {}
     thinned, held_still = readings[::stride], labels[::stride]
-    steps = lattice(readings) if steps is None else steps
+    rounded = lattice(readings)  # a file at rest may be rounded more coarsely than that of the sweep
+    steps = rounded if steps is None else np.fmax(steps, rounded)
     unsteady = _unsteady(thinned, steps, held_still, stride / locked.rate_Hz)
     for column in np.flatnonzero(np.isfinite(readings[0])):
         segments = [readings[labels == label, column] for label in numbers]
@@ -78,6 +79,9 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         louder = unsteady.get(int(column))
         steady = louder is None or not louder.normal  # else what is large is of louder times
         segments, known[int(column)] = sound(readings[:, column], labels, step, spiky=steady)
+        if not segments:
+            found = f"{CHANNELS[column]} stays at {len(np.unique(readings[labels >= 0, column]))} values"
+            raise RigError(f"{locked.origin or locked.name}: {found} at rest, expected readings that show its noise")
         segments, tones[int(column)] = without_tones(segments)
         less, *tails[int(column)] = _relieved(segments)
         segments = less if steady else segments

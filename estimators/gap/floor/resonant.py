@@ -67,7 +67,10 @@ def resonant(segments: Sequence[Array], rate_Hz: float, interval_s: float, known
         if not found.order:
             continue
         noise = _times(base, found, interval_s)
-        gains = [_log_likelihood(noise, each, interval_s) - own for each, own in zip(series, before, strict=True)]
+        try:
+            gains = [_log_likelihood(noise, each, interval_s) - own for each, own in zip(series, before, strict=True)]
+        except np.linalg.LinAlgError:  # of what lasts for longer, lags that are cut off are no autocovariance
+            continue
         # parts that hardly pay are no reason for other noise
         more = max(found.order - 2 * (len(known.seen) - len(base.seen)), 0) + 2
         gained = float(np.mean(gains)) - 0.5 * more * log(sum(map(len, series[0])))

@@ -135,6 +135,8 @@ def parameters(index: int, holders: Sequence[tuple[Hypothesis, float]]) -> dict[
         first += item.size
         # a unit that the readings do not feel has no value to report
         within = np.clip(values[part], item.lower, item.upper)
+        if item.spanned and item.unit == "rad":  # a phase
+            within = np.pi - np.mod(np.pi - within, 2.0 * np.pi)
         each = [float(v) if f else None for v, f in zip(within, felt[part], strict=True)]
         broad = [float(s) if f else None for s, f in zip(std[part], felt[part], strict=True)]
         whole = tuple(float(v) for v in within)
