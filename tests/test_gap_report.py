@@ -289,7 +289,12 @@ def test_one_sensor_and_tool_poses_have_a_page_too(small: tuple[Recording, Recor
             "(0.00100 ± 0.00010, not felt) V",
             "(1.00 ± 0.10, not felt) mV",
         ),
-        (Estimate((3.0, None) * 5, (0.1, None) * 5, "1/m", "why"), "10 numbers, RMS 3, 5 of them not felt 1/m", ""),
+        (Estimate((3.0, None) * 5, (0.1, None) * 5, "1/m", "why"), "10 numbers, RMS 3 1/m, 5 of them not felt", ""),
+        (
+            Estimate((3e-3, None) * 5, (1e-3, None) * 5, "V", "why"),
+            "10 numbers, RMS 0.003 V, 5 of them not felt",
+            "RMS 3 mV",
+        ),
     ],
 )
 def test_estimates_in_words(estimate: Estimate, own: str, people: str) -> None:

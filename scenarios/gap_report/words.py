@@ -87,8 +87,8 @@ def estimate_words(estimate: Estimate) -> str:
         return estimate.value
     if not _felt(estimate):
         return NOT_FELT
-    unit = "" if estimate.unit in ("relative", "name") else f" {_written(estimate.unit)}"
-    return _numbers(estimate, 1.0) + unit + (SAMPLED if estimate.unit == "Hz" else "")
+    unit = "" if estimate.unit in ("relative", "name") else _written(estimate.unit)
+    return _numbers(estimate, 1.0, unit) + (SAMPLED if estimate.unit == "Hz" else "")
 
 
 def estimate_for_people(estimate: Estimate) -> str:
@@ -97,7 +97,7 @@ def estimate_for_people(estimate: Estimate) -> str:
         return ""
     sizes = [abs(each) for pair in pairs(estimate) for each in pair if each is not None and math.isfinite(each)]
     factor, unit = readable_unit(estimate.unit, max(sizes))
-    return "" if factor == 1.0 else f"{_numbers(estimate, factor)} {_written(unit)}"
+    return "" if factor == 1.0 else _numbers(estimate, factor, _written(unit), brief=True)
 
 
 def parameter_for_people(cause: Cause, name: str) -> str:
@@ -120,7 +120,12 @@ def _felt(estimate: Estimate) -> bool:
     return any(value is not None for value in values)
 
 
-def _numbers(estimate: Estimate, factor: float) -> str:
+def _numbers(estimate: Estimate, factor: float, unit: str, brief: bool = False) -> str:
+    """The numbers times a factor, in a unit; of many how large they are.
+
+    Args:
+        brief: whether how many these are was said.
+    """
     sizes = [
         (None if value is None else factor * value, None if std is None else factor * std)
         for value, std in pairs(estimate)
@@ -128,10 +133,12 @@ def _numbers(estimate: Estimate, factor: float) -> str:
     if len(sizes) > _MOST_NUMBERS:
         known = [value for value, _ in sizes if value is not None]
         rms = math.sqrt(sum(value**2 for value in known) / len(known))
-        lacking = len(sizes) - len(known)
-        return f"{len(sizes)} numbers, RMS {rms:.3g}" + (f", {lacking} of them {NOT_FELT}" if lacking else "")
+        size, lacking = f"RMS {rms:.3g} {unit}".rstrip(), len(sizes) - len(known)
+        if brief:
+            return size
+        return f"{len(sizes)} numbers, {size}" + (f", {lacking} of them {NOT_FELT}" if lacking else "")
     numbers = [NOT_FELT if value is None else _number(value, std).replace("-", "−") for value, std in sizes]
-    return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
+    return (numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})") + (f" {unit}" if unit else "")
 
 
 def _number(value: float, std: float | None) -> str:
