@@ -10,6 +10,7 @@ from typing import Any, Final
 #: Letters of a message, with what the command line puts before it, at most.
 LONGEST_MESSAGE: Final = 280
 _LONGEST_WORD: Final = 120  # a path that is longer is shortened in its middle
+_SHORT_WORD: Final = 20  # words are cut only where they are longer
 _LONGEST_NAME: Final = 80  # compared with others for nearness
 _MOST_NAMES: Final = 1000
 _MARK: Final = "..."
@@ -69,11 +70,17 @@ def shown(value: Any, limit: int = 60) -> str:
 
 
 def shortened(text: str, limit: int) -> str:
-    """A text with its middle left out where it is longer than ``limit`` letters."""
+    """A text with its middle left out where it is longer than ``limit`` letters, between words that are short."""
     if len(text) <= limit:
         return text
     kept = limit - len(_MARK)
-    return f"{text[: kept - kept // 2]}{_MARK}{text[len(text) - kept // 2 :]}"
+    before, after = text[: kept - kept // 2], text[len(text) - kept // 2 :]
+    if " " in before[-_SHORT_WORD:]:
+        before = before[: before.rindex(" ") + 1]
+    if " " in after[:_SHORT_WORD]:
+        after = after[after.index(" ") :]
+    # where the middle was left out before
+    return f"{before.removesuffix(f'{_MARK} ')}{_MARK}{after.removeprefix(f' {_MARK}')}"
 
 
 def nearest(name: str, choices: Iterable[str]) -> str:

@@ -57,3 +57,12 @@ def test_long_names_are_not_compared() -> None:
     assert nearest("x" * 1_000_000, ["x" * 999_999]) == ""
     assert "nearest: 'backlash'" in str(unknown_name("effect", "baklash", ["backlash", "y" * 1_000_000]))
     assert len(str(unknown_name("effect", "z" * 1_000_000, map(str, range(100_000))))) <= LONGEST_MESSAGE
+
+
+def test_a_long_message_is_cut_between_words() -> None:
+    """And once, also where it is cut again to make room for what stands before it."""
+    words = [f"word{number}" for number in range(100)]
+    line = one_line(f"run.parquet: {one_line(' '.join(words))}", 200)
+    assert len(line) <= 200
+    assert line.count("...") == 1
+    assert set(line.replace("...", " ").split()) <= {"run.parquet:", *words}
