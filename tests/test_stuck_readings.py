@@ -77,3 +77,23 @@ def test_readings_that_were_filled_in_are_told(run: Recording, every: int) -> No
     (words,) = stuck_words(replace(run, magnetometer=values))
     assert words.startswith(f"magnetometer: {lost.sum()} readings (")
     assert "straight line between their neighbours, first at row 1 (first row 0)" in words
+
+
+@pytest.mark.parametrize("every", [2, 10])
+def test_poses_that_are_repeated_until_the_next_came_are_told(run: Recording, every: int) -> None:
+    """A log ten times slower than the readings, joined without interpolation; once now and then late by a row."""
+    assert run.q is not None
+    rows = np.arange(len(run)) // every * every
+    late = np.flatnonzero(np.random.default_rng(1).random(len(run)) < 0.02)
+    rows[late] = rows[late - 1]
+    (words,) = stuck_words(replace(run, q=run.q[rows]))
+    assert words.startswith(f"each pose is repeated in {every} rows, throughout")
+    still = replace(run, q=run.q[rows], metadata=replace(run.metadata, still_poses=True))
+    assert not [line for line in stuck_words(still) if line.startswith("each pose")]
+
+
+def test_a_stuck_sensor_is_not_said_to_be_filled_in(run: Recording) -> None:
+    """The same reading throughout lies on a straight line, too."""
+    assert run.magnetometer is not None
+    (words,) = stuck_words(replace(run, magnetometer=held(run.magnetometer, 3000, 200)))
+    assert "200 readings in a row are the same" in words

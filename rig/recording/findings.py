@@ -80,11 +80,14 @@ _ROUNDED, _SURE, _FILLED = 4, 100.0, 5
 _BEYOND, _TOGETHER = 20.0, 0.8
 #: Rows for which a joint that moves stands still, and how many of its ordinary steps it makes up for then, at least.
 _STOPPED: Final = 5
+#: Poses of a slower log, at least, and the share of them that are repeated equally often, give or take once.
+_LOGGED, _THROUGHOUT = 20, 0.9
 
 
 def stuck_words(run: Recording) -> list[str]:
     """What seems stuck, a line each: channels that never change or repeat single readings, many equal readings of a
-    sensor in a row, joints that stand still and make up for it with a jump; and readings that were filled in."""
+    sensor in a row, joints that stand still and make up for it with a jump, poses that are repeated; and readings that
+    were filled in."""
     found = []
     for sensor in run.sensors:
         values = run.readings(sensor)
@@ -101,9 +104,25 @@ def stuck_words(run: Recording) -> list[str]:
             found += [f"{sensor}: {words}" for k in range(3) if (words := _repeating(values[:, k], f"channel {k + 1}"))]
         if words := _filled_in(run.t, values):
             found.append(f"{sensor}: {words}")
-    if run.q is not None:
+    poses = run.tool_quaternion if run.q is None else run.q
+    if poses is not None and not run.metadata.still_poses and (words := _held(poses)):
+        found.append(words)
+    elif run.q is not None:
         found += [words for joint in range(run.q.shape[1]) if (words := _stopping(run.q, joint))]
     return found
+
+
+def _held(poses: Array) -> str:
+    """Whether poses (n, k) are those of a slower log, each repeated until the next one came."""
+    _, counts = _equal(poses)
+    repeated = counts[1:-1]  # the first and the last may be cut off
+    often = int(np.median(repeated)) if len(repeated) else 0
+    if often < 2 or len(repeated) < _LOGGED or np.mean(np.abs(repeated - often) <= 1) < _THROUGHOUT:
+        return ""
+    return (
+        f"each pose is repeated in {often} rows, throughout: a slower log's, held until the next came? An arm moves"
+        " between: rig import takes the pose log as a file of its own, and interpolates"
+    )
 
 
 def _equal(values: Array) -> tuple[Rows, Rows]:
@@ -148,7 +167,8 @@ def _filled_in(t: Array, values: Array) -> str:
     rounding = _ROUNDED * float(np.finfo(np.float32).eps) * np.abs(values).max(axis=0)
     if np.any(np.quantile(off, 0.9, axis=0) < _SURE * rounding):  # as many may be filled in
         return ""
-    there = off <= rounding
+    stuck = np.all((values[1:-1] == values[:-2]) & (values[2:] == values[:-2]), axis=1)
+    there = (off <= rounding) & ~stuck[:, None]
     rows = np.flatnonzero(there.all(axis=1)) + 1
     chance = float(np.prod(there.mean(axis=0))) * len(there)  # of a converter's steps
     if len(rows) < _FILLED or (len(rows) < _BEYOND * chance and len(rows) < _TOGETHER * there.sum(axis=0).max()):
