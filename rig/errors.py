@@ -130,7 +130,7 @@ def _printable(text: str) -> Iterator[str]:
 
 
 def in_short(names: Sequence[str]) -> str:
-    """``a and b``, or ``a, b and 5 more``."""
+    """``a and b``, ``a, b and c``, or ``a, b and 5 more``."""
     if len(names) <= 3:
-        return " and ".join(names)
+        return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + list(names[-1:]))
     return f"{names[0]}, {names[1]} and {len(names) - 2} more"

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnosed_recordings import scenario as small
+from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 from whitened_examples import data, recorded, unexplained  # noqa: F401
 
@@ -22,6 +23,7 @@ from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
 from estimators.gap.evidence.refine import Fitted
 from estimators.gap.evidence.states import pieces_of, under_steps, unnamed
+from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.score import Explained
@@ -372,3 +374,19 @@ def test_derivatives_are_taken_beside_what_changes_them(data: WhitenedData) -> N
     assert np.linalg.norm(plain - expected) > 0.01 * np.linalg.norm(expected)
     under = scanner.stepped([Step(0, np.full(data.count, 0.5), in_time=True)])
     assert under.beside([late], data.pipeline).fine.data.steps == under.fine.data.steps
+
+
+def test_whitening_begins_at_the_first_reading_that_is_there(data: WhitenedData) -> None:
+    """What fades as drifting noise does counts by the drift's variance, whatever is left out before: exactly so, up to
+    the share that the filter's memory leaves."""
+    drifting = ChannelNoise(1e-6, parts=((1e-2, 50.0 * data.interval_s),))
+    out = np.zeros(data.readings.shape, dtype=bool)
+    out[:3] = True
+    some = replace(data, noises=(drifting,) * 6).without(out)
+    fading = np.exp(-np.arange(data.count) / 50.0)
+    there = data.count - 3
+    covariance = toeplitz(drifting.autocovariance(data.interval_s * np.arange(float(there))))
+    exact = float(fading[3:] @ np.linalg.solve(covariance, fading[3:]))
+    white = some.whiten_means(0, fading)
+    assert not white[:3].any()
+    assert float(white @ white) == pytest.approx(exact, rel=0.02)

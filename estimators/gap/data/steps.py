@@ -80,6 +80,11 @@ class Gaps:
         later = np.where(width > 0, (inside[:, 0] - edges[:, 0]) / np.maximum(width, 1), 0.0)
         return cls(at, near, long, images, later)
 
+    @property
+    def first(self) -> int:
+        """The first that is there."""
+        return int(np.argmin(np.append(self.at, -1) == np.arange(len(self.at) + 1)))
+
     def bridged(self, means: Array) -> Array:
         """Values (..., count) with a straight line in place of those that are left out: a filter must not carry these
         on."""

@@ -142,11 +142,18 @@ class WhitenedData(ModelledRig):
         return decorrelation(self.floor, self.columns)
 
     def whiten_means(self, column: int, means: Array) -> Array:
-        """One channel's means (..., count) over the blocks of samples by the floor's own filter: (..., count)."""
+        """One channel's means (..., count) over the blocks of samples by the floor's own filter: (..., count).
+
+        It begins at the first that is there, which nothing before it tells of.
+        """
         whitener, gaps = self.whiteners[column], self.gaps[column]
         if whitener.white:
             return np.asarray(means * self._scales[column])
-        return whitener(gaps.bridged(means) if gaps.at.size else means) * self._scales[column]
+        if not gaps.at.size:
+            return whitener(means) * self._scales[column]
+        white = np.zeros(means.shape)
+        white[..., gaps.first :] = whitener(gaps.bridged(means)[..., gaps.first :])
+        return white * self._scales[column]
 
     @cached_property
     def _scales(self) -> dict[int, Array]:

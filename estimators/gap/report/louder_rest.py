@@ -61,11 +61,12 @@ def _below(row: Channel, floor: ChannelNoise, recording: Recording) -> bool:
     square = (row.rms_before / row.noise_floor) ** 2 + _PARAMETERS / len(recording)
     if square > (1.0 - _HARMLESS) ** 2:
         return False
-    spread = _spread(floor, len(recording), recording.duration_s) + _spread(floor, floor.samples, floor.duration_s)
+    spread = spread_of(floor, len(recording), recording.duration_s)
+    spread += spread_of(floor, floor.samples, floor.duration_s)
     return (1.0 - square) / math.sqrt(spread) > _SIGNIFICANT
 
 
-def _spread(floor: ChannelNoise, samples: int, duration_s: float) -> float:
+def spread_of(floor: ChannelNoise, samples: int, duration_s: float) -> float:
     """The relative variance of a variance that so many samples tell: a correlated part counts by its time."""
     if not samples or not duration_s:
         return math.inf

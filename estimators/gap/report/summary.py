@@ -24,6 +24,7 @@ from estimators.gap.report.p_values import defect_probability, doubts
 from estimators.gap.report.recorded_units import in_recorded_units
 from estimators.gap.report.shift import calibration_shift
 from estimators.gap.report.told import REPORTED, Told, told
+from estimators.gap.report.unsure_rest import unsure_floor_words
 from estimators.gap.search.hypothesis import Hypothesis as Found
 from estimators.gap.search.posterior import Posterior
 from rig.arrays import Array
@@ -149,6 +150,7 @@ def conclude(
             *((warned,) if estimated else ()),
             *_import_findings(recordings),
             *loud_floor_words(recordings, channels, floors, sources),
+            *unsure_floor_words(recordings, floors, sources),
         ),
         by_recording=dict(zip(names, channels, strict=True)) if len(names) > 1 else {},
         at_least_one=one_of,
