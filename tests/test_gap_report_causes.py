@@ -9,7 +9,7 @@ from diagnosed_recordings import backlash, by_hand, cause, recorded
 from shown_diagnoses import SHOWN, UNITS, read, spoken
 
 from estimators.gap.choices import and_words, cause_names, plural
-from estimators.gap.diagnosis import Hypothesis, OneOf
+from estimators.gap.diagnosis import ESTIMATED_FLOOR, Hypothesis, OneOf
 from estimators.gap.parameter_words import parameter_name, told_parameters
 from estimators.gap.remainder_words import noise_and_bands
 from rig.effects import EFFECTS
@@ -295,6 +295,22 @@ def test_what_any_maneuver_absorbs_calls_for_no_other_maneuver() -> None:
     assert not any("moves other joints" in step for step in next_steps(replace(free, cannot_tell=short, names=own)))
     middle = ({**ends[0], "where": "axis_3"},)
     assert any("moves other joints" in step for step in next_steps(replace(free, cannot_tell=middle, names=own)))
+
+
+def test_without_an_arm_another_maneuver_moves_no_joints() -> None:
+    lacking = {"effect": "backlash", "where": "joints", "why": "the recording lacks joint angles"}
+    steps = next_steps(replace(SHOWN["unknown, many fit"], cannot_tell=(lacking,)))
+    assert "turns the sensor in other ways" in steps[0]
+    assert not any("joint" in step for step in steps)
+
+
+def test_warnings_that_speak_against_the_recording_come_first() -> None:
+    plain = SHOWN["named"]
+    told = replace(plain, warnings=(f"{ESTIMATED_FLOOR}: run",))
+    assert next_steps(told) == next_steps(plain)
+    stuck = replace(plain, warnings=("each pose is repeated in 5 rows",))
+    assert next_steps(stuck)[0].startswith("See to what the warnings say first")
+    assert next_steps(stuck)[1:] == next_steps(plain)
 
 
 def test_what_could_hide_is_said_of_one_channel_too() -> None:

@@ -17,7 +17,7 @@ from estimators.gap.data.defects import Defect, explained_away, find_defects, ma
 from estimators.gap.data.laid_out import Laid, Locked, check, first_rest, floor_and_step, laid_out, rest_of
 from estimators.gap.data.stack import acting
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.diagnosis import GIVEN_WEIGHTS, Diagnosis
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.floor.tones_at_rest import tone_words
@@ -172,7 +172,7 @@ def examined(
     several = len(laid.recordings) > 1
     stuck = [f"{run.name}: " * several + words for run in laid.recordings for words in stuck_words(run)]
     weighed = [f"{name} {weight:g}" for name, weight in sorted((prior or {}).items()) if weight != 1.0]
-    given = [f"the probabilities rest on given weights of effects: {', '.join(weighed)}"] if weighed else []
+    given = [f"{GIVEN_WEIGHTS}: {', '.join(weighed)}"] if weighed else []
     result = replace(result, warnings=(*result.warnings, *stuck, *tone_words(laid.floors), *given))
     if rig is not None:
         p_value = remainder_p_value(posterior, rig.std_of(Kind.MEAN)) if laid.at_rest else None

@@ -296,6 +296,11 @@ class Diagnosis:
         return ": ".join(filter(None, (self.verdict.replace("-", " "), told_words(self), consequence_words(self))))
 
 
+#: How warnings begin that speak of how the diagnosis was made, and not against the recordings.
+ESTIMATED_FLOOR: Final = "the noise floor is estimated from the recording itself"
+GIVEN_WEIGHTS: Final = "the probabilities rest on given weights of effects"
+TONE_AT_REST: Final = "the recording at rest has a tone"
+INFORMATIVE: Final = (ESTIMATED_FLOOR, GIVEN_WEIGHTS, TONE_AT_REST)
 #: Probabilities from which on an explanation is named, a cause is established, and there is no gap.
 NAMED: Final = 0.9
 ESTABLISHED: Final = 0.95

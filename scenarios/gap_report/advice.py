@@ -7,7 +7,7 @@ from typing import Final
 
 from estimators.gap.cause_words import naming
 from estimators.gap.choices import and_words, cause_names, count_words, parted
-from estimators.gap.diagnosis import NAMED, Diagnosis
+from estimators.gap.diagnosis import INFORMATIVE, NAMED, Diagnosis
 from estimators.gap.hypotheses.sources import STRENGTH
 from estimators.gap.parameter_words import sizes_words
 from estimators.gap.remainder_words import (
@@ -75,6 +75,11 @@ _REFUTED: Final = (
     "--together; where the rig was changed between them, each by itself."
 )
 
+#: Where a warning speaks against the recordings.
+_WARNED: Final = (
+    "See to what the warnings say first, and record again: what is named, or is not, may come from that alone."
+)
+
 
 def next_steps(diagnosis: Diagnosis, options: str = "") -> tuple[str, ...]:
     """What to do next, one sentence or two each, the most useful first; as the diagnosis has them, where it does.
@@ -100,6 +105,8 @@ def _steps(diagnosis: Diagnosis) -> tuple[str, ...]:
     }
     refuted = diagnosis.closed_elsewhere is not None and diagnosis.closed_elsewhere < 0.0
     steps = [_REFUTED] if refuted else verdicts[diagnosis.verdict](diagnosis)
+    if any(not warning.startswith(INFORMATIVE) for warning in diagnosis.warnings):
+        steps.insert(0, _WARNED)
     if diagnosis.floor != "locked recording":
         steps.append(
             "Record the arm at rest in several poses, as NAME.locked.parquet beside NAME.parquet: without that "
@@ -129,7 +136,7 @@ def _no_gap(diagnosis: Diagnosis) -> list[str]:
     if another_maneuver_tells(diagnosis):
         steps.append(
             "If an effect that the calibration absorbs is likely on the rig (see what this recording cannot tell), "
-            "record a maneuver that moves other joints."
+            f"record {_another_maneuver(diagnosis)}."
         )
     return steps
 
@@ -204,7 +211,18 @@ def _maneuver(diagnosis: Diagnosis) -> str:
         return f"Record the maneuver below, which {tells} {apart} apart, and diagnose both: {together}."
     if step.get("why"):  # in words only
         return str(step["why"])
-    return "Record another maneuver: other joints, other speeds, or longer."
+    return (
+        f"Record another maneuver: {'other turns' if _armless(diagnosis) else 'other joints'}, other speeds, or longer."
+    )
+
+
+def _another_maneuver(diagnosis: Diagnosis) -> str:
+    return f"a maneuver that {'turns the sensor in other ways' if _armless(diagnosis) else 'moves other joints'}"
+
+
+def _armless(diagnosis: Diagnosis) -> bool:
+    """Whether nobody knows of any joints."""
+    return any(each["where"] == "joints" for each in diagnosis.cannot_tell)
 
 
 def _partly(diagnosis: Diagnosis) -> list[str]:
@@ -218,7 +236,7 @@ def _partly(diagnosis: Diagnosis) -> list[str]:
     little = diagnosis.closed.value is not None and diagnosis.closed.value < _LITTLE
     steps = [*looks, repair] if looks and little else [repair, *looks]
     if diagnosis.posterior["other"] < 0.5:
-        steps.append("To see what else is there, if anything, record longer, or a maneuver that moves other joints.")
+        steps.append(f"To see what else is there, if anything, record longer, or {_another_maneuver(diagnosis)}.")
     if len(diagnosis.established) < len(diagnosis.causes):
         steps.append("Do not trust any single cause with a probability below .95: it may stand in for something else.")
     return steps
@@ -226,7 +244,7 @@ def _partly(diagnosis: Diagnosis) -> list[str]:
 
 def _unknown(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.posterior["other"] < 0.5:
-        more = "Record longer, or a maneuver that moves other joints, and diagnose that: "
+        more = f"Record longer, or {_another_maneuver(diagnosis)}, and diagnose that: "
         if diagnosis.likely is None:
             return [
                 more + "many explanations fit this recording, and none stands out.",

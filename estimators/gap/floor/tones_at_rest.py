@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from scipy.fft import next_fast_len, rfft
 
+from estimators.gap.diagnosis import TONE_AT_REST
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.noise.spectrum import autoregression
 from rig.arrays import Array
@@ -85,7 +86,6 @@ def tone_words(floors: Sequence[Sequence[ChannelNoise]]) -> list[str]:
                 channels = heard.setdefault(f"{each:.3g}", [])
                 channels += [channel] if channel not in channels else []
     return [
-        f"the recording at rest has a tone of {each} Hz on {', '.join(channels)}: a hum of that frequency is there "
-        "without motion"
+        f"{TONE_AT_REST} of {each} Hz on {', '.join(channels)}: a hum of that frequency is there without motion"
         for each, channels in heard.items()
     ]

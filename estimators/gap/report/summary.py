@@ -11,7 +11,16 @@ import numpy as np
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.stack import Stack
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.diagnosis import Cause, Closed, Diagnosis, Estimate, Hypothesis, OneOf, verdict_of
+from estimators.gap.diagnosis import (
+    ESTIMATED_FLOOR,
+    Cause,
+    Closed,
+    Diagnosis,
+    Estimate,
+    Hypothesis,
+    OneOf,
+    verdict_of,
+)
 from estimators.gap.evidence.converge import converged
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.hypotheses.stochastic import FittedNoise
@@ -123,10 +132,7 @@ def conclude(
     counts = [len(recording) for recording in recordings]
     names = [recording.name for recording in recordings]
     estimated = [name for name, source in zip(names, sources, strict=True) if source != "locked recording"]
-    if len(names) > 1 and estimated:
-        warned = f"the noise floor is estimated from the recording itself: {in_short(estimated)}"
-    else:
-        warned = "the noise floor is estimated from the recording itself"
+    which = f": {in_short(estimated)}" if len(names) > 1 and estimated else ""
     return Diagnosis(
         recordings=tuple(names),
         samples=sum(counts),
@@ -147,7 +153,7 @@ def conclude(
         floor=" and ".join(dict.fromkeys(sources)),
         names={} if data.base.arm is None else data.base.arm.place_names,
         warnings=(
-            *((warned,) if estimated else ()),
+            *((f"{ESTIMATED_FLOOR}{which}",) if estimated else ()),
             *_import_findings(recordings),
             *loud_floor_words(recordings, channels, floors, sources),
             *unsure_floor_words(recordings, floors, sources),
