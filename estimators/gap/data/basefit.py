@@ -322,10 +322,20 @@ def floor_of(recording: Recording, floor: Sequence[ChannelNoise]) -> dict[str, A
 def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise, ...]:
     """A floor from the recording itself, where none was measured: the second differences of the residual, as if white.
 
-    Smooth gaps cancel in second differences; coloured noise does too, so that this floor is a lower bound of it.
+    Smooth gaps cancel in second differences; coloured noise does too, so that this floor is a lower bound of it. Spikes
+    do not move the median of these, nor fast tones that of their spectrum: the smaller of both is taken.
     """
     calibration = calibrate(recording, noise="residuals", arm=arm if recording.q is not None else None)
     return floor_beside(recording, arm, fitted_pipeline(calibration, recording))
+
+
+def _between_tones(differences: Array) -> float:
+    """The standard deviation of white noise of second differences (n,), by the median of the faster half of their
+    spectrum: the periodogram's is ln 2 of its mean."""
+    frequency = np.fft.rfftfreq(len(differences))
+    power = np.abs(np.fft.rfft(differences)) ** 2 / len(differences)
+    fast = frequency >= 0.25
+    return float(np.sqrt(np.median(power[fast] / (2.0 * np.sin(np.pi * frequency[fast])) ** 4) / np.log(2.0)))
 
 
 def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> tuple[ChannelNoise, ...]:
@@ -333,8 +343,12 @@ def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> t
     base = pipeline.expected(signals_of(recording, arm), np.random.default_rng(0))
     floors = []
     for values in (all_readings(recording) - base.volts).T:
+        if np.isnan(values).any():  # a sensor that was not recorded
+            floors.append(ChannelNoise(np.nan, samples=len(values) // 20, degrees=None))
+            continue
         differences = np.diff(values, n=2)
-        spread = float(np.median(np.abs(differences - np.median(differences)))) / 0.6745  # robust against spikes
+        spread = float(np.median(np.abs(differences - np.median(differences)))) / 0.6745
+        spread = min(spread, np.sqrt(6.0) * _between_tones(differences))
         local = beside_neighbours(values * np.sqrt(6.0) / spread)
         if np.isfinite((tails := tails_of(local, None))[0]):  # of long tails the median tells too little
             less = values + (drawn_in(local, *tails) - local) * spread / np.sqrt(6.0)
