@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from estimators.noise.settling import unsettled
 from rig.arrays import Array, Rows
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.documents import plain
@@ -166,7 +167,7 @@ def held_poses(locked: Recording) -> Rows:
     """The number of the held pose (n,) that each sample belongs to, in order; -1 where the arm moves.
 
     A sample is held when no joint angle (or element of the tool's quaternion) leaves a range of ``HOLD_RANGE`` in the
-    ``HOLD_S`` around it.
+    ``HOLD_S`` around it, and the readings have settled.
     """
     pose = locked.q if locked.q is not None else locked.tool_quaternion
     if pose is None:
@@ -181,7 +182,9 @@ def held_poses(locked: Recording) -> Rows:
             np.maximum(span, highest - minimum_filter1d(column, window, mode="nearest"), out=span)
     held = span <= HOLD_RANGE
     begins = held & ~np.concatenate([[False], held[:-1]])
-    return np.where(held, np.cumsum(begins) - 1, -1)
+    labels = np.where(held, np.cumsum(begins) - 1, -1)
+    readings = np.column_stack([locked.readings(sensor) for sensor in locked.sensors])
+    return np.where(unsettled(labels, readings), -1, labels)
 
 
 def _mean_std(squares: Array) -> Array:

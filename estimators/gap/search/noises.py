@@ -263,15 +263,17 @@ class Noises:
         state, here = given[0], each.on(given[1].fine.data)
         data, linear = here.data, here.linear
         lefts, unexplained = left_of(data, Explained(data.absorbed, linear.left)), _unexplained(here)
+        moved = True
         while True:
             parts = named(lefts, self.without, state)
-            if found:
+            if not moved:  # twice in a row, it would go as far as it likes at less than that costs
                 parts.append(refined(state, lefts))
             promised = self._promised(given, each, data, linear, [as_floor(part, given[0]) for part in parts])
             likeliest = max(range(len(parts)), key=lambda index: promised[index].log_mass, default=-1)
             if likeliest < 0 or (found and promised[likeliest].log_mass < found[-1].log_mass + _BETTER):
                 break
             found.append(promised[likeliest])
+            moved = parts[likeliest].fitted == state.fitted
             state = parts[likeliest]
             lefts = _left_after(data, state.steps[len(given[0].steps) :], unexplained)
         return found

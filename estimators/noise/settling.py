@@ -1,0 +1,62 @@
+"""Readings of a pose before they have settled: of a slow sensor, or while the arm still swings after it stopped."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.special import fdtri
+
+from rig.arrays import Array, Mask, Rows
+
+#: Means of fewer readings are not compared: single ones may have long tails.
+_SHORTEST: Final = 8
+#: The share of a pose in which it may settle; what takes longer is a drift.
+_LONGEST: Final = 1.0 / 8.0
+#: The chance that poses which have settled are cut, for each length of the means.
+_CHANCE: Final = 1e-6
+
+
+def unsettled(labels: Rows, readings: Array) -> Mask:
+    """Which readings of held poses come before the sensors have settled.
+
+    Means of neighbouring stretches differ more at the beginning of the poses than in their later halves: an F test,
+    over all poses and channels, for ever longer stretches. Drifts differ alike all along.
+
+    Args:
+        labels: (n,) number of the pose, -1 where the arm moves. readings: (n, c), NaN in channels that are not there.
+
+    Returns:
+        (n,) mask.
+    """
+    values = readings[:, np.isfinite(readings).all(axis=0)]
+    poses = [rows for number in range(labels.max(initial=-1) + 1) if len(rows := np.flatnonzero(labels == number))]
+    segments = [values[rows] for rows in poses]
+    longest = int(_LONGEST * min(map(len, poses), default=0))
+    length, first = _SHORTEST, 0
+    while first + 2 * length <= longest:
+        first += length * _different([segment[first:] for segment in segments], length, longest - first)
+        length *= 2
+    found = np.zeros(len(labels), dtype=bool)
+    for rows in poses:
+        found[rows[:first]] = True
+    return found
+
+
+def _different(segments: list[Array], length: int, longest: int) -> int:
+    """After how many stretches of a length, at the poses' beginning, neighbours differ no more than later."""
+    early, late = [], []
+    for segment in segments:
+        stretches = segment[: len(segment) // length * length].reshape(-1, length, segment.shape[1]).mean(axis=1)
+        squares = np.diff(stretches, axis=0) ** 2
+        late.append(squares[len(squares) // 2 :])
+        early.append(squares[: longest // length])
+    typical = np.concatenate(late)
+    level = typical.mean(axis=0)
+    there = level > 0.0
+    if not there.any():
+        return 0
+    ratio = np.mean([each[:, there] / level[there] for each in early], axis=(0, 2))
+    limit = fdtri(there.sum() * len(segments), max(0.5 * there.sum() * len(typical), 1.0), 1.0 - _CHANCE)
+    above = ratio > limit
+    return int(np.argmin(np.append(above, False))) + 1 if above[0] else 0
