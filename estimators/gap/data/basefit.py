@@ -48,6 +48,9 @@ _FINER = 10
 #: Normal noise of so many steps leaves of their lattice a ripple of 2 exp(-2 pi^2 .7^2) = 1e-4 (Widrow and Kollar,
 #: Quantization Noise, 2008).
 _DITHER = 0.7
+#: Four standard deviations of the logarithm of the ratio of both medians, times the root of the samples, where there is
+#: white noise alone (simulated).
+_TONAL = 6.2
 
 
 def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None) -> tuple[ChannelNoise, ...]:
@@ -323,7 +326,7 @@ def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise
     """A floor from the recording itself, where none was measured: the second differences of the residual, as if white.
 
     Smooth gaps cancel in second differences; coloured noise does too, so that this floor is a lower bound of it. Spikes
-    do not move the median of these, nor fast tones that of their spectrum: the smaller of both is taken.
+    do not move the median of these. Fast tones do, but not that of their spectrum: where it is smaller, that is taken.
     """
     calibration = calibrate(recording, noise="residuals", arm=arm if recording.q is not None else None)
     return floor_beside(recording, arm, fitted_pipeline(calibration, recording))
@@ -348,7 +351,8 @@ def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> t
             continue
         differences = np.diff(values, n=2)
         spread = float(np.median(np.abs(differences - np.median(differences)))) / 0.6745
-        spread = min(spread, np.sqrt(6.0) * _between_tones(differences))
+        between = np.sqrt(6.0) * _between_tones(differences)
+        spread = between if between < (1.0 - _TONAL / np.sqrt(len(values))) * spread else spread
         local = beside_neighbours(values * np.sqrt(6.0) / spread)
         if np.isfinite((tails := tails_of(local, None))[0]):  # of long tails the median tells too little
             less = values + (drawn_in(local, *tails) - local) * spread / np.sqrt(6.0)

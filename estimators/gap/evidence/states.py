@@ -101,7 +101,7 @@ class Pieces:
 
     data: WhitenedData
     columns: Array
-    _spectra: dict[tuple[tuple[int, int], tuple[int, ...]], tuple[Sequence[Step], Array]] = field(default_factory=dict)
+    _spectra: dict[tuple[int, int], tuple[list[Array], Array]] = field(default_factory=dict)
 
     @cached_property
     def _values(self) -> dict[tuple[int, int], tuple[NDArray[np.intp], Array]]:
@@ -137,12 +137,13 @@ class Pieces:
         return whole
 
     def _spectrum(self, place: tuple[int, int], before: Sequence[Step], gaps: Gaps) -> Array:
-        """(k, n) cosine transforms of a channel's columns after steps, kept as long as these are."""
-        key = place, tuple(id(step.factor) for step in before)
-        if key not in self._spectra:
+        """(k, n) cosine transforms of a channel's columns after steps; the last are kept: many states share these."""
+        factors = [step.factor for step in before]
+        known = self._spectra.get(place)
+        if known is None or [*map(id, known[0])] != [*map(id, factors)]:
             values = after_steps(before, self._values[place][1], gaps)
-            self._spectra[key] = before, dct(gaps.filled(values), norm="ortho")
-        return self._spectra[key][1]
+            known = self._spectra[place] = factors, dct(gaps.filled(values), norm="ortho")
+        return known[1]
 
 
 def log_det(data: WhitenedData, steps: Sequence[Step]) -> float:
