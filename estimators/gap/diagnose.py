@@ -170,7 +170,9 @@ def examined(
     readings = [[*own, *tones] for own, (tones, _) in zip(unmodelled, found, strict=True)]
     result, effects = conclude(laid.recordings, clean, posterior, readings, without, laid.floors, laid.sources)
     several = len(laid.recordings) > 1
-    stuck = [f"{run.name}: " * several + words for run in laid.recordings for words in stuck_words(run)]
+    stuck = [
+        f"{run.name}: " * several + words for run, own in zip(laid.recordings, laid.stuck, strict=True) for words in own
+    ]
     weighed = [f"{name} {weight:g}" for name, weight in sorted((prior or {}).items()) if weight != 1.0]
     given = [f"{GIVEN_WEIGHTS}: {', '.join(weighed)}"] if weighed else []
     result = replace(result, warnings=(*result.warnings, *stuck, *tone_words(laid.floors), *given))
@@ -204,12 +206,13 @@ def _alone(run: Recording | PathLike, locked: Locked, arm: Arm | None) -> Laid:
     """One recording beside its own calibration."""
     recording = run if isinstance(run, Recording) else read_recording(run, joints=None if arm is None else arm.dof)
     check(recording)
+    stuck = tuple(stuck_words(recording))
     recording, arm = posed(recording, arm)
     assert locked is None or isinstance(locked, Recording | str | os.PathLike)
     rest = rest_of(run, locked)
     floor, step, source = floor_and_step(recording, rest, arm)
     data = set_up(recording, floor, arm)
-    return Laid((recording,), (data,), (floor,), (step,), (source,), (rest is not None,))
+    return Laid((recording,), (data,), (floor,), (step,), (source,), (rest is not None,), stuck=(stuck,))
 
 
 def needs_times(effect: type[Effect]) -> bool:

@@ -9,9 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from rig.arrays import Array, Rows
+from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.recording.recording_files import RecordingScan
+from rig.recording.repeated_poses import equal_rows, repeated
 from rig.recording.samples import Recording
 from rig.recording.thinning import thinned
 from rig.units import STANDARD_GRAVITY
@@ -80,8 +81,6 @@ _ROUNDED, _SURE, _FILLED = 4, 100.0, 5
 _BEYOND, _TOGETHER = 20.0, 0.8
 #: Rows for which a joint that moves stands still, and how many of its ordinary steps it makes up for then, at least.
 _STOPPED: Final = 5
-#: Poses of a slower log, at least, and the share of them that are repeated equally often, give or take once.
-_LOGGED, _THROUGHOUT = 20, 0.9
 
 
 def stuck_words(run: Recording) -> list[str]:
@@ -93,7 +92,7 @@ def stuck_words(run: Recording) -> list[str]:
         values = run.readings(sensor)
         still = np.flatnonzero(values.std(axis=0) == 0.0)
         found += [f"{sensor}: channel {channel + 1} never changes" for channel in still]
-        starts, counts = _equal(values)
+        starts, counts = equal_rows(values)
         longest = int(np.argmax(counts))
         if counts[longest] > _REPEATS and not len(still):
             row = starts[longest]
@@ -104,32 +103,23 @@ def stuck_words(run: Recording) -> list[str]:
             found += [f"{sensor}: {words}" for k in range(3) if (words := _repeating(values[:, k], f"channel {k + 1}"))]
         if words := _filled_in(run.t, values):
             found.append(f"{sensor}: {words}")
-    poses = run.tool_quaternion if run.q is None else run.q
-    if poses is not None and not run.metadata.still_poses and (words := _held(poses)):
+    if words := _held(run):
         found.append(words)
     elif run.q is not None:
         found += [words for joint in range(run.q.shape[1]) if (words := _stopping(run.q, joint))]
     return found
 
 
-def _held(poses: Array) -> str:
-    """Whether poses (n, k) are those of a slower log, each repeated until the next one came."""
-    _, counts = _equal(poses)
-    repeated = counts[1:-1]  # the first and the last may be cut off
-    often = int(np.median(repeated)) if len(repeated) else 0
-    if often < 2 or len(repeated) < _LOGGED or np.mean(np.abs(repeated - often) <= 1) < _THROUGHOUT:
+def _held(run: Recording) -> str:
+    """Whether the poses are those of a slower log, each repeated until the next one came."""
+    if (starts := repeated(run)) is None:
         return ""
+    often = int(np.median(np.diff(starts)))
     return (
-        f"each pose is repeated in {often} rows, throughout: a slower log's, held until the next came? An arm moves"
-        " between: rig import takes the pose log as a file of its own, and interpolates"
+        f"each pose is repeated in {often} rows, throughout, while the readings go on: a slower log's, held until the"
+        " next came? rig diagnose puts straight lines between; the pose log as a file of its own, given to rig import,"
+        " has its times as well"
     )
-
-
-def _equal(values: Array) -> tuple[Rows, Rows]:
-    """Where runs of equal rows of (n,) or (n, k) begin, and how many each has."""
-    changed = np.diff(values.reshape(len(values), -1), axis=0).any(axis=1)
-    starts = np.concatenate([[0], np.flatnonzero(changed) + 1])
-    return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
 
 def _repeating(values: Array, name: str) -> str:
@@ -137,7 +127,7 @@ def _repeating(values: Array, name: str) -> str:
 
     A converter's readings are as often the same twice as they are one step up, or one step down.
     """
-    starts, counts = _equal(values)
+    starts, counts = equal_rows(values)
     steps = np.abs(np.diff(values))
     if not steps.any():
         return ""
@@ -182,7 +172,7 @@ def _filled_in(t: Array, values: Array) -> str:
 
 def _stopping(q: Array, joint: int) -> str:
     """Of one joint of (n, N): whether it stands still while others move, and then is where it would have been."""
-    starts, counts = _equal(q[:, joint])
+    starts, counts = equal_rows(q[:, joint])
     steps = np.abs(np.diff(q[:, joint]))
     if not steps.any():
         return ""

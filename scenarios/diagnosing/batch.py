@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from estimators.calibration import Calibration
-from estimators.gap.data.basefit import fitted_model, posed
+from estimators.gap.data.basefit import fitted_model
 from estimators.gap.diagnose import examined
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.report.separation import rivals
@@ -66,10 +66,9 @@ def carry_out(task: Task, progress: Progress = unheard) -> Outcome:
             found = examined(recordings, rests, None, task.without, arm, progress, task.prior, calibration=known)
             residuals = residuals_of_each(found)
         else:
-            recordings = [posed(recordings[0], arm)[0]]
             second = None if task.maneuver2 is None else means(task.maneuver2, block=read[0][1])[0]
             found = examined(recordings[0], rests[0], second, task.without, arm, progress, task.prior, task.rig)
-            residuals = [gap_residuals(recordings[0], found.diagnosis, rests[0], arm, found.data)]
+            residuals = [gap_residuals(found.laid.recordings[0], found.diagnosis, rests[0], arm, found.data)]
         about = About.of(recordings[-1], max(block for _, block in read))
         return _concluded(task, found.diagnosis, residuals, rests[-1], about, made_from)
 

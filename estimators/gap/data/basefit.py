@@ -35,6 +35,7 @@ from rig.errors import RigError
 from rig.pipeline import Pipeline
 from rig.recording import Recording, RecordingScan
 from rig.recording.columns import JOINTS_OF_ARM
+from rig.recording.repeated_poses import straight_between
 from rig.sensor import TriaxialSensor
 from rig.signals import Signals
 from rig.units import ELECTRICAL
@@ -214,17 +215,19 @@ def signals_of(recording: Recording, arm: Arm | None) -> Signals:
 def posed(recording: Recording, arm: Arm | None) -> tuple[Recording, Arm | None]:
     """A recording with the arm that its joint angles are of, the A465 where the metadata name it.
 
-    Where nobody knows the arm but the tool's poses were recorded, these serve, and the angles are left out.
+    Where nobody knows the arm but the tool's poses were recorded, these serve, and the angles are left out. Between the
+    poses of a slower log there are straight lines.
 
     Raises:
         RigError: no pose, or nothing but joint angles of an arm that is not known.
     """
-    if arm is not None or recording.q is None:
-        return recording, arm
-    if recording.metadata.arm in JOINTS_OF_ARM:
-        return recording, Arm.a465()
-    arm_of(recording, None, recording.origin or recording.name)
-    return replace(recording, q=None), None
+    if arm is None and recording.q is not None:
+        if recording.metadata.arm in JOINTS_OF_ARM:
+            arm = Arm.a465()
+        else:
+            arm_of(recording, None, recording.origin or recording.name)
+            recording = replace(recording, q=None)
+    return straight_between(recording), arm
 
 
 def fitted_model(scan: RecordingScan, arm: Arm | None) -> Callable[[Recording], Mapping[str, Array]]:

@@ -35,6 +35,7 @@ from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.errors import RefusedFit, RigError
 from rig.pose_nodes import quaternions
 from rig.recording import Recording, locked_beside, read_recording
+from rig.recording.findings import stuck_words
 from rig.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ class Laid:
         steps: (6,) of each one's converter; NaN where that is not known. resting: whether each has a recording at rest.
         began: [s] what was added to each one's clock.
         calibration: from before.
+        stuck: what seems stuck in each recording, as it was read.
     """
 
     recordings: tuple[Recording, ...]
@@ -69,6 +71,7 @@ class Laid:
     resting: tuple[bool, ...]
     began: tuple[float, ...] = ()
     calibration: Calibration | None = None
+    stuck: tuple[tuple[str, ...], ...] = ()
 
     @property
     def at_rest(self) -> bool:
@@ -149,6 +152,7 @@ def laid_out(
         tuple(rest is not None for rest in rests),
         tuple(began),
         calibration,
+        tuple(tuple(stuck_words(recording)) for recording in read),
     )
 
 

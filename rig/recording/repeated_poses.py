@@ -1,0 +1,87 @@
+"""Poses of a log that is slower than the sensor's, each repeated until the next one came.
+
+Joining two logs row by row makes such files. The arm moves on between: straight lines from pose to pose are nearer to
+that than steps are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from rig.arrays import Array, Rows
+from rig.recording.samples import Recording
+
+#: Poses of a slower log, at least, and the share of them that are repeated equally often, give or take once.
+_LOGGED, _THROUGHOUT = 20, 0.9
+#: From the first to the second half of the rows of a pose, readings go on by this share of what they change between
+#: the pose before and the one after, where the arm moves evenly; by nothing where it is held.
+_GOES_ON: Final = 0.25
+
+
+def equal_rows(values: Array) -> tuple[Rows, Rows]:
+    """Where runs of equal rows of (n,) or (n, k) begin, and how many each has."""
+    changed = np.diff(values.reshape(len(values), -1), axis=0).any(axis=1)
+    starts = np.concatenate([[0], np.flatnonzero(changed) + 1])
+    return starts, np.diff(np.concatenate([starts, [len(values)]]))
+
+
+def repeated(run: Recording) -> Rows | None:
+    """The rows at which the poses of a slower log first stand; None where they are no such log's.
+
+    An arm that is held in each pose repeats these too: then its readings do not go on within them.
+    """
+    poses = run.tool_quaternion if run.q is None else run.q
+    if poses is None or run.metadata.still_poses:
+        return None
+    starts, counts = equal_rows(poses)
+    inner = counts[1:-1]  # the first and the last may be cut off
+    often = int(np.median(inner)) if len(inner) else 0
+    if often < 2 or len(inner) < _LOGGED or np.mean(np.abs(inner - often) <= 1) < _THROUGHOUT:
+        return None
+    sums = np.cumsum(np.vstack([np.zeros((1, 3 * len(run.sensors))), _readings(run)]), axis=0)
+    middle = starts + counts // 2
+
+    def mean(first: Rows, last: Rows) -> Array:
+        return np.asarray((sums[last] - sums[first]) / np.maximum(last - first, 1)[:, None])
+
+    late = mean((starts + counts - counts // 2)[1:-1], (starts + counts)[1:-1])
+    within = late - mean(starts[1:-1], middle[1:-1])
+    whole = mean(starts, starts + counts)
+    between = whole[2:] - whole[:-2]
+    scale = np.maximum(between.std(axis=0), 1e-300)
+    slope = np.sum(within * between / scale**2) / max(float(np.sum((between / scale) ** 2)), 1e-300)
+    return starts if slope > 0.5 * _GOES_ON else None
+
+
+def straight_between(run: Recording) -> Recording:
+    """The recording with straight lines and turns about one axis from each pose of a slower log to the next.
+
+    A pose was read between the row before and the one where it first stands: at that one, if each stands in equally
+    many rows, as of one clock; else halfway. Before the first that is known so, and after the last, there is no line:
+    these rows go. Other recordings are returned as they are.
+    """
+    if (starts := repeated(run)) is None:
+        return run
+    t, starts = run.t, starts[1:]  # nobody knows how long the first one stood before
+    late = 0.5 if np.ptp(np.diff(starts)) else 0.0
+    at = (1.0 - late) * t[starts] + late * t[starts - 1]
+
+    def lines(values: Array) -> Array:
+        return np.stack([np.interp(t, at, column[starts]) for column in values.T], axis=1)
+
+    q = None if run.q is None else lines(run.q)
+    position = None if run.tool_position is None else lines(run.tool_position)
+    quaternion = run.tool_quaternion
+    if quaternion is not None:
+        turns = Slerp(at, Rotation.from_quat(quaternion[starts], scalar_first=True))
+        quaternion = turns(np.clip(t, at[0], at[-1])).as_quat(scalar_first=True)
+    whole = replace(run, q=q, tool_quaternion=quaternion, tool_position=position)
+    return whole.select((t >= at[0]) & (t <= at[-1]))
+
+
+def _readings(run: Recording) -> Array:
+    return np.column_stack([run.readings(sensor) for sensor in run.sensors])

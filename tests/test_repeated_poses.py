@@ -1,0 +1,93 @@
+"""Poses of a slower log, repeated until the next one came: straight lines between them are nearer to the motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import scenarios
+from estimators.dispatch import calibrate
+from estimators.gap.data.basefit import posed
+from estimators.goodness.residuals import residuals_of
+from rig.arm import Arm
+from rig.pose_nodes import quaternions
+from rig.recording import Recording
+from rig.recording.repeated_poses import repeated, straight_between
+
+EVERY = 5
+
+
+@pytest.fixture(scope="module")
+def run() -> Recording:
+    return scenarios.load("ann-arbor").with_acquisition(decimation=25).simulate(seed=1)
+
+
+def rows_of(count: int, uneven: bool) -> np.ndarray:
+    """The row of the pose that stands in each of so many rows; of logs with clocks of their own, one more at times."""
+    lengths = EVERY + (np.arange(count) % 7 == 3) * uneven
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    return starts[np.searchsorted(starts, np.arange(count), side="right") - 1]
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_joint_angles_are_the_logs_own_where_they_were_read(run: Recording, uneven: bool) -> None:
+    assert run.q is not None
+    own = rows_of(len(run), uneven)
+    held = replace(run, q=run.q[own])
+    found = repeated(held)
+    assert found is not None
+    np.testing.assert_array_equal(found, np.unique(own))
+    straight = straight_between(held)
+    assert straight.q is not None
+    kept = np.searchsorted(run.t, straight.t)
+    nodes = found[1:]
+    at = 0.5 * (run.t[nodes] + run.t[nodes - 1]) if uneven else run.t[nodes]
+    lines = np.stack([np.interp(straight.t, at, column[nodes]) for column in run.q.T], axis=1)
+    np.testing.assert_allclose(straight.q, lines, atol=1e-12)
+    assert len(run) - len(kept) < 3 * EVERY
+    assert repeated(straight) is None
+    assert straight_between(run) is run
+
+
+def test_tool_poses_turn_about_one_axis(run: Recording, arm: Arm) -> None:
+    assert run.q is not None
+    rotation = run.rotations(arm).reshape(-1, 3, 3)
+    own = rows_of(len(run), uneven=False)
+    poses = replace(run, q=None, tool_quaternion=quaternions(rotation)[own])
+    straight = straight_between(poses)
+    kept = np.searchsorted(run.t, straight.t)
+    off = (
+        Rotation.from_matrix(rotation[kept]).inv() * Rotation.from_matrix(straight.rotations(None).reshape(-1, 3, 3))
+    ).magnitude()
+    node = own[kept] == kept
+    assert off[node].max() < 1e-7  # rounding of unit quaternions, by arccos
+    steps = (Rotation.from_matrix(rotation[:-1]).inv() * Rotation.from_matrix(rotation[1:])).magnitude()
+    assert off.max() < EVERY * steps.max()  # no chord leads farther than the arm goes in it
+
+
+def test_the_base_fit_leaves_less(run: Recording, arm: Arm) -> None:
+    assert run.q is not None
+    held = replace(run, q=run.q[rows_of(len(run), uneven=False)])
+
+    def left(recording: Recording) -> float:
+        fitted = calibrate(recording, noise="residuals", arm=arm)
+        return float(residuals_of(recording, "accelerometer", fitted["accelerometer"], arm).values.std())
+
+    assert left(posed(held, arm)[0]) < 0.5 * left(held)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_an_arm_that_is_held_in_each_pose_is_no_slower_log(run: Recording, noise: float) -> None:
+    """Its readings do not go on within a pose: but for noise of one in the root of the poses."""
+    assert run.q is not None
+    own = rows_of(len(run), uneven=False)
+    rng = np.random.default_rng(2)
+    readings = {
+        sensor: run.readings(sensor)[own] + noise * rng.standard_normal((len(run), 3)) for sensor in run.sensors
+    }
+    still = replace(run, q=run.q[own], **readings)
+    assert repeated(still) is None
+    assert straight_between(still) is still
