@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 from scipy.special import chdtri
 
 from estimators.gap.floor.channel_noise import ChannelNoise
@@ -25,6 +25,9 @@ FURTHER_THRESHOLD = 8.0
 _MOST = 3
 #: A slow part that was not seen: its share of the colour, and how much slower than the slowest it is.
 _SPARE, _SLOWER = 5e-3, 4.0
+#: Prior standard deviation of the logarithm of a part's size in one channel about that of its board: the channels are
+#: made by one process; and how far it is looked for.
+APART, _LEAST_ALIKE = 0.7, 8.0
 #: p-value below which channels do not share the shape of their noise.
 SHARED_AT = 1e-3
 #: The first steps of the search: a factor of e in the odds of a coloured share and in a correlation time.
@@ -116,10 +119,35 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
             found |= {index: channels[index].at(common) for index in fresh}
     for index, shape in shapes.items():
         found.setdefault(index, channels[index].at(shape))
+    for index, channel in enumerate(channels):
+        mates = [found[other] for other in shapes if boards[other] == boards[index]]
+        if index not in shapes and mates and channel.variance > 0.0:
+            found[index] = _as_mates(channel, mates)
     return [
         _with_spare(found[index], channels[index]) if index in found else channel.white
         for index, channel in enumerate(channels)
     ]
+
+
+def _as_mates(channel: Held, mates: Sequence[ChannelNoise]) -> ChannelNoise:
+    """The noise of a channel whose colour does not pay, on a board on which that of others does.
+
+    It is as coloured as the most alike of these, as far as its readings allow: what does not show may still be there.
+    """
+    points = [np.ravel([(np.log(size / mate.white), np.log(tau_s)) for size, tau_s in mate.parts]) for mate in mates]
+
+    def moved(point: Array, shift: float) -> Array:
+        return np.asarray(point + np.tile([shift, 0.0], len(point) // 2))
+
+    found = []
+    for point in points:
+        way = minimize_scalar(
+            lambda shift, point=point: channel.rough_loss(moved(point, shift)) + (shift / APART) ** 2,
+            bounds=(-_LEAST_ALIKE, _LEAST_ALIKE),
+            method="bounded",
+        )
+        found.append((float(way.fun), moved(point, float(way.x))))
+    return channel.at(min(found, key=lambda one: one[0])[1])
 
 
 def _with_spare(noise: ChannelNoise, source: Held) -> ChannelNoise:

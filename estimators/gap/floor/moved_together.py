@@ -10,12 +10,10 @@ from typing import Final
 import numpy as np
 from scipy.linalg import block_diag
 
+from estimators.gap.floor.colour import APART
 from estimators.gap.floor.learned import Spectrum
 from rig.arrays import Array
 
-#: Prior standard deviation of the logarithm of an unseen part's size in one channel about that of its sensor: the
-#: channels are made by one process.
-_APART: Final = 0.7
 #: Passes over the channels, each moved given the others.
 _PASSES: Final = 3
 
@@ -52,7 +50,7 @@ def _prior_precision(spectra: Sequence[Spectrum]) -> Array:
     first = np.cumsum([0, *(each.learned.free for each in spectra[:-1])])
     unseen = [start + np.arange(each.learned.free)[each.unseen] for start, each in zip(first, spectra, strict=True)]
     for places in np.transpose(unseen):
-        shared = 1.0 / float(np.mean(np.diag(precision)[places])) - _APART**2
-        covariance = shared + _APART**2 * np.eye(len(spectra))
+        shared = 1.0 / float(np.mean(np.diag(precision)[places])) - APART**2
+        covariance = shared + APART**2 * np.eye(len(spectra))
         precision[np.ix_(places, places)] = np.linalg.inv(covariance)
     return precision

@@ -273,7 +273,7 @@ class Noises:
             if likeliest < 0 or (found and promised[likeliest].log_mass < found[-1].log_mass + _BETTER):
                 break
             found.append(promised[likeliest])
-            moved = parts[likeliest].fitted == state.fitted
+            moved = len(parts[likeliest].fitted) == len(state.fitted)
             state = parts[likeliest]
             lefts = _left_after(data, state.steps[len(given[0].steps) :], unexplained)
         return found
