@@ -13,6 +13,7 @@ from estimators.dispatch import calibrate
 from estimators.gap.data.defects import lattice
 from estimators.gap.data.likely_path import likely_path
 from estimators.gap.data.modelled import known
+from estimators.gap.data.rest_tones import without_rest_tones
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.clean_rest import sound
@@ -20,7 +21,7 @@ from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.resonant import resonant
 from estimators.gap.floor.rounded import COARSE, rounded_floor
 from estimators.gap.floor.shared import correlations
-from estimators.gap.floor.tones_at_rest import without_tones
+from estimators.gap.floor.tones_at_rest import amplitude_of, made_by_an_effect, without_tones
 from estimators.gap.floor.unsteady import Unsteady, unsteadiness
 from estimators.goodness.residuals import residuals_of
 from estimators.known_angle.from_recording import arm_of
@@ -49,6 +50,8 @@ _FINER = 10
 #: Normal noise of so many steps leaves of their lattice a ripple of 2 exp(-2 pi^2 .7^2) = 1e-4 (Widrow and Kollar,
 #: Quantization Noise, 2008).
 _DITHER = 0.7
+#: Tones of two channels at rest are one where they are no farther apart [cycles a sample].
+_SAME = 1e-3
 #: Four standard deviations of the logarithm of the ratio of both medians, times the root of the samples, where there is
 #: white noise alone (simulated).
 _TONAL = 6.2
@@ -68,7 +71,7 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
     numbers = [label for label in np.unique(labels) if label >= 0]
     if not numbers:
         raise _never_at_rest(locked)
-    channels, tails, coarse, known, still, tones = {}, {}, {}, {}, {}, {}
+    channels, tails, coarse, known, still, tones, loud = {}, {}, {}, {}, {}, {}, {}
     thinned, held_still = readings[::stride], labels[::stride]
     rounded = lattice(readings)  # a file at rest may be rounded more coarsely than that of the sweep
     steps = rounded if steps is None else np.fmax(steps, rounded)
@@ -86,7 +89,8 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         if not segments:
             found = f"{CHANNELS[column]} stays at {len(np.unique(readings[labels >= 0, column]))} values"
             raise RigError(f"{locked.origin or locked.name}: {found} at rest, expected readings that show its noise")
-        segments, tones[int(column)] = without_tones(segments)
+        humming, (segments, tones[int(column)]) = segments, without_tones(segments)
+        loud[int(column)] = [amplitude_of(humming, each) for each in tones[int(column)]]
         less, *tails[int(column)] = _relieved(segments)
         segments = less if steady else segments
         phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
@@ -111,10 +115,27 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         replace(
             fitted.get(column, ChannelNoise(np.nan)),
             tones_Hz=tuple(each * locked.rate_Hz for each in tones.get(column, ())),
+            hums=_hums(tones, loud, column, locked.rate_Hz),
             shared=() if np.array_equal(row, unit) else tuple(row.tolist()),
         )
         for column, (row, unit) in enumerate(zip(shared, np.eye(len(shared)), strict=True))
     )
+
+
+def _hums(
+    tones: Mapping[int, Sequence[float]], loud: Mapping[int, Sequence[float]], column: int, rate_Hz: float
+) -> tuple[tuple[float, float], ...]:
+    """Of one channel's tones at rest those that no effect makes: frequency [Hz] and amplitude.
+
+    Args:
+        tones, loud: of each channel, [cycles a sample] and amplitudes.
+    """
+    found = []
+    for each, size in zip(tones.get(column, ()), loud.get(column, ()), strict=True):
+        alike = [other for other, own in tones.items() if any(abs(one - each) < _SAME for one in own)]
+        if not made_by_an_effect(each * rate_Hz, alike, rate_Hz, _SAME * rate_Hz):
+            found.append((each * rate_Hz, size))
+    return tuple(found)
 
 
 def _toneless(readings: Array, labels: Rows, columns: Sequence[int]) -> Array:
@@ -298,6 +319,7 @@ def placed(recording: Recording, signals: Signals, pipeline: Pipeline, floor: tu
     readings = all_readings(recording)
     base = on_likely_path(recording, known(pipeline.expected(signals, np.random.default_rng(0))))
     data = WhitenedData(base, pipeline, readings, floor, np.ones_like(readings), floor)
+    data = without_rest_tones(data)
     if recording.metadata.still_poses:
         return data
     return data.without(np.broadcast_to(_ends(recording)[:, None], readings.shape))

@@ -55,6 +55,7 @@ class ChannelNoise:
         tails: variance of the tails that readings are relieved of, beyond the rest of it [V^2].
         unsteady: how its level changes in time; None where it is steady.
         tones_Hz: of tones at rest, without which it was learned.
+        hums: frequency [Hz] and amplitude [V] of those that no effect of the catalogue makes: they are noise.
         lags: autocovariance [V^2] of noise whose spectrum does not fall, of none to ever more intervals; empty where it
             does. white: then its variance. every_s: such an interval [s].
         shared: correlation with the noise of each channel, as far as neighbouring readings show; empty where none is.
@@ -71,6 +72,7 @@ class ChannelNoise:
     tails: float = 0.0
     unsteady: Unsteady | None = None
     tones_Hz: tuple[float, ...] = ()
+    hums: tuple[tuple[float, float], ...] = ()
     lags: tuple[float, ...] = ()
     every_s: float = 0.0
     shared: tuple[float, ...] = ()

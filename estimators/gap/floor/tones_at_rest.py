@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,8 @@ from estimators.gap.diagnosis import TONE_AT_REST
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.noise.spectrum import autoregression
 from rig.arrays import Array
-from rig.channels import CHANNELS
+from rig.channels import CHANNELS, COLUMNS_OF
+from rig.effects import EFFECTS
 
 #: Tones at most; cycles in the longest pose at least: what is slower is a drift.
 _MOST, _SLOWEST = 3, 4
@@ -73,19 +74,51 @@ def _without(segments: Sequence[Array], frequency: float) -> list[Array]:
     return found
 
 
+def amplitude_of(segments: Sequence[Array], frequency: float) -> float:
+    """Of a tone [cycles a sample] in segments (n,), root mean square over these."""
+    long = [each for each in segments if len(each) >= _SHORTEST]
+    pairs = zip(long, _without(long, frequency), strict=True)
+    lost = sum(float(np.sum((each - each.mean()) ** 2) - np.sum((less - less.mean()) ** 2)) for each, less in pairs)
+    return float(np.sqrt(2.0 * max(lost, 0.0) / max(sum(map(len, long)), 1)))
+
+
+def made_by_an_effect(frequency_Hz: float, columns: Collection[int], rate_Hz: float, unsure_Hz: float) -> bool:
+    """Whether an effect of the catalogue makes a tone on such channels: it is then a cause, and else the noise's own.
+
+    Args:
+        frequency_Hz: as it is seen. columns: the channels that have it.
+        rate_Hz: of the readings, which folds higher ones. unsure_Hz: how well the frequency is known.
+    """
+    for effect in (each for each in EFFECTS.values() if each.tone):
+        reached = {c for place in effect.places for c in range(6)[COLUMNS_OF.get(place, slice(0, 6))]}
+        if set(columns) <= reached and (
+            not effect.bands or any(_folded(frequency_Hz, band, rate_Hz, unsure_Hz) for band in effect.bands)
+        ):
+            return True
+    return False
+
+
+def _folded(frequency_Hz: float, band: tuple[float, float], rate_Hz: float, unsure_Hz: float) -> bool:
+    """Whether readings so far apart may show a frequency of a band as another."""
+    turns = rate_Hz * np.arange(np.ceil(band[1] / rate_Hz) + 1.0)
+    near = np.concatenate([turns + frequency_Hz, turns - frequency_Hz])
+    return bool(np.any((near >= band[0] - unsure_Hz) & (near <= band[1] + unsure_Hz)))
+
+
 def tone_words(floors: Sequence[Sequence[ChannelNoise]]) -> list[str]:
     """What recordings at rest have of tones, for whoever reads of a hum.
 
     Args:
         floors: of each recording, of its channels.
     """
-    heard: dict[str, list[str]] = {}
+    heard: dict[tuple[str, bool], list[str]] = {}
     for floor in floors:
         for channel, noise in zip(CHANNELS, floor, strict=True):
             for each in noise.tones_Hz:
-                channels = heard.setdefault(f"{each:.3g}", [])
+                channels = heard.setdefault((f"{each:.3g}", each in dict(noise.hums)), [])
                 channels += [channel] if channel not in channels else []
     return [
         f"{TONE_AT_REST} of {each} Hz on {', '.join(channels)}: a hum of that frequency is there without motion"
-        for each, channels in heard.items()
+        + ", is taken for noise, and out of the readings" * noise
+        for (each, noise), channels in heard.items()
     ]

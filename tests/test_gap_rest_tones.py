@@ -1,0 +1,63 @@
+"""Tones at rest that no effect of the catalogue makes are noise, and as loud in the sweep no gap."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosed_recordings import recorded
+from whitened_examples import louder
+
+import estimators
+from estimators.gap.data.rest_tones import _near
+from estimators.gap.diagnosis import Diagnosis
+from estimators.gap.floor.tones_at_rest import amplitude_of, made_by_an_effect
+from rig.recording import Recording
+
+EVERY, FREQUENCY = range(6), 2.3
+
+
+def test_which_tones_an_effect_makes() -> None:
+    assert made_by_an_effect(50.1, EVERY, 1000.0, 0.01)
+    assert made_by_an_effect(10.0, EVERY, 20.0, 0.01)  # 50 Hz, read 20 times a second
+    assert not made_by_an_effect(3.7, EVERY, 20.0, 0.01)
+    assert made_by_an_effect(3.7, range(2), 20.0, 0.01)  # a table that shakes
+    assert not made_by_an_effect(3.7, range(2, 4), 20.0, 0.01)
+
+
+def test_the_amplitude_at_rest_is_that_of_all_poses() -> None:
+    """To five standard deviations, sqrt(2 / 3000)."""
+    rng = np.random.default_rng(1)
+    time = np.arange(3000.0)
+    readings = rng.standard_normal(3000) + 1.5 * np.sin(2.0 * np.pi * 0.137 * time)
+    assert amplitude_of(np.split(readings, 3), 0.137) == pytest.approx(1.5, abs=5.0 * np.sqrt(2.0 / 3000.0))
+
+
+def test_a_tone_is_found_near_the_frequency_at_rest() -> None:
+    """What is left of it is what its three parameters cannot be told to: less than 25 of 3 squares, once in 60,000."""
+    rng = np.random.default_rng(2)
+    time = 0.1 * np.arange(6000.0)
+    tone = 2.0 * np.sin(2.0 * np.pi * FREQUENCY * time + 1.0)
+    found, size = _near(time, tone + rng.standard_normal(6000), FREQUENCY + 0.011, 30.0)
+    assert float(np.sum((found - tone) ** 2)) < 25.0
+    assert size == pytest.approx(2.0, abs=5.0 * np.sqrt(2.0 / 6000.0))
+
+
+def humming(run: Recording, times: float) -> Recording:
+    phases = np.arange(6.0)
+    return louder(run, times * 0.015 * np.sin(2.0 * np.pi * FREQUENCY * run.t[:, None] + phases))
+
+
+def diagnosed(times: float) -> Diagnosis:
+    run, locked = recorded()
+    return estimators.diagnose(humming(run, times), humming(locked, 1.0))
+
+
+def test_as_loud_as_at_rest_it_is_no_gap() -> None:
+    """It was something outside the catalogue, with more than .999."""
+    found = diagnosed(1.0)
+    assert found.posterior["nothing"] > 0.5
+    assert "is taken for noise, and out of the readings" in " ".join(found.warnings)
+
+
+def test_what_the_sweep_has_more_of_it_stays() -> None:
+    assert diagnosed(2.0).posterior["other"] > 0.95
