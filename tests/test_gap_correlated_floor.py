@@ -82,7 +82,7 @@ def test_whitened_readings_share_nothing(data: WhitenedData) -> None:
     both = replace(data, floor=floor)
     white = both.whiten(noise * sigma).reshape(6, -1)
     assert np.abs(white @ white.T / white.shape[1] - np.eye(6)).max() < 4.5 * np.sqrt(2.0) * 0.025
-    shares = decorrelation(floor, range(6))
+    shares = decorrelation(floor, tuple(range(6)), both.noises, both.interval_s, both.count)
     assert shares is not None
     np.testing.assert_allclose(shares @ CORRELATION @ shares.T, np.eye(6), atol=1e-12)
 

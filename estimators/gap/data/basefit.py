@@ -20,7 +20,7 @@ from estimators.gap.floor.clean_rest import sound
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.resonant import resonant
 from estimators.gap.floor.rounded import COARSE, rounded_floor
-from estimators.gap.floor.shared import correlations
+from estimators.gap.floor.shared import correlations, slow_correlations
 from estimators.gap.floor.tones_at_rest import amplitude_of, made_by_an_effect, without_tones
 from estimators.gap.floor.unsteady import Unsteady, unsteadiness
 from estimators.goodness.residuals import residuals_of
@@ -110,15 +110,18 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         )
         for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
     }
-    shared = correlations(_toneless(thinned, held_still, [column for column in tones if tones[column]]), held_still)
+    toneless = _toneless(thinned, held_still, [column for column in tones if tones[column]])
+    shared = correlations(toneless, held_still)
+    slow = slow_correlations(toneless, held_still, fitted, stride / locked.rate_Hz, shared)
     return tuple(
         replace(
             fitted.get(column, ChannelNoise(np.nan)),
             tones_Hz=tuple(each * locked.rate_Hz for each in tones.get(column, ())),
             hums=_hums(tones, loud, column, locked.rate_Hz),
             shared=() if np.array_equal(row, unit) else tuple(row.tolist()),
+            shared_slow=() if np.array_equal(late, unit) else tuple(late.tolist()),
         )
-        for column, (row, unit) in enumerate(zip(shared, np.eye(len(shared)), strict=True))
+        for column, (row, late, unit) in enumerate(zip(shared, slow, np.eye(len(shared)), strict=True))
     )
 
 

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct, idct
 
 from estimators.gap.data import tangent
 from estimators.gap.data.blocks import bent, block_means, block_poses, neighbours, points_within
@@ -137,9 +138,9 @@ class WhitenedData(ModelledRig):
 
     @cached_property
     def decorrelation(self) -> Array | None:
-        """(c, c) lower triangular: of each channel what those before it do not tell of its noise; None where the
-        channels share none at rest."""
-        return decorrelation(self.floor, self.columns)
+        """(c, c) lower triangular: of each channel what those before it do not tell of its noise, or (count, c, c) of
+        each cosine coefficient; None where the channels share none at rest."""
+        return decorrelation(self.floor, tuple(self.columns), self.noises, self.interval_s, self.count)
 
     def whiten_means(self, column: int, means: Array) -> Array:
         """One channel's means (..., count) over the blocks of samples by the floor's own filter: (..., count).
@@ -170,12 +171,21 @@ class WhitenedData(ModelledRig):
             first: the number of the first of them among the channels that are there. Where channels share noise, the
                 last of them is the last that is there.
         """
-        if self.decorrelation is not None:
-            white = np.einsum("ij,...jn->...in", self.decorrelation[first:, first:], white)
+        if (shared := self.decorrelation) is not None:
+            white = self._apart(shared[..., first:, first:], white, first)
         for index, column in enumerate(self.columns[first : first + white.shape[-2]]):
             if steps := [step for step in self.steps if step.column == column]:
                 white[..., index, :] = after_steps(steps, white[..., index, :], self.gaps[column])
         return white
+
+    def _apart(self, shared: Array, white: Array, first: int) -> Array:
+        """Channels (..., k, count) less what those before each tell of its noise."""
+        if shared.ndim == 2:
+            return np.asarray(np.einsum("ij,...jn->...in", shared, white))
+        gaps = [self.gaps[column] for column in self.columns[first:]]
+        filled = np.stack([own.filled(white[..., index, :]) for index, own in enumerate(gaps)], axis=-2)
+        apart = idct(np.einsum("nij,...jn->...in", shared, dct(filled, norm="ortho")), norm="ortho")
+        return np.stack([own.emptied(apart[..., index, :]) for index, own in enumerate(gaps)], axis=-2)
 
     @cached_property
     def gaps(self) -> tuple[Gaps, ...]:

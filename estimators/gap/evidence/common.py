@@ -152,8 +152,9 @@ def _floor(member: WhitenedData) -> Array:
 def _whitened(member: WhitenedData, response: Array) -> Array:
     """(n, 6, r) what whitening makes of the response (n, 6, r) to errors that are white."""
     found = np.nan_to_num(response) * (member.weights / _floor(member))[:, :, None]
-    if member.decorrelation is not None:
-        found[:, member.columns] = np.einsum("ij,njr->nir", member.decorrelation, found[:, member.columns])
+    if (shared := member.decorrelation) is not None:
+        shared = shared if shared.ndim == 2 else shared.mean(axis=0)  # of what is white
+        found[:, member.columns] = np.einsum("ij,njr->nir", shared, found[:, member.columns])
     for step in member.steps:
         factor = step.factor if step.in_time else np.full(member.count, np.sqrt(np.mean(step.factor**2)))
         found[:, step.column] *= factor[:, None]

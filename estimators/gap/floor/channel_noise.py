@@ -36,6 +36,9 @@ _GRID, _LEAST = 2048, 1e-3
 _UNTOLD = 1e-6
 #: So many samples at most are predicted exactly.
 _LONGEST = 512
+#: A part as slow as this share of the time for which a pose was held shows at rest how its spectrum falls, but hardly
+#: from where: it may be so many times slower, and larger.
+LONG, _SLOWER = 0.5, float(np.exp(4.0))
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,7 @@ class ChannelNoise:
         lags: autocovariance [V^2] of noise whose spectrum does not fall, of none to ever more intervals; empty where it
             does. white: then its variance. every_s: such an interval [s].
         shared: correlation with the noise of each channel, as far as neighbouring readings show; empty where none is.
+        shared_slow: the same of the coloured parts.
     """
 
     white: float
@@ -76,6 +80,7 @@ class ChannelNoise:
     lags: tuple[float, ...] = ()
     every_s: float = 0.0
     shared: tuple[float, ...] = ()
+    shared_slow: tuple[float, ...] = ()
 
     @property
     def relieved(self) -> bool:
@@ -86,6 +91,21 @@ class ChannelNoise:
     def coloured(self) -> float:
         """Variance of all coloured parts [V^2]."""
         return sum(size for size, _ in self.parts)
+
+    @property
+    def slow(self) -> tuple[bool, ...]:
+        """Of each coloured part that was seen, whether it is as slow as a pose was held."""
+        return tuple(tau_s >= LONG * self.duration_s / self.holds > 0.0 for _, tau_s in self.seen)
+
+    @property
+    def from_anywhere(self) -> ChannelNoise:
+        """The same noise, but for the level that slow parts are about: that may be any."""
+        slow = (*self.slow, *(False for _ in self.parts[len(self.seen) :]))
+        parts = (
+            (size * _SLOWER, tau_s * _SLOWER) if late else (size, tau_s)
+            for (size, tau_s), late in zip(self.parts, slow, strict=True)
+        )
+        return replace(self, parts=tuple(parts)) if any(slow) else self
 
     @property
     def seen(self) -> tuple[tuple[float, float], ...]:
@@ -271,9 +291,10 @@ class Whitener:
     @cached_property
     def _first(self) -> Array:
         """(m, m) the inverse of the Cholesky factor of the first samples' covariance: its rows predict each sample
-        from those before it."""
+        from those before it, and the first from nothing, as far as that is known."""
         lags: Array = self.interval_s * np.arange(float(min(self.start, _LONGEST)))
-        factor = cholesky(toeplitz(self.noise.autocovariance(lags)), lower=True) if len(lags) else np.zeros((0, 0))
+        covariance = self.noise.from_anywhere.autocovariance(lags)
+        factor = cholesky(toeplitz(covariance), lower=True) if len(lags) else np.zeros((0, 0))
         return np.asarray(solve_triangular(factor, np.eye(len(lags)), lower=True))
 
     def response(self, frequency: Array) -> Array:

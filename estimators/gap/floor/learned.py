@@ -31,7 +31,7 @@ _WHITE, _COLOURED, _TIME, _FARTHEST = (-2.0, 5.0), (-4.0, 5.0), (-1.5, 1.5), 4.0
 _SIZES, _TIMES = 1.5, 0.7
 #: The same, and the bounds, of the time of a part that is as slow as half the time for which a pose was held: readings
 #: at rest tell how its spectrum falls, but hardly from where.
-_ANY_TIME, _LONG, _FROM_THERE = 2.0, 0.5, (-4.0, 4.0)
+_ANY_TIME, _FROM_THERE = 2.0, (-4.0, 4.0)
 #: A floor may go on below what the poses at rest show: parts so many times slower than each other, each as large as
 #: those that were seen, give or take a factor of exp(2); of a white one as large as just stays unseen, give or take
 #: exp(4), as nothing tells. Noise of electronics falls with one over the frequency for as long as anyone has looked
@@ -329,8 +329,8 @@ class Spectrum:
     def _slow(self) -> list[bool]:
         """Of each coloured part, whether it was seen, but is as slow as a pose was held."""
         noise = self.learned.noise
-        held_s, seen = noise.duration_s / noise.holds, noise.parts[: len(noise.seen) - self.learned.unseen]
-        return [part in seen and part[1] >= _LONG * held_s for part in noise.parts]
+        seen = len(noise.seen) - self.learned.unseen
+        return [*noise.slow[:seen], *(False for _ in noise.parts[seen:])]
 
     @property
     def _bounds(self) -> list[tuple[float, float]]:

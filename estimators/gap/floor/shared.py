@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 
 from estimators.gap.floor.channel_noise import ChannelNoise
+from estimators.gap.floor.learned import parts
 from rig.arrays import Array, Rows
 
 #: Independent steps in each step between neighbouring readings: neighbours share a reading.
@@ -71,14 +73,78 @@ def _in_every_band(readings: Array, labels: Rows, correlation: Array) -> bool:
     return bool((log_det + np.einsum("ij,bij->b", inverse, alike) < len(correlation)).all())
 
 
-def decorrelation(floor: Sequence[ChannelNoise], columns: Sequence[int]) -> Array | None:
-    """(c, c) lower triangular, what leaves of each channel's noise what those before it do not tell; None where the
-    channels share none.
+def slow_correlations(
+    readings: Array, labels: Rows, noises: Mapping[int, ChannelNoise], interval_s: float, neighbours: Array
+) -> Array:
+    """(6, 6) correlation of the channels' coloured parts; the identity where readings at rest show none.
+
+    Of the cosine coefficients of each pose, as shares of the channels' spectra, those weigh most that are coloured.
 
     Args:
-        floor: of all channels. columns: those that are there.
+        readings, labels: as of ``correlations``. noises: of channels, as they were learned at rest.
+        interval_s: between readings. neighbours: (6, 6) as ``correlations`` tells.
     """
-    if not any(floor[column].shared for column in columns):
+    found = np.eye(readings.shape[1])
+    there = [column for column, noise in noises.items() if noise.seen and not noise.lags]
+    if len(there) < 2:
+        return found
+    products, weights = np.zeros((2, len(there), len(there)))
+    for label in np.unique(labels[labels >= 0]):
+        own = readings[labels == label][:, there]
+        own = own[np.isfinite(own).all(axis=1)]
+        if len(own) <= _BANDS:
+            continue
+        waves = dct(own - own.mean(axis=0), axis=0, norm="ortho")[1:]
+        frequency = np.arange(1.0, len(own)) / (2.0 * len(own))
+        share, total = np.stack([_coloured(noises[column], frequency, interval_s) for column in there], axis=2)
+        coloured, mixed = waves / np.sqrt(total) * np.sqrt(share), np.sqrt(share * (1.0 - share))
+        products += coloured.T @ coloured - neighbours[np.ix_(there, there)] * (mixed.T @ mixed)
+        weights += share.T @ share
+    independent = float(weights[np.triu_indices(len(there), 1)].mean())
+    size = np.diag(products) / np.maximum(np.diag(weights), 1e-300)
+    if independent <= len(there) or not np.all(size > 0.0):
+        return found
+    own = products / np.maximum(weights, 1e-300) / np.sqrt(np.outer(size, size))
+    own += (np.eye(len(own)) - own) / independent
+    values, vectors = np.linalg.eigh(own)
+    own = (vectors * np.maximum(values, 1.0 / independent)) @ vectors.T
+    own /= np.sqrt(np.outer(np.diag(own), np.diag(own)))
+    gained = -0.5 * independent * float(np.linalg.slogdet(own)[1])
+    if gained > 0.25 * len(there) * (len(there) - 1) * np.log(independent):
+        found[np.ix_(there, there)] = own
+    return found
+
+
+def _coloured(noise: ChannelNoise, frequency: Array, interval_s: float) -> Array:
+    """(2, f) the share of a spectrum at frequencies [cycles a sample] that is coloured, and the spectrum."""
+    spectrum = parts(noise, frequency, interval_s)
+    coloured = spectrum.coloured.sum(axis=0)
+    total = spectrum.white + coloured
+    return np.stack([coloured / total, total])
+
+
+@lru_cache(maxsize=8)
+def decorrelation(
+    floor: tuple[ChannelNoise, ...],
+    columns: tuple[int, ...],
+    noises: tuple[ChannelNoise, ...],
+    interval_s: float,
+    count: int,
+) -> Array | None:
+    """(c, c) lower triangular, what leaves of each channel's noise what those before it do not tell; (count, c, c), one
+    for each of so many cosine coefficients, where channels share what is coloured; None where they share none.
+
+    Args:
+        floor: of all channels. columns: those that are there. noises: of means, count of them interval_s apart.
+    """
+    if not any(floor[column].shared or floor[column].shared_slow for column in columns):
         return None
-    correlation = np.array([floor[column].shared or np.eye(len(floor))[column] for column in columns])
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation[:, columns])))
+    unit = np.eye(len(floor))
+    own = np.array([floor[column].shared or unit[column] for column in columns])[:, columns]
+    if any(floor[column].shared_slow for column in columns):
+        slow = np.array([floor[column].shared_slow or unit[column] for column in columns])[:, columns]
+        frequency = np.arange(float(count)) / (2.0 * count)
+        share = np.stack([_coloured(noises[column], frequency, interval_s)[0] for column in columns], axis=1)
+        fast, late = np.sqrt(1.0 - share), np.sqrt(share)
+        own = fast[:, :, None] * fast[:, None] * own + late[:, :, None] * late[:, None] * slow
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(own)))
