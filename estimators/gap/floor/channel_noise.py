@@ -37,8 +37,8 @@ _UNTOLD = 1e-6
 #: So many samples at most are predicted exactly.
 _LONGEST = 512
 #: A part as slow as this share of the time for which a pose was held shows at rest how its spectrum falls, but hardly
-#: from where: it may be so many times slower, and larger.
-LONG, _SLOWER = 0.5, float(np.exp(4.0))
+#: from where: it may be so many times slower, and larger; two standard deviations of what is believed of its time.
+LONG, _SLOWER = 0.5, 55.0
 
 
 @dataclass(frozen=True)
