@@ -51,6 +51,13 @@ def test_drifts_of_each_channel_by_itself_are_shared_by_none() -> None:
     assert all(np.array_equal(learned(*at_rest(np.eye(6), rng)), np.eye(6)) for _ in range(20))
 
 
+def test_knocks_at_rest_are_no_drift_in_common() -> None:
+    rng = np.random.default_rng(4)
+    readings, labels = at_rest(np.eye(6), rng)
+    readings[[500, 4200]] += 200.0
+    np.testing.assert_array_equal(learned(readings, labels), np.eye(6))
+
+
 def test_whitened_drifts_share_nothing(data: WhitenedData) -> None:
     """Of all frequencies, and of the slowest twentieth: correlations to the root of one in their number, five of it."""
     count, interval = len(data.base), data.interval_s

@@ -37,7 +37,7 @@ def test_a_tone_is_found_near_the_frequency_at_rest() -> None:
     rng = np.random.default_rng(2)
     time = 0.1 * np.arange(6000.0)
     tone = 2.0 * np.sin(2.0 * np.pi * FREQUENCY * time + 1.0)
-    found, size = _near(time, tone + rng.standard_normal(6000), FREQUENCY + 0.011, 30.0)
+    found, size = _near(time, tone + rng.standard_normal(6000), FREQUENCY + 0.007, 30.0)
     assert float(np.sum((found - tone) ** 2)) < 25.0
     assert size == pytest.approx(2.0, abs=5.0 * np.sqrt(2.0 / 6000.0))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 from whitened_examples import louder, recorded
 
 from estimators.gap.data import basefit
@@ -31,6 +32,15 @@ def test_spikes_are_no_part_of_the_floor(arm: Arm) -> None:
     spikes = np.zeros((len(recorded(3, decimation=25)), 6))
     spikes[::50] = 30.0 * plain
     np.testing.assert_allclose(floor_of(arm, spikes), plain, rtol=0.25)
+
+
+def test_noise_that_a_filter_smoothed_has_no_tones(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is smaller at fast frequencies, at all of them."""
+    rng = np.random.default_rng(1)
+    smooth = 0.5 * lfilter(*butter(2, 0.2), rng.standard_normal((len(recorded(3, decimation=25)), 6)), axis=0)
+    found = floor_of(arm, smooth)
+    monkeypatch.setattr(basefit, "_TONAL", np.inf)
+    np.testing.assert_array_equal(floor_of(arm, smooth), found)
 
 
 def test_floors_of_noise_alone_are_those_of_differences(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +11,13 @@ from scipy.spatial.transform import Rotation
 
 import scenarios
 from estimators.dispatch import calibrate
-from estimators.gap.data.basefit import posed
+from estimators.gap.data.basefit import fitted_model, posed
 from estimators.goodness.residuals import residuals_of
 from rig.arm import Arm
 from rig.pose_nodes import quaternions
 from rig.recording import Recording
+from rig.recording.block_means import block_means
+from rig.recording.recording_files import scan_recording
 from rig.recording.repeated_poses import repeated, straight_between
 
 EVERY = 5
@@ -50,6 +53,47 @@ def test_joint_angles_are_the_logs_own_where_they_were_read(run: Recording, unev
     assert len(run) - len(kept) < 3 * EVERY
     assert repeated(straight) is None
     assert straight_between(run) is run
+
+
+def test_a_pause_on_one_clock_moves_no_pose(run: Recording) -> None:
+    """The arm stands still for three poses' time, as the log says: lines begin where it moves on, and no pose is
+    later."""
+    assert run.q is not None
+    q, rows = run.q.copy(), rows_of(len(run), uneven=False)
+    paused = slice(200 * EVERY, 203 * EVERY)
+    q[paused] = q[paused.start]
+    straight = straight_between(replace(run, q=q[rows]))
+    assert straight.q is not None
+    node = rows[np.searchsorted(run.t, straight.t)] == np.searchsorted(run.t, straight.t)
+    np.testing.assert_allclose(straight.q[node], q[np.searchsorted(run.t, straight.t)][node], atol=1e-12)
+
+
+def test_angles_that_wrap_are_no_whole_turns(run: Recording) -> None:
+    assert run.q is not None
+    wrapped = np.mod(run.q + np.pi, 2.0 * np.pi) - np.pi
+    rows = rows_of(len(run), uneven=False)
+    one, other = (straight_between(replace(run, q=q[rows])).q for q in (run.q, wrapped))
+    assert one is not None
+    assert other is not None
+    np.testing.assert_allclose(np.cos(other), np.cos(one), atol=1e-9)
+    np.testing.assert_allclose(np.sin(other), np.sin(one), atol=1e-9)
+
+
+def test_steps_below_the_noise_are_found(run: Recording) -> None:
+    """Many of them tell, as the noise is the same whichever way the arm goes."""
+    assert run.q is not None
+    fast = scenarios.load("ann-arbor").with_acquisition(decimation=4).simulate(seed=2)
+    assert fast.q is not None
+    assert repeated(replace(fast, q=fast.q[np.arange(len(fast)) // 2 * 2])) is not None
+
+
+def test_means_of_a_long_recording_are_made_of_steps_as_of_others(run: Recording, tmp_path: Path) -> None:
+    """Where memory is short: poses that are repeated leave no rows out."""
+    assert run.q is not None
+    held = replace(run, q=run.q[rows_of(len(run), uneven=False)])
+    held.write(tmp_path / "held.parquet")
+    scan = scan_recording(tmp_path / "held.parquet")
+    assert len(block_means(scan, 2, fitted_model(scan, None))) == len(run) // 2
 
 
 def test_tool_poses_turn_about_one_axis(run: Recording, arm: Arm) -> None:

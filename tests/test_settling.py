@@ -54,6 +54,18 @@ def test_what_decays_after_the_stop_is_cut(memory: float, swings: bool) -> None:
     assert not cut[own < 0].any()
 
 
+def test_a_pause_beside_the_poses_changes_nothing() -> None:
+    rng = np.random.default_rng(5)
+    values, own = with_noise("white", rng), labels()
+    for number in range(POSES):
+        values[own == number] += 100.0 * np.exp(-np.arange(float(SAMPLES)) / 20.0)[:, None]
+    alone = unsettled(own, values)
+    short = np.concatenate([own, np.full(100, POSES)])
+    beside = unsettled(short, np.concatenate([values, rng.standard_normal((100, 6))]))
+    np.testing.assert_array_equal(beside[: len(own)], alone)
+    assert beside[len(own) :].sum() <= 100 // 8
+
+
 def test_the_noise_of_a_slow_sensor_is_that_of_its_readings_at_rest() -> None:
     _, locked = recorded()
     labels_of_it, before = held_poses(locked), noise_floor(locked)

@@ -13,7 +13,9 @@ from rig.arrays import Array, Mask, Rows
 _SHORTEST: Final = 8
 #: The share of a pose in which it may settle; what takes longer is a drift.
 _LONGEST: Final = 1.0 / 8.0
-#: The chance that poses which have settled are cut, for each length of the means.
+#: Poses shorter than this share of the usual length are not asked.
+_USUAL: Final = 0.5
+#: The chance that poses which have settled are cut, for each length of the means, where channels share no noise.
 _CHANCE: Final = 1e-6
 
 
@@ -31,15 +33,16 @@ def unsettled(labels: Rows, readings: Array) -> Mask:
     """
     values = readings[:, np.isfinite(readings).all(axis=0)]
     poses = [rows for number in range(labels.max(initial=-1) + 1) if len(rows := np.flatnonzero(labels == number))]
-    segments = [values[rows] for rows in poses]
-    longest = int(_LONGEST * min(map(len, poses), default=0))
+    usual = float(np.median([len(rows) for rows in poses])) if poses else 0.0
+    segments = [values[rows] for rows in poses if len(rows) >= _USUAL * usual]  # pauses tell too little
+    longest = int(_LONGEST * min(map(len, segments), default=0))
     length, first = _SHORTEST, 0
     while first + 2 * length <= longest:
         first += length * _different([segment[first:] for segment in segments], length, longest - first)
         length *= 2
     found = np.zeros(len(labels), dtype=bool)
     for rows in poses:
-        found[rows[:first]] = True
+        found[rows[: min(first, int(_LONGEST * len(rows)))]] = True
     return found
 
 

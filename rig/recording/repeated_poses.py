@@ -20,6 +20,8 @@ _LOGGED, _THROUGHOUT = 20, 0.9
 #: From the first to the second half of the rows of a pose, readings go on by this share of what they change between
 #: the pose before and the one after, where the arm moves evenly; by nothing where it is held.
 _GOES_ON: Final = 0.25
+#: Standard deviations from which on that is more than chance.
+_SURE: Final = 4.0
 
 
 def equal_rows(values: Array) -> tuple[Rows, Rows]:
@@ -42,19 +44,35 @@ def repeated(run: Recording) -> Rows | None:
     often = int(np.median(inner)) if len(inner) else 0
     if often < 2 or len(inner) < _LOGGED or np.mean(np.abs(inner - often) <= 1) < _THROUGHOUT:
         return None
-    sums = np.cumsum(np.vstack([np.zeros((1, 3 * len(run.sensors))), _readings(run)]), axis=0)
-    middle = starts + counts // 2
+    if not _going_on(_readings(run), starts, counts):
+        return None
+    # while the arm pauses, its pose is read as well
+    rows = zip(starts, counts, strict=True)
+    return np.concatenate([np.arange(first, first + max(many - often // 2, 1), often) for first, many in rows])
+
+
+def _going_on(readings: Array, starts: Rows, counts: Rows) -> bool:
+    """Whether readings (n, c) go on within the poses as they do from one to the next.
+
+    By the mean of the second half of a pose's rows less that of the first, against the pose after less the pose before:
+    these have no reading in common. The noise in their squares is taken off.
+    """
+    sums = np.cumsum(np.vstack([np.zeros((1, readings.shape[1])), readings]), axis=0)
 
     def mean(first: Rows, last: Rows) -> Array:
-        return np.asarray((sums[last] - sums[first]) / np.maximum(last - first, 1)[:, None])
+        return np.asarray((sums[last] - sums[first]) / (last - first)[:, None])
 
-    late = mean((starts + counts - counts // 2)[1:-1], (starts + counts)[1:-1])
-    within = late - mean(starts[1:-1], middle[1:-1])
     whole = mean(starts, starts + counts)
     between = whole[2:] - whole[:-2]
+    first, many = starts[1:-1][counts[1:-1] > 1], counts[1:-1][counts[1:-1] > 1]
+    between, half = between[counts[1:-1] > 1], many // 2
+    within = mean(first + many - half, first + many) - mean(first, first + half)
     scale = np.maximum(between.std(axis=0), 1e-300)
-    slope = np.sum(within * between / scale**2) / max(float(np.sum((between / scale) ** 2)), 1e-300)
-    return starts if slope > 0.5 * _GOES_ON else None
+    within, between = within / scale, between / scale
+    along = np.sum(within * between, axis=1)
+    squares = float(np.sum(between**2) - np.sum((half / many)[:, None] * within**2))
+    sure = float(along.sum()) > _SURE * float(np.sqrt(np.sum(along**2)))
+    return sure and float(along.sum()) > 0.5 * _GOES_ON * squares
 
 
 def straight_between(run: Recording) -> Recording:
@@ -71,10 +89,14 @@ def straight_between(run: Recording) -> Recording:
     at = (1.0 - late) * t[starts] + late * t[starts - 1]
 
     def lines(values: Array) -> Array:
-        return np.stack([np.interp(t, at, column[starts]) for column in values.T], axis=1)
+        return np.stack([np.interp(t, at, column) for column in values.T], axis=1)
 
-    q = None if run.q is None else lines(run.q)
-    position = None if run.tool_position is None else lines(run.tool_position)
+    q, position = run.q, run.tool_position
+    if q is not None:
+        turning = np.array([joint not in run.slides for joint in range(1, q.shape[1] + 1)])
+        q = lines(np.where(turning, np.unwrap(q[starts], axis=0), q[starts]))  # or a line leads through a whole turn
+    if position is not None:
+        position = lines(position[starts])
     quaternion = run.tool_quaternion
     if quaternion is not None:
         turns = Slerp(at, Rotation.from_quat(quaternion[starts], scalar_first=True))

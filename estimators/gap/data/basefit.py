@@ -52,9 +52,13 @@ _FINER = 10
 _DITHER = 0.7
 #: Tones of two channels at rest are one where they are no farther apart [cycles a sample].
 _SAME = 1e-3
+#: Readings at rest show which tones the sweep has where they are as fast as its own, give or take a little.
+_AS_FAST = 0.98
 #: Four standard deviations of the logarithm of the ratio of both medians, times the root of the samples, where there is
 #: white noise alone (simulated).
 _TONAL = 6.2
+#: Lines of a spectrum that a few tones are, with those beside that they leak to.
+_LINES = 24
 
 
 def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None) -> tuple[ChannelNoise, ...]:
@@ -117,7 +121,7 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         replace(
             fitted.get(column, ChannelNoise(np.nan)),
             tones_Hz=tuple(each * locked.rate_Hz for each in tones.get(column, ())),
-            hums=_hums(tones, loud, column, locked.rate_Hz),
+            hums=_hums(tones, loud, column, locked.rate_Hz) if locked.rate_Hz * interval_s > _AS_FAST else (),
             shared=() if np.array_equal(row, unit) else tuple(row.tolist()),
             shared_slow=() if np.array_equal(late, unit) else tuple(late.tolist()),
         )
@@ -237,21 +241,25 @@ def signals_of(recording: Recording, arm: Arm | None) -> Signals:
 
 
 def posed(recording: Recording, arm: Arm | None) -> tuple[Recording, Arm | None]:
+    """As ``with_arm``, with straight lines between the poses of a slower log."""
+    recording, arm = with_arm(recording, arm)
+    return straight_between(recording), arm
+
+
+def with_arm(recording: Recording, arm: Arm | None) -> tuple[Recording, Arm | None]:
     """A recording with the arm that its joint angles are of, the A465 where the metadata name it.
 
-    Where nobody knows the arm but the tool's poses were recorded, these serve, and the angles are left out. Between the
-    poses of a slower log there are straight lines.
+    Where nobody knows the arm but the tool's poses were recorded, these serve, and the angles are left out.
 
     Raises:
         RigError: no pose, or nothing but joint angles of an arm that is not known.
     """
-    if arm is None and recording.q is not None:
-        if recording.metadata.arm in JOINTS_OF_ARM:
-            arm = Arm.a465()
-        else:
-            arm_of(recording, None, recording.origin or recording.name)
-            recording = replace(recording, q=None)
-    return straight_between(recording), arm
+    if arm is not None or recording.q is None:
+        return recording, arm
+    if recording.metadata.arm in JOINTS_OF_ARM:
+        return recording, Arm.a465()
+    arm_of(recording, None, recording.origin or recording.name)
+    return replace(recording, q=None), None
 
 
 def fitted_model(scan: RecordingScan, arm: Arm | None) -> Callable[[Recording], Mapping[str, Array]]:
@@ -263,7 +271,7 @@ def fitted_model(scan: RecordingScan, arm: Arm | None) -> Callable[[Recording], 
     calibration = calibrate(scan.path, noise="residuals", arm=arm)
 
     def readings(part: Recording) -> Mapping[str, Array]:
-        own, its_arm = posed(part, arm)
+        own, its_arm = with_arm(part, arm)
         return {
             sensor: part.readings(sensor) - residuals_of(own, sensor, calibration[sensor], its_arm).values
             for sensor in part.sensors
@@ -362,11 +370,13 @@ def estimated_floor(recording: Recording, arm: Arm | None) -> tuple[ChannelNoise
 
 def _between_tones(differences: Array) -> float:
     """The standard deviation of white noise of second differences (n,), by the median of the faster half of their
-    spectrum: the periodogram's is ln 2 of its mean."""
+    spectrum, the periodogram's being ln 2 of its mean; infinite where there is more than that and a few lines."""
     frequency = np.fft.rfftfreq(len(differences))
     power = np.abs(np.fft.rfft(differences)) ** 2 / len(differences)
     fast = frequency >= 0.25
-    return float(np.sqrt(np.median(power[fast] / (2.0 * np.sin(np.pi * frequency[fast])) ** 4) / np.log(2.0)))
+    variance = float(np.median(power[fast] / (2.0 * np.sin(np.pi * frequency[fast])) ** 4) / np.log(2.0))
+    beside = float(np.mean(np.sort(power)[:-_LINES])) if len(power) > _LINES else np.inf
+    return float(np.sqrt(variance)) if beside < 2.0 * 6.0 * variance else np.inf
 
 
 def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> tuple[ChannelNoise, ...]:

@@ -12,7 +12,7 @@ from rig.arrays import Array
 
 #: Frequencies that are tried, of the resolution of the sweep, and between two of these; how far about that at rest, in
 #: the resolution of a pose.
-_FINER, _FINEST, _ABOUT = 4, 65, 1.0
+_FINER, _FINEST, _ABOUT = 4, 65, 0.25
 #: Sums a resolution of a pose that frequencies are tried on.
 _SUMS: Final = 8
 #: A tone of the sweep is as loud as at rest up to so many standard deviations of both.
@@ -43,17 +43,14 @@ def _near(t: Array, residual: Array, frequency: float, held_s: float) -> tuple[A
     """The tone (n,) near a frequency [Hz] that takes most of a residual (n,), and its amplitude."""
     turned = residual * np.exp(-2j * np.pi * frequency * t)
     sums = np.floor((t - t[0]) / held_s * _SUMS).astype(np.intp)
-    many = np.bincount(sums)
     slow = np.bincount(sums, turned.real) + 1j * np.bincount(sums, turned.imag)
-    middles = np.bincount(sums, t) / np.maximum(many, 1)
-    step = 1.0 / (_FINER * (t[-1] - t[0]))
-
-    def highest(around: Array) -> float:
-        power = np.abs(np.exp(-2j * np.pi * np.outer(around, middles)) @ slow)
-        return float(around[int(np.argmax(power))])
-
-    coarse = highest(np.arange(-_ABOUT / held_s, _ABOUT / held_s, step))
-    phase = 2.0 * np.pi * (frequency + highest(coarse + step * np.linspace(-1.0, 1.0, _FINEST))) * t
+    size = _FINER * len(slow)
+    off = np.fft.fftfreq(size, held_s / _SUMS)
+    coarse = off[np.argmax(np.where(np.abs(off) <= _ABOUT / held_s, np.abs(np.fft.fft(slow, size)), 0.0))]
+    fine = coarse + off[1] * np.linspace(-1.0, 1.0, _FINEST)
+    middles = np.bincount(sums, t - t[0]) / np.maximum(np.bincount(sums), 1)
+    power = np.abs(np.exp(-2j * np.pi * np.outer(fine, middles)) @ slow)
+    phase = 2.0 * np.pi * (frequency + fine[int(np.argmax(power))]) * t
     waves = np.stack([np.ones(len(t)), np.cos(phase), np.sin(phase)], axis=1)
     fitted = np.linalg.lstsq(waves, residual, rcond=None)[0]
     return waves[:, 1:] @ fitted[1:], float(np.hypot(*fitted[1:]))

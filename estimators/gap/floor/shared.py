@@ -19,6 +19,8 @@ from rig.arrays import Array, Rows
 _INDEPENDENT: Final = 2.0 / 3.0
 #: Bands, as wide as each other, in each of which noise that is shared from reading to reading is.
 _BANDS: Final = 4
+#: Standard deviations beyond which a reading at rest is no noise.
+_FARTHEST: Final = 5.0
 
 
 def correlations(readings: Array, labels: Rows) -> Array:
@@ -94,7 +96,7 @@ def slow_correlations(
         own = own[np.isfinite(own).all(axis=1)]
         if len(own) <= _BANDS:
             continue
-        waves = dct(own - own.mean(axis=0), axis=0, norm="ortho")[1:]
+        waves = dct(_without_knocks(own), axis=0, norm="ortho")[1:]
         frequency = np.arange(1.0, len(own)) / (2.0 * len(own))
         share, total = np.stack([_coloured(noises[column], frequency, interval_s) for column in there], axis=2)
         coloured, mixed = waves / np.sqrt(total) * np.sqrt(share), np.sqrt(share * (1.0 - share))
@@ -113,6 +115,13 @@ def slow_correlations(
     if gained > 0.25 * len(there) * (len(there) - 1) * np.log(independent):
         found[np.ix_(there, there)] = own
     return found
+
+
+def _without_knocks(values: Array) -> Array:
+    """Values (n, c) about their medians, none farther off than noise is."""
+    off = values - np.median(values, axis=0)
+    most = _FARTHEST / float(ndtri(0.75)) * np.median(np.abs(off), axis=0)
+    return np.asarray(np.clip(off, -most, most))
 
 
 def _coloured(noise: ChannelNoise, frequency: Array, interval_s: float) -> Array:
