@@ -90,23 +90,27 @@ def slow_correlations(
     there = [column for column, noise in noises.items() if noise.seen and not noise.lags]
     if len(there) < 2:
         return found
-    products, weights = np.zeros((2, len(there), len(there)))
+    waves, shares = [], []
     for label in np.unique(labels[labels >= 0]):
         own = readings[labels == label][:, there]
         own = own[np.isfinite(own).all(axis=1)]
         if len(own) <= _BANDS:
             continue
-        waves = dct(_without_knocks(own), axis=0, norm="ortho")[1:]
         frequency = np.arange(1.0, len(own)) / (2.0 * len(own))
         share, total = np.stack([_coloured(noises[column], frequency, interval_s) for column in there], axis=2)
-        coloured, mixed = waves / np.sqrt(total) * np.sqrt(share), np.sqrt(share * (1.0 - share))
-        products += coloured.T @ coloured - neighbours[np.ix_(there, there)] * (mixed.T @ mixed)
-        weights += share.T @ share
-    independent = float(weights[np.triu_indices(len(there), 1)].mean())
-    size = np.diag(products) / np.maximum(np.diag(weights), 1e-300)
-    if independent <= len(there) or not np.all(size > 0.0):
+        waves.append(dct(_without_knocks(own), axis=0, norm="ortho")[1:] / np.sqrt(total))
+        shares.append(share)
+    if not waves:
         return found
-    own = products / np.maximum(weights, 1e-300) / np.sqrt(np.outer(size, size))
+    share, wave = np.concatenate(shares), np.concatenate(waves)
+    wave /= np.sqrt(np.mean(wave**2, axis=0))  # what was left of knocks is less than there was
+    coloured, mixed = wave * np.sqrt(share), np.sqrt(share * (1.0 - share))
+    weights = share.T @ share
+    own = (coloured.T @ coloured - neighbours[np.ix_(there, there)] * (mixed.T @ mixed)) / np.maximum(weights, 1e-300)
+    np.fill_diagonal(own, 1.0)
+    independent = float(weights[np.triu_indices(len(there), 1)].mean())
+    if independent <= len(there):
+        return found
     own += (np.eye(len(own)) - own) / independent
     values, vectors = np.linalg.eigh(own)
     own = (vectors * np.maximum(values, 1.0 / independent)) @ vectors.T
