@@ -129,8 +129,11 @@ def _printable(text: str) -> Iterator[str]:
             yield letter.encode("unicode_escape").decode("ascii")
 
 
+def in_a_row(names: Sequence[str], last: str = " and ") -> str:
+    """``a, b and c``: names with commas, and something else before the last one."""
+    return last.join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
 def in_short(names: Sequence[str]) -> str:
     """``a and b``, ``a, b and c``, or ``a, b and 5 more``."""
-    if len(names) <= 3:
-        return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + list(names[-1:]))
-    return f"{names[0]}, {names[1]} and {len(names) - 2} more"
+    return in_a_row(names if len(names) <= 3 else [*names[:2], f"{len(names) - 2} more"])

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from rig.effects import EFFECTS
+from rig.errors import in_a_row
 
 #: A set of causes, each (effect, place); one may be there twice.
 Causes = Sequence[tuple[str, str]]
@@ -29,17 +30,12 @@ def cause_name(effect: str, where: str) -> str:
 def and_words(names: Sequence[str]) -> str:
     """Names in a row: "a", "a and b", "a, b and c"; a choice among them ends at a comma: "either a or b, and c"."""
     comma = "," if any(" or " in name for name in names[:-1]) else ""
-    return _row(names, f"{comma} and ")
+    return in_a_row(names, f"{comma} and ")
 
 
 def or_words(names: Sequence[str]) -> str:
     """Names of which one is meant: "a", "a or b", "a, b or c"."""
-    return _row(names, " or ")
-
-
-def _row(names: Sequence[str], last: str) -> str:
-    """Names with commas, and something else before the last one."""
-    return last.join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+    return in_a_row(names, " or ")
 
 
 def sigmas_words(size: float) -> str:

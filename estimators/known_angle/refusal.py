@@ -10,6 +10,7 @@ import numpy as np
 from estimators.known_angle.identifiability import Information
 from estimators.known_angle.model import PARAMETERS_AT_ONCE, SensorParameters
 from rig.arrays import Array
+from rig.errors import in_a_row
 
 if TYPE_CHECKING:
     from estimators.batch.optimum import Rivals
@@ -100,4 +101,4 @@ def listed(names: tuple[str, ...]) -> str:
             parts.append("the field")
         else:
             parts += [stem + number for number in numbers]
-    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else parts[0]
+    return in_a_row(parts)

@@ -132,7 +132,7 @@ def noise_floor(
         raise RigError(
             f"{where}: no pose is held for {HOLD_S:g} s and {SHORTEST_POSE} samples, expected a locked-arm recording"
         )
-    readings = np.hstack([locked.readings(sensor) for sensor in locked.sensors])
+    readings = locked.every_reading
     channels = tuple(name for sensor in locked.sensors for name in CHANNELS[COLUMNS_OF[sensor]])
     units = tuple(locked.units[sensor] for sensor in locked.sensors for _ in range(3))
     segments = [readings[labels == number] for number in numbers]
@@ -183,8 +183,7 @@ def held_poses(locked: Recording) -> Rows:
     held = span <= HOLD_RANGE
     begins = held & ~np.concatenate([[False], held[:-1]])
     labels = np.where(held, np.cumsum(begins) - 1, -1)
-    readings = np.column_stack([locked.readings(sensor) for sensor in locked.sensors])
-    return np.where(unsettled(labels, readings), -1, labels)
+    return np.where(unsettled(labels, locked.every_reading), -1, labels)
 
 
 def _mean_std(squares: Array) -> Array:

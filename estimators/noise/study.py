@@ -166,7 +166,7 @@ def study_noise(locked: Recording, poses: ArrayLike | None = None) -> NoiseStudy
         warnings.append(
             f"{100.0 * uneven:.2g} % of the samples are not evenly spaced: spectra take them to be {interval:g} s apart"
         )
-    readings = np.hstack([locked.readings(sensor) for sensor in locked.sensors])
+    readings = locked.every_reading
     if poses is None and locked.pose == "none":
         _refuse_motion(readings, where)
     channels: dict[str, ChannelNoise] = {}

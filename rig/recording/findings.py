@@ -219,7 +219,7 @@ def degrees_words(run: Recording) -> str:
     assert some.q is not None
     turning = np.array([joint not in run.slides for joint in range(1, some.q.shape[1] + 1)])
     moving = some.q[:, turning & (np.ptp(some.q, axis=0) > 0.0)]
-    readings = np.concatenate([some.readings(sensor) for sensor in some.sensors], axis=1)
+    readings = some.every_reading
     spread = np.ptp(readings, axis=0)
     readings = (readings - readings[0])[:, spread > 0.0] / spread[spread > 0.0]
     if not moving.size or not readings.size:

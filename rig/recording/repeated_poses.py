@@ -44,7 +44,7 @@ def repeated(run: Recording) -> Rows | None:
     often = int(np.median(inner)) if len(inner) else 0
     if often < 2 or len(inner) < _LOGGED or np.mean(np.abs(inner - often) <= 1) < _THROUGHOUT:
         return None
-    if not _going_on(_readings(run), starts, counts):
+    if not _going_on(run.every_reading, starts, counts):
         return None
     # while the arm pauses, its pose is read as well
     rows = zip(starts, counts, strict=True)
@@ -103,7 +103,3 @@ def straight_between(run: Recording) -> Recording:
         quaternion = turns(np.clip(t, at[0], at[-1])).as_quat(scalar_first=True)
     whole = replace(run, q=q, tool_quaternion=quaternion, tool_position=position)
     return whole.select((t >= at[0]) & (t <= at[-1]))
-
-
-def _readings(run: Recording) -> Array:
-    return np.column_stack([run.readings(sensor) for sensor in run.sensors])

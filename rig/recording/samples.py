@@ -161,6 +161,11 @@ class Recording:
         readings: Array = getattr(self, sensor)
         return readings
 
+    @property
+    def every_reading(self) -> Array:
+        """(n, c) of the sensors that were recorded, in the order of their channels."""
+        return np.hstack([self.readings(sensor) for sensor in self.sensors])
+
     def unit(self, sensor: str) -> str:
         """The recorded unit of a sensor.
 

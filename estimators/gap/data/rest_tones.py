@@ -24,19 +24,20 @@ def without_rest_tones(data: WhitenedData) -> WhitenedData:
 
     Each channel's frequency is the likeliest near that at rest, which poses of some seconds hardly tell.
     """
-    readings, residual = data.readings, data.residual
-    for column in data.columns:
+    humming = [column for column in data.columns if data.floor[column].hums]
+    if not humming:
+        return data
+    readings, residual = data.readings.copy(), data.residual.copy()
+    for column in humming:
         floor = data.floor[column]
         held_s = floor.duration_s / max(floor.holds, 1)
         for frequency, amplitude in floor.hums:
             tone, size = _near(data.base.t, residual[:, column], frequency, held_s)
             off = floor.variance**0.5 * np.sqrt(2.0 / len(tone) + 2.0 / max(floor.samples, 1))
             share = min(1.0, (amplitude + _AS_LOUD * float(off)) / max(size, 1e-300))
-            readings = readings.copy() if readings is data.readings else readings
             readings[:, column] -= share * tone
-            residual = residual.copy() if residual is data.residual else residual
             residual[:, column] -= share * tone
-    return data if readings is data.readings else replace(data, readings=readings)
+    return replace(data, readings=readings)
 
 
 def _near(t: Array, residual: Array, frequency: float, held_s: float) -> tuple[Array, float]:

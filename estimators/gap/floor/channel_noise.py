@@ -38,7 +38,7 @@ _UNTOLD = 1e-6
 _LONGEST = 512
 #: A part as slow as this share of the time for which a pose was held shows at rest how its spectrum falls, but hardly
 #: from where: it may be so many times slower, and larger; two standard deviations of what is believed of its time.
-LONG, _SLOWER = 0.5, 55.0
+_LONG, _SLOWER = 0.5, 55.0
 
 
 @dataclass(frozen=True)
@@ -94,18 +94,18 @@ class ChannelNoise:
 
     @property
     def slow(self) -> tuple[bool, ...]:
-        """Of each coloured part that was seen, whether it is as slow as a pose was held."""
-        return tuple(tau_s >= LONG * self.duration_s / self.holds > 0.0 for _, tau_s in self.seen)
+        """Of each coloured part, whether it was seen, but is as slow as a pose was held."""
+        long_s = _LONG * self.duration_s / self.holds
+        return tuple(index < len(self.seen) and tau_s >= long_s > 0.0 for index, (_, tau_s) in enumerate(self.parts))
 
     @property
     def from_anywhere(self) -> ChannelNoise:
         """The same noise, but for the level that slow parts are about: that may be any."""
-        slow = (*self.slow, *(False for _ in self.parts[len(self.seen) :]))
-        parts = (
-            (size * _SLOWER, tau_s * _SLOWER) if late else (size, tau_s)
-            for (size, tau_s), late in zip(self.parts, slow, strict=True)
-        )
-        return replace(self, parts=tuple(parts)) if any(slow) else self
+        if not any(self.slow):
+            return self
+        grown = [_SLOWER if slow else 1.0 for slow in self.slow]
+        parts = zip(grown, self.parts, strict=True)
+        return replace(self, parts=tuple((times * size, times * tau_s) for times, (size, tau_s) in parts))
 
     @property
     def seen(self) -> tuple[tuple[float, float], ...]:

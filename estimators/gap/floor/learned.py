@@ -330,7 +330,7 @@ class Spectrum:
         """Of each coloured part, whether it was seen, but is as slow as a pose was held."""
         noise = self.learned.noise
         seen = len(noise.seen) - self.learned.unseen
-        return [*noise.slow[:seen], *(False for _ in noise.parts[seen:])]
+        return [slow and index < seen for index, slow in enumerate(noise.slow)]
 
     @property
     def _bounds(self) -> list[tuple[float, float]]:
