@@ -9,7 +9,7 @@ from diagnosed_recordings import backlash, by_hand, cause, recorded
 from shown_diagnoses import SHOWN, UNITS, read, spoken
 
 from estimators.gap.choices import and_words, cause_names, plural
-from estimators.gap.diagnosis import ESTIMATED_FLOOR, Hypothesis, OneOf
+from estimators.gap.diagnosis import INFORMATIVE, Hypothesis, OneOf
 from estimators.gap.parameter_words import parameter_name, told_parameters
 from estimators.gap.remainder_words import noise_and_bands
 from rig.effects import EFFECTS
@@ -306,7 +306,7 @@ def test_without_an_arm_another_maneuver_moves_no_joints() -> None:
 
 def test_warnings_that_speak_against_the_recording_come_first() -> None:
     plain = SHOWN["named"]
-    told = replace(plain, warnings=(f"{ESTIMATED_FLOOR}: run",))
+    told = replace(plain, warnings=tuple(f"{beginning}: run" for beginning in INFORMATIVE))
     assert next_steps(told) == next_steps(plain)
     stuck = replace(plain, warnings=("each pose is repeated in 5 rows",))
     assert next_steps(stuck)[0].startswith("See to what the warnings say first")

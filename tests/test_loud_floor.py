@@ -10,11 +10,14 @@ from diagnosed_recordings import recorded, scenario
 from scipy.special import chdtrc
 
 import estimators
+import scenarios
+from estimators.gap.data.basefit import learn_floor
 from estimators.gap.diagnosis import Channel
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.report.louder_rest import loud_floor_words
 from estimators.gap.report.unsure_rest import unsure_floor_words
 from estimators.loud_floor import times_too_loud
+from estimators.noise import held_poses
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS
 from rig.recording import Recording
@@ -102,6 +105,18 @@ def test_only_a_floor_that_is_known_well_enough_is_called_too_loud() -> None:
     assert not below(0.5, replace(white, white=0.2, parts=((0.8, 60.0),)))
 
 
+def test_readings_at_rest_between_each_other_last_but_once() -> None:
+    """A locked recording forty times as fast as the sweep is read as four series, each a fortieth of it: its floor is
+    learned from all of these, in as long as they lasted."""
+    still = scenarios.load("ann-arbor").simulate_locked(0)
+    labels = held_poses(still)
+    floor = learn_floor(still, 40.0 / still.rate_Hz)
+    for channel in floor:
+        assert channel.holds == len(np.unique(labels[labels >= 0]))
+        assert channel.samples > 0.9 * (labels >= 0).sum()
+        assert channel.duration_s == pytest.approx((labels >= 0).sum() / still.rate_Hz, rel=0.1)
+
+
 def test_a_floor_that_the_locked_recording_hardly_shows_is_told() -> None:
     """The RMS of white noise is known to 1 / sqrt(2 n): 10 % of 50 samples."""
     run, _ = recorded()
@@ -110,10 +125,10 @@ def test_a_floor_that_the_locked_recording_hardly_shows_is_told() -> None:
     few = replace(white, samples=40, duration_s=0.4)
     assert not unsure_floor_words([run], [(few,) * 6], ["the recording itself"])
     (line,) = unsure_floor_words([run], [(few,) + (white,) * 5], ["locked recording"])
-    assert "accel1 to ±11 % only (40 samples at rest in 0.4 s)" in line
+    assert "accel1 to ±11 % (40 samples at rest in 0.4 s)" in line
     assert "drift" not in line
     # sqrt(2 * 60 s / 1,000 s) / 2 of the variance that drifts
     drifting = replace(white, white=0.1, parts=((0.9, 60.0),), samples=100_000, duration_s=1000.0)
     (line,) = unsure_floor_words([run], [(white, drifting, drifting) + (white,) * 3], ["locked recording"])
-    assert "accel2 and accel3 to ±16 % only (100,000 samples at rest in 1,000 s, most of it a drift that" in line
+    assert "accel2 and accel3 to ±16 % (100,000 samples at rest in 1,000 s, most of it a drift that" in line
     assert "within 60 s" in line

@@ -17,7 +17,7 @@ from estimators.gap.data.defects import Defect, explained_away, find_defects, ma
 from estimators.gap.data.laid_out import Laid, Locked, check, first_rest, floor_and_step, laid_out, rest_of
 from estimators.gap.data.stack import acting
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.diagnosis import GIVEN_WEIGHTS, Diagnosis
+from estimators.gap.diagnosis import GIVEN_WEIGHTS, NOT_CORRECTED, Diagnosis
 from estimators.gap.evidence.fast_tones import fast_tones
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.floor.tones_at_rest import tone_words
@@ -185,7 +185,7 @@ def examined(
             made = corrected_calibration(laid.recordings[0], clean, posterior, laid.sources[0])
             result = replace(result, calibration=made)
         except RigError as error:  # never at the cost of the diagnosis
-            result = replace(result, warnings=(*result.warnings, f"no corrected calibration: {error}"))
+            result = replace(result, warnings=(*result.warnings, f"{NOT_CORRECTED}: {error}"))
     if untimed:
         why = "the poses have no times, only an order"
         beside = [{"effect": name, "where": "everywhere", "why": why} for name in untimed if name not in said]

@@ -300,7 +300,9 @@ class Diagnosis:
 ESTIMATED_FLOOR: Final = "the noise floor is estimated from the recording itself"
 GIVEN_WEIGHTS: Final = "the probabilities rest on given weights of effects"
 TONE_AT_REST: Final = "the recording at rest has a tone"
-INFORMATIVE: Final = (ESTIMATED_FLOOR, GIVEN_WEIGHTS, TONE_AT_REST)
+UNSURE_FLOOR: Final = "the locked recording tells the noise roughly only"
+NOT_CORRECTED: Final = "no corrected calibration"
+INFORMATIVE: Final = (ESTIMATED_FLOOR, GIVEN_WEIGHTS, TONE_AT_REST, UNSURE_FLOOR, NOT_CORRECTED)
 #: Probabilities from which on an explanation is named, a cause is established, and there is no gap.
 NAMED: Final = 0.9
 ESTABLISHED: Final = 0.95

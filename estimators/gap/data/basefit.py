@@ -44,8 +44,7 @@ from rig.units import ELECTRICAL
 #: Time at the ends of a recording in which its poses do not tell all that its readings show [s]: as long as boards,
 #: buses and filters of laboratories delay.
 _ENDS_S = 0.5
-#: A locked recording is thinned to this many samples for each of the sweep's: finer steps teach nothing about its
-#: colour.
+#: A locked recording is thinned to this many samples for each of the sweep's: finer ones teach nothing of its colour.
 _FINER = 10
 #: Normal noise of so many steps leaves of their lattice a ripple of 2 exp(-2 pi^2 .7^2) = 1e-4 (Widrow and Kollar,
 #: Quantization Noise, 2008).
@@ -71,6 +70,7 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
     """
     labels = held_poses(locked)
     stride = max(1, int(interval_s * locked.rate_Hz / _FINER))
+    interleaved = min(stride, 4)  # series of one time: what is white they all tell
     readings = all_readings(locked)
     numbers = [label for label in np.unique(labels) if label >= 0]
     if not numbers:
@@ -97,9 +97,9 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         loud[int(column)] = [amplitude_of(humming, each) for each in tones[int(column)]]
         less, *tails[int(column)] = _relieved(segments)
         segments = less if steady else segments
-        phases = [segment[first::stride] for segment in segments for first in range(min(stride, 4))]
+        series = [segment[first::stride] for segment in segments for first in range(interleaved)]
         still[int(column)] = segments
-        channels[int(column)] = held(phases, stride / locked.rate_Hz)
+        channels[int(column)] = held(series, stride / locked.rate_Hz, interleaved)
     if not all(channel.segments for channel in channels.values()):
         raise _never_at_rest(locked)
     silent = [CHANNELS[column] for column, channel in channels.items() if channel.variance == 0.0]

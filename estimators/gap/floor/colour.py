@@ -36,16 +36,26 @@ _STEPS = np.array([1.0, 1.0])
 
 @dataclass(frozen=True)
 class Held:
-    """Readings of one channel at rest: segments (n,), each about a mean of its own, and the interval between samples
-    [s]."""
+    """Readings of one channel at rest.
+
+    Attributes:
+        segments: (n,) each about a mean of its own. interval_s: between samples.
+        interleaved: how many of the segments, of samples between each other's, are of one time.
+    """
 
     segments: tuple[Array, ...]
     interval_s: float
+    interleaved: int = 1
 
     @property
     def count(self) -> int:
         """Degrees of freedom: samples less means."""
         return sum(len(segment) - 1 for segment in self.segments)
+
+    @property
+    def lasted(self) -> tuple[float, int]:
+        """[s], and in how many poses: what is slow, series between each other show but once."""
+        return self.count * self.interval_s / self.interleaved, max(1, len(self.segments) // self.interleaved)
 
     @property
     def variance(self) -> float:
@@ -81,17 +91,17 @@ class Held:
     @property
     def white(self) -> ChannelNoise:
         """All of it white."""
-        duration = self.count * self.interval_s
-        return ChannelNoise(self.variance, samples=self.count, duration_s=duration, holds=len(self.segments))
+        duration, holds = self.lasted
+        return ChannelNoise(self.variance, samples=self.count, duration_s=duration, holds=holds)
 
     def at(self, point: Array) -> ChannelNoise:
         """The noise of this shape that is most likely."""
         return _shaped(point, self.loss(point)[1], self)
 
 
-def held(segments: Sequence[Array], interval_s: float) -> Held:
+def held(segments: Sequence[Array], interval_s: float, interleaved: int = 1) -> Held:
     """Segments (n,) at rest; those of a single sample tell nothing."""
-    return Held(tuple(np.asarray(each, dtype=float) for each in segments if len(each) > 1), interval_s)
+    return Held(tuple(np.asarray(each, dtype=float) for each in segments if len(each) > 1), interval_s, interleaved)
 
 
 def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[ChannelNoise]:
@@ -227,12 +237,12 @@ def _shaped(point: Array, variance: float, source: Held) -> ChannelNoise:
     """At a point: for each coloured part the logarithm of its ratio to the white part, and that of its time."""
     ratios = np.exp(point[::2])
     unit = variance / (1.0 + float(ratios.sum()))
-    duration = source.count * source.interval_s
     parts = sorted(
         (float(np.exp(log_tau)), float(ratio) * unit) for ratio, log_tau in zip(ratios, point[1::2], strict=True)
     )
     sizes = tuple((size, tau_s) for tau_s, size in parts)
-    return ChannelNoise(unit, sizes, source.count, duration, holds=len(source.segments))
+    duration, holds = source.lasted
+    return ChannelNoise(unit, sizes, source.count, duration, holds=holds)
 
 
 def _outside(point: Array, interval_s: float, longest_s: float) -> float:

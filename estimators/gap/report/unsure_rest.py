@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from estimators.gap.diagnosis import UNSURE_FLOOR
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.report.louder_rest import spread_of
 from rig.channels import CHANNELS, CHANNELS_OF
@@ -38,8 +39,8 @@ def unsure_floor_words(
         drifts = slow_V2 > 0.5 * worst.variance
         drift = f", most of it a drift that changes within {_seconds(slow_s)}" if drifts else ""
         found.append(
-            f"{f'{recording.name}: ' * (len(recordings) > 1)}the locked recording tells the noise of"
-            f" {in_short(list(unsure))} to ±{100.0 * max(unsure.values()):.2g} % only ({worst.samples:,} samples at"
+            f"{UNSURE_FLOOR}{f', of {recording.name}' * (len(recordings) > 1)}: that of"
+            f" {in_short(list(unsure))} to ±{100.0 * max(unsure.values()):.2g} % ({worst.samples:,} samples at"
             f" rest in {_seconds(worst.duration_s)}{drift}): probabilities allow for it, and what is as"
             f" {'slow' if drifts else 'weak'} as that is hardly seen: take a longer one"
             f"{', once the sensor is warm' if drifts else ''}"
