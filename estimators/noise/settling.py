@@ -15,7 +15,7 @@ _SHORTEST: Final = 8
 _LONGEST: Final = 1.0 / 8.0
 #: Poses shorter than this share of the usual length are not asked.
 _USUAL: Final = 0.5
-#: The chance that poses which have settled are cut, for each length of the means, where channels share no noise.
+#: The chance that poses which have settled are cut, for each length of the means.
 _CHANCE: Final = 1e-6
 
 
@@ -47,19 +47,25 @@ def unsettled(labels: Rows, readings: Array) -> Mask:
 
 
 def _different(segments: list[Array], length: int, longest: int) -> int:
-    """After how many stretches of a length, at the poses' beginning, neighbours differ no more than later."""
+    """After how many stretches of a length, at the poses' beginning, neighbours differ no more than later.
+
+    Channels that share noise count as so many that do not as scatter as much on the mean (Satterthwaite, Biometrics
+    Bulletin 2, 1946).
+    """
     early, late = [], []
     for segment in segments:
         stretches = segment[: len(segment) // length * length].reshape(-1, length, segment.shape[1]).mean(axis=1)
-        squares = np.diff(stretches, axis=0) ** 2
-        late.append(squares[len(squares) // 2 :])
-        early.append(squares[: longest // length])
+        steps = np.diff(stretches, axis=0)
+        late.append(steps[len(steps) // 2 :])
+        early.append(steps[: longest // length])
     typical = np.concatenate(late)
-    level = typical.mean(axis=0)
+    level = np.sqrt(np.mean(typical**2, axis=0))
     there = level > 0.0
     if not there.any():
         return 0
-    ratio = np.mean([each[:, there] / level[there] for each in early], axis=(0, 2))
-    limit = fdtri(there.sum() * len(segments), max(0.5 * there.sum() * len(typical), 1.0), 1.0 - _CHANCE)
+    ratio = np.mean([(each[:, there] / level[there]) ** 2 for each in early], axis=(0, 2))
+    alike = typical[:, there] / level[there]
+    channels = there.sum() ** 2 / float(np.sum((alike.T @ alike / len(typical)) ** 2))
+    limit = fdtri(channels * len(segments), max(0.5 * channels * len(typical), 1.0), 1.0 - _CHANCE)
     above = ratio > limit
     return int(np.argmin(np.append(above, False))) + 1 if above[0] else 0
