@@ -42,6 +42,16 @@ def test_a_tone_is_found_near_the_frequency_at_rest() -> None:
     assert size == pytest.approx(2.0, abs=5.0 * np.sqrt(2.0 / 6000.0))
 
 
+def test_a_tone_that_wanders_is_found_in_stretches() -> None:
+    """Its phase goes by three radians and back, by .59 at most in one of 16 stretches: what is left of the tone is
+    2 (.59^2 / 12) / 2 = .029, and what 32 sizes cannot be told to, 32 / 6000. One line would leave more than 1."""
+    rng = np.random.default_rng(3)
+    time = 0.1 * np.arange(6000.0)
+    tone = 2.0 * np.sin(2.0 * np.pi * FREQUENCY * time + 3.0 * np.sin(2.0 * np.pi * time / 1200.0))
+    found, _ = _near(time, tone + rng.standard_normal(6000), FREQUENCY, 30.0)
+    assert float(np.mean((found - tone) ** 2)) < 0.05
+
+
 def humming(run: Recording, times: float) -> Recording:
     phases = np.arange(6.0)
     return louder(run, times * 0.015 * np.sin(2.0 * np.pi * FREQUENCY * run.t[:, None] + phases))

@@ -20,8 +20,8 @@ from estimators.gap.floor.clean_rest import sound
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.resonant import resonant
 from estimators.gap.floor.rounded import COARSE, rounded_floor
-from estimators.gap.floor.shared import correlations, slow_correlations
-from estimators.gap.floor.tones_at_rest import amplitude_of, made_by_an_effect, without_tones
+from estimators.gap.floor.shared import correlations, slow_correlations, with_shared
+from estimators.gap.floor.tones_at_rest import amplitude_of, made_by_an_effect, toneless_readings, without_tones
 from estimators.gap.floor.unsteady import Unsteady, unsteadiness
 from estimators.goodness.residuals import residuals_of
 from estimators.known_angle.from_recording import arm_of
@@ -75,31 +75,35 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
     numbers = [label for label in np.unique(labels) if label >= 0]
     if not numbers:
         raise _never_at_rest(locked)
-    channels, tails, coarse, known, still, tones, loud = {}, {}, {}, {}, {}, {}, {}
+    channels, tails, coarse, known, humming = {}, {}, {}, {}, {}
     thinned, held_still = readings[::stride], labels[::stride]
     rounded = lattice(readings)  # a file at rest may be rounded more coarsely than that of the sweep
     steps = rounded if steps is None else np.fmax(steps, rounded)
     unsteady = _unsteady(thinned, steps, held_still, stride / locked.rate_Hz)
-    for column in np.flatnonzero(np.isfinite(readings[0])):
+    for column in map(int, np.flatnonzero(np.isfinite(readings[0]))):
         segments = [readings[labels == label, column] for label in numbers]
         step = float(steps[column])
         own = held(segments, 1.0 / locked.rate_Hz)
         if own.segments and own.variance > 0.0 and step**2 > COARSE**2 * own.variance:
-            coarse[int(column)] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
+            coarse[column] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
             continue
-        louder = unsteady.get(int(column))
+        louder = unsteady.get(column)
         steady = louder is None or not louder.normal  # else what is large is of louder times
-        segments, known[int(column)] = sound(readings[:, column], labels, step, spiky=steady)
+        segments, known[column] = sound(readings[:, column], labels, step, spiky=steady)
         if not segments:
             found = f"{CHANNELS[column]} stays at {len(np.unique(readings[labels >= 0, column]))} values"
             raise RigError(f"{locked.origin or locked.name}: {found} at rest, expected readings that show its noise")
-        humming, (segments, tones[int(column)]) = segments, without_tones(segments)
-        loud[int(column)] = [amplitude_of(humming, each) for each in tones[int(column)]]
-        less, *tails[int(column)] = _relieved(segments)
-        segments = less if steady else segments
-        series = [segment[first::stride] for segment in segments for first in range(interleaved)]
-        still[int(column)] = segments
-        channels[int(column)] = held(series, stride / locked.rate_Hz, interleaved)
+        humming[column] = segments
+    cleared = dict(zip(humming, without_tones(list(humming.values())), strict=True))
+    tones = {column: own for column, (_, own) in cleared.items()}
+    loud = {column: [amplitude_of(humming[column], each) for each in own] for column, own in tones.items()}
+    still = {column: segments for column, (segments, _) in cleared.items()}
+    for column, segments in still.items():
+        less, *tails[column] = _relieved(segments)
+        louder = unsteady.get(column)
+        still[column] = segments if louder and louder.normal else less
+        series = [segment[first::stride] for segment in still[column] for first in range(interleaved)]
+        channels[column] = held(series, stride / locked.rate_Hz, interleaved)
     if not all(channel.segments for channel in channels.values()):
         raise _never_at_rest(locked)
     silent = [CHANNELS[column] for column, channel in channels.items() if channel.variance == 0.0]
@@ -114,19 +118,18 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         )
         for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
     }
-    toneless = _toneless(thinned, held_still, [column for column in tones if tones[column]])
+    toneless = toneless_readings(thinned, held_still, [column for column in tones if tones[column]])
     shared = correlations(toneless, held_still)
     slow = slow_correlations(toneless, held_still, fitted, stride / locked.rate_Hz, shared)
-    return tuple(
+    floors = [
         replace(
             fitted.get(column, ChannelNoise(np.nan)),
             tones_Hz=tuple(each * locked.rate_Hz for each in tones.get(column, ())),
             hums=_hums(tones, loud, column, locked.rate_Hz) if locked.rate_Hz * interval_s > _AS_FAST else (),
-            shared=() if np.array_equal(row, unit) else tuple(row.tolist()),
-            shared_slow=() if np.array_equal(late, unit) else tuple(late.tolist()),
         )
-        for column, (row, late, unit) in enumerate(zip(shared, slow, np.eye(len(shared)), strict=True))
-    )
+        for column in range(len(shared))
+    ]
+    return with_shared(floors, shared, slow)
 
 
 def _hums(
@@ -143,16 +146,6 @@ def _hums(
         if not made_by_an_effect(each * rate_Hz, alike, rate_Hz, _SAME * rate_Hz):
             found.append((each * rate_Hz, size))
     return tuple(found)
-
-
-def _toneless(readings: Array, labels: Rows, columns: Sequence[int]) -> Array:
-    """Readings (n, 6) without the tones of some channels: a hum is not what channels share from reading to reading."""
-    found = readings.copy()
-    poses = [labels == label for label in np.unique(labels) if label >= 0]
-    for column in columns:
-        for rows, left in zip(poses, without_tones([readings[rows, column] for rows in poses])[0], strict=True):
-            found[rows, column] = left
-    return found
 
 
 def _unsteady(readings: Array, steps: Array, labels: Rows, interval_s: float) -> dict[int, Unsteady]:
@@ -382,8 +375,8 @@ def _between_tones(differences: Array) -> float:
 def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> tuple[ChannelNoise, ...]:
     """As ``estimated_floor``, beside a fitted pipeline with the recording's sensors."""
     base = pipeline.expected(signals_of(recording, arm), np.random.default_rng(0))
-    floors = []
-    for values in (all_readings(recording) - base.volts).T:
+    left, floors = all_readings(recording) - base.volts, list[ChannelNoise]()
+    for values in left.T:
         if np.isnan(values).any():  # a sensor that was not recorded
             floors.append(ChannelNoise(np.nan, samples=len(values) // 20, degrees=None))
             continue
@@ -397,4 +390,4 @@ def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> t
             spread = float(np.std(np.diff(less, n=2)))
         # a median of overlapping differences tells a twentieth of what as many independent samples would
         floors.append(ChannelNoise(spread**2 / 6.0, samples=len(values) // 20, degrees=None))
-    return tuple(floors)
+    return with_shared(floors, correlations(np.diff(left, axis=0), np.zeros(len(left) - 1, dtype=np.intp)))

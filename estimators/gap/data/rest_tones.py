@@ -22,7 +22,8 @@ _AS_LOUD: Final = 3.0
 def without_rest_tones(data: WhitenedData) -> WhitenedData:
     """The data, of single samples, without such tones: where the sweep has more of one than the rest had, that stays.
 
-    Each channel's frequency is the likeliest near that at rest, which poses of some seconds hardly tell.
+    Each channel's frequency is the likeliest near that at rest, which poses of some seconds hardly tell. Where the tone
+    wanders, as that of a motor does, it has an amplitude and a phase in each of some stretches, no shorter than a pose.
     """
     humming = [column for column in data.columns if data.floor[column].hums]
     if not humming:
@@ -52,6 +53,23 @@ def _near(t: Array, residual: Array, frequency: float, held_s: float) -> tuple[A
     middles = np.bincount(sums, t - t[0]) / np.maximum(np.bincount(sums), 1)
     power = np.abs(np.exp(-2j * np.pi * np.outer(fine, middles)) @ slow)
     phase = 2.0 * np.pi * (frequency + fine[int(np.argmax(power))]) * t
-    waves = np.stack([np.ones(len(t)), np.cos(phase), np.sin(phase)], axis=1)
-    fitted = np.linalg.lstsq(waves, residual, rcond=None)[0]
-    return waves[:, 1:] @ fitted[1:], float(np.hypot(*fitted[1:]))
+    tone = _wandering(t - t[0], residual - residual.mean(), np.stack([np.cos(phase), np.sin(phase)]), held_s)
+    return tone, float(np.sqrt(2.0 * np.mean(tone**2)))
+
+
+def _wandering(t: Array, residual: Array, waves: Array, held_s: float) -> Array:
+    """(n,) what waves (2, n) make of a residual (n,) in each of as many stretches as pay for a size of each wave."""
+    best, least = np.zeros(len(t)), np.inf
+    lasted, many = float(t[-1]), 1
+    while many == 1 or lasted / many >= held_s:
+        stretch = np.minimum((t / max(lasted, 1e-300) * many).astype(np.intp), many - 1)
+        gram = np.stack([np.bincount(stretch, one * other, many) for one in waves for other in waves], axis=1)
+        moment = np.stack([np.bincount(stretch, one * residual, many) for one in waves], axis=1)
+        sizes = np.einsum("sij,sj->si", np.linalg.pinv(gram.reshape(-1, 2, 2), hermitian=True), moment)
+        tone = np.sum(sizes[stretch].T * waves, axis=0)
+        left = float(np.sum((residual - tone) ** 2))
+        cost = len(t) * float(np.log(max(left, 1e-300))) + 2.0 * many * float(np.log(len(t)))
+        if cost < least:
+            best, least = tone, cost
+        many *= 2
+    return best

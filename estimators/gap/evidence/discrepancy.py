@@ -27,6 +27,7 @@ from estimators.gap.evidence.on_samples import OnSamples
 from estimators.gap.evidence.passing import Passings
 from estimators.gap.evidence.processes import Processes
 from estimators.gap.evidence.repeats import Repeats
+from estimators.gap.evidence.static_field import static_fields
 from estimators.gap.evidence.telegraph import Telegraphs
 from estimators.gap.evidence.terms import (
     Functions,
@@ -40,7 +41,7 @@ from estimators.gap.evidence.terms import (
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import Course, courses, history_courses, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
-from estimators.gap.hypotheses.sources import STRENGTH, Source, alike, source_of, sources
+from estimators.gap.hypotheses.sources import MAGNETIC, STRENGTH, Source, alike, source_of, sources
 from rig.arrays import Array
 
 #: Makes the change (n, 6) [recorded unit] of an effect, and its whitened derivatives (c n, p) by the parameters.
@@ -101,6 +102,7 @@ class Discrepancies:
         together = list(alike(fine))
         laws = Counter(source.name for source, _ in together)
         further = 2 + len(_FITTED)  # time, smoothly and in pieces
+        laws[MAGNETIC] += 1  # a static field
         shares = [
             -float(np.log(len(every))) - float(np.log(len(each) + further + len(history) + laws[source.name]))
             for source, each, history in zip(every, own, past, strict=True)
@@ -111,6 +113,8 @@ class Discrepancies:
         for source, share, freedoms in zip(every, shares, freedoms_of(every), strict=True):
             for count in blocks:
                 found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
+            if source.name == MAGNETIC:
+                found += static_fields(fine.absorbed, source, rough.base.position, share, data)
         if not data.exact:
             singles = {source.name: source for source in of_samples}
             found = [replace(term, of_samples=singles[term.source]) for term in found]

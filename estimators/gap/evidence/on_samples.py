@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.static_field import SPHERES, around
 from estimators.gap.evidence.terms import Errors, Term, blocks_term, terms_along
 from estimators.gap.hypotheses.courses import Course, cosines, courses, level_courses
 
@@ -52,6 +53,8 @@ class OnSamples:
                 return []
             errors = Errors.of([source], absorbed=absorbed)
             return [blocks_term(errors, source, slice(0, len(source.series)), len(term.edges), term.log_prior)]
+        if term.course in SPHERES:
+            return around(absorbed, source, self.data.base.position, term.course, term.log_prior)
         if term.course == "time":
             assert term.weight is not None
             course = Course(term.course, cosines(self.data.count)[:, : len(term.weight)], term.weight)

@@ -105,7 +105,8 @@ def held(segments: Sequence[Array], interval_s: float, interleaved: int = 1) -> 
 
 
 def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[ChannelNoise]:
-    """The most likely noise of each channel: white where a coloured part does not pay for its two parameters.
+    """The most likely noise of each channel: white where a coloured part does not pay for its two parameters, neither
+    in that channel nor, of one shape, in all of its board.
 
     Coloured channels share the shape of their spectrum unless the data speak against it: all of them, else those of one
     board. A shared shape is known better by the number of channels. Further coloured parts must pay as well.
@@ -121,6 +122,14 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
                 shapes[index] = _with_more([channel], point)
     found: dict[int, ChannelNoise] = {}
     boards = boards or [""] * len(channels)
+    for board in sorted(set(boards)):  # what no channel shows by itself, all of a board may
+        here = [index for index in range(len(channels)) if boards[index] == board and channels[index].variance > 0.0]
+        if len(here) > 1 and not any(index in shapes for index in here):
+            together = [channels[index] for index in here]
+            point = _best(together)
+            white = sum(each.count * float(np.log(each.variance)) for each in together)
+            if white - sum(each.loss(point)[0] for each in together) >= COLOUR_THRESHOLD:
+                shapes |= dict.fromkeys(here, _with_more(together, point))
     of_board = [[index for index in shapes if boards[index] == board] for board in sorted(set(boards))]
     for group in [list(shapes), *of_board]:
         fresh = [index for index in group if index not in found]

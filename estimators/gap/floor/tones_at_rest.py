@@ -7,45 +7,96 @@ from typing import Final
 
 import numpy as np
 from scipy.fft import next_fast_len, rfft
+from scipy.special import chdtri
 
 from estimators.gap.diagnosis import TONE_AT_REST
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.noise.spectrum import autoregression
-from rig.arrays import Array
+from rig.arrays import Array, Rows
 from rig.channels import CHANNELS, COLUMNS_OF
 from rig.effects import EFFECTS
 
 #: Tones at most; cycles in the longest pose at least: what is slower is a drift.
-_MOST, _SLOWEST = 3, 4
+_MOST, _SLOWEST = 8, 4
 #: Points of the spectrum for each of a pose's.
 _FINER: Final = 4
+#: p-value of what one channel has of a tone that another one hums with.
+_CHANCE: Final = 1e-3
 #: Readings of a pose at rest, at least.
 _SHORTEST: Final = 40
 
 
-def without_tones(segments: Sequence[Array]) -> tuple[list[Array], list[float]]:
-    """Readings (n,), one segment a pose, without tones that last, where these are likelier than noise that resonates;
-    and their frequencies [cycles a sample].
+def without_tones(channels: Sequence[Sequence[Array]]) -> list[tuple[list[Array], list[float]]]:
+    """Of each channel readings (n,), one segment a pose, without tones that last; and their frequencies [cycles a
+    sample]. What hums in one channel is looked for in the others.
 
-    The Bayesian information criterion tells (Schwarz, Annals of Statistics 6, 1978): of a tone with an amplitude and a
-    phase in each pose, and of an autoregression.
+    Args:
+        channels: segments of each.
+    """
+    found = [_own_tones(segments) for segments in channels]
+    heard = [each for _, own in found for each in own]
+    return [_with_those(*each, heard) for each in found]
+
+
+def toneless_readings(readings: Array, labels: Rows, columns: Sequence[int]) -> Array:
+    """Readings (n, 6) without the tones of some channels: a hum is not what channels share from reading to reading."""
+    found = readings.copy()
+    poses = [labels == label for label in np.unique(labels) if label >= 0]
+    every = without_tones([[readings[rows, column] for rows in poses] for column in columns])
+    for column, (segments, _) in zip(columns, every, strict=True):
+        for rows, left in zip(poses, segments, strict=True):
+            found[rows, column] = left
+    return found
+
+
+def _own_tones(segments: Sequence[Array]) -> tuple[list[Array], list[float]]:
+    """The same of one channel, where tones are likelier than noise that resonates.
+
+    The Bayesian information criterion tells (Schwarz, Annals of Statistics 6, 1978): of tones with an amplitude and a
+    phase in each pose beside an autoregression. All that are worth it beside white noise are tried together: a few
+    lines of a hum are a resonance to an autoregression, as long as one is left.
     """
     left, found = list(segments), list[float]()
-    for _ in range(_MOST):
+    ways: list[tuple[float, int, list[Array]]] = []
+    for count in range(_MOST + 1):
         long = [each for each in left if len(each) >= _SHORTEST]
         if not long or not any(np.ptp(each) > 0.0 for each in long):
             break
         many = sum(map(len, long))
+        cost = (2.0 * len(long) + 3.0) * float(np.log(many))
         highest = _highest(long)
         less = _without(long, highest)
         squares = sum(float(np.sum((each - each.mean()) ** 2)) for each in less)
-        as_tone = many * np.log(max(squares, 1e-300) / many) + (2.0 * len(long) + 3.0) * np.log(many)
-        if any(as_tone > _as_noise(long, order) for order in (0, None)):
+        worth = many * np.log(max(squares, 1e-300) / many) + cost <= (white := _as_noise(long, 0))
+        if count or worth:  # else there is none to be held against others
+            ways.append((min(white, _as_noise(long, None)) + count * cost, count, left))
+        if not worth:
             break
         found.append(highest)
-        cleared = iter(less)
-        left = [next(cleared) if len(each) >= _SHORTEST else each for each in left]
+        left = _put_back(left, less)
+    _, count, left = min(ways, key=lambda way: way[:2], default=(0.0, 0, left))
+    return left, found[:count]
+
+
+def _with_those(left: list[Array], own: list[float], heard: Sequence[float]) -> tuple[list[Array], list[float]]:
+    """Without those of some frequencies, too, that an amplitude and a phase in each pose show by more than chance."""
+    found = list(own)
+    for frequency in heard:
+        long = [each for each in left if len(each) >= _SHORTEST]
+        apart = 1.0 / max(map(len, long), default=1)
+        if not long or any(abs(frequency - each) < apart for each in found):
+            continue
+        less = _without(long, frequency)
+        if _as_noise(less, None) + float(chdtri(2 * len(long), _CHANCE)) < _as_noise(long, None):
+            found.append(frequency)
+            left = _put_back(left, less)
     return left, found
+
+
+def _put_back(segments: Sequence[Array], less: Sequence[Array]) -> list[Array]:
+    """Segments, those that are long enough as they have become."""
+    cleared = iter(less)
+    return [next(cleared) if len(each) >= _SHORTEST else each for each in segments]
 
 
 def _as_noise(segments: Sequence[Array], order: int | None) -> float:

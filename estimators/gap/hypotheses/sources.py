@@ -22,6 +22,8 @@ from rig.effects import EFFECTS, make_effect
 
 #: How the name of an error begins that is in the form of a cause: in the catalogue it has one strength throughout.
 STRENGTH: Final = "the strength of "
+#: The name of the magnetic field's error in the base's frame.
+MAGNETIC: Final = "the magnetic field"
 #: Angle [rad] and delay [s] at which derivatives are taken.
 _STEP: Final = 1e-5
 _DELAY: Final = 1e-4
