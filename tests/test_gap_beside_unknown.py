@@ -261,3 +261,20 @@ def test_effects_that_do_the_same_are_one_cause_beside_an_unknown() -> None:
         first, second = found.causes[0], found.causes[0].equivalent[0]
         assert {first.effect, second["effect"]} == {"link_hard_iron", "motor_current_field"}
         assert first.probability > 0.95
+
+
+def test_each_cause_beside_an_unknown_is_replaced_beside_that() -> None:
+    """A lag of .02 s is nearly a latency: what tells them apart is of the second order. One of them was found, and the
+    other was not looked for beside the same unknown: it was a lag in one draw of three, at more than .99."""
+    late = make_effect("latency", {"where": "magnetometer", "delay_s": 0.02})
+    without = [name for name in EFFECTS if name not in ("latency", "sensor_lag", "scale_quadratic")]
+    for seed in (1, 2, 3):
+        run = small().with_effects([late]).simulate(seed)
+        assert run.accelerometer is not None
+        accelerometer, t = run.accelerometer.copy(), run.t / run.t[-1]
+        accelerometer[:, 0] *= 1.0 + 0.03 * np.cos(2.0 * np.pi * 3.3 * t) * np.exp(-t)
+        run = replace(run, accelerometer=accelerometer)
+        found = estimators.diagnose(run, small().simulate_locked(seed), without=without)
+        assert found.posterior["other"] > 0.9
+        told = {cause.effect: cause.probability for cause in found.causes}
+        assert min(told["latency"], told["sensor_lag"]) > 0.05

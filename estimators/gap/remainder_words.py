@@ -21,6 +21,8 @@ _VARIABLES: Final = {
     "orientation, to first order": "orientation of the tool, to first order",
     "position, to first order": "position of the tool, to first order",
     "position": "position of the tool",
+    "position, as a static field with sources near it does": "position of the tool, as a field of sources near by does",
+    "position, as a static field with distant sources does": "position of the tool, as a field of far sources does",
     "level": "level of the reading",
     "level and direction": "level of the reading, rising or falling",
     "the history of its level": "history of the reading",

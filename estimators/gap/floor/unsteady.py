@@ -24,6 +24,9 @@ _OF_A_SQUARE: Final = np.pi**2 / 2.0
 #: Shares of the sizes' variance that are the level's, and correlation times as shares of a recording, that are tried.
 _SHARES: Final = np.geomspace(0.01, 0.7, 8)
 _TIMES: Final = 9
+#: A recording at rest tells a memory as long as a quarter of itself; the level may be so many times slower, or drift
+#: steadily.
+_SLOWER: Final = (1.0, 4.0, 16.0, np.inf)
 #: A level is followed over this many readings at least.
 _SHORTEST: Final = 3.0
 #: Of noise of two levels: variance of the louder over the other, share of the time, and how many lengths of a stay.
@@ -35,7 +38,7 @@ _TIMES_OF_LEVELS: Final = 2**15
 #: Frequencies that are used each by itself; beyond, those within this share of one are one.
 _EACH, _WITHIN = 1024, 0.01
 #: Pieces of time with a level each: so many in a correlation time, of so many readings at least, and so many in all.
-_PIECES, _LONG, _MOST = 3.0, 2, 600
+_PIECES, _LONG, _FEWEST, _MOST = 3.0, 2, 48, 600
 #: Steps to the likeliest level, and one that is none.
 _STEPS, _NO_STEP = 50, 1e-4
 
@@ -87,12 +90,13 @@ class Unsteady:
 
     def inverse_variance(self, squares: Array, many: Array, interval_s: float) -> tuple[Array, float, float]:
         """(n,) inverse of the variance at each time; log weight of what is known of that; its gain in log evidence over
-        a variance of one: of a level that wanders, or of two, whichever is likelier.
+        a variance of one: of a level that wanders, maybe slower than a recording at rest can show, or of two, whichever
+        is likelier.
 
         Args:
             squares: (n,) sums of squares of noise of variance one on average. many: (n,) of how many readings.
         """
-        ways = [self._wandering(squares, many, interval_s)]
+        ways = [self._slower(times)._wandering(squares, many, interval_s) for times in _SLOWER]
         if self.levels is not None:
             gained, inverse = self.levels.gain(squares, many, interval_s)
             of_it = 0.5 * float(many @ np.log(inverse) - squares @ (inverse - 1.0))
@@ -100,15 +104,24 @@ class Unsteady:
         inverse, weight, gained = max(ways, key=lambda way: way[2])
         return inverse, weight - log(len(ways)), gained - log(len(ways))
 
+    def _slower(self, times: float) -> Unsteady:
+        """The same with so many times the memory, of which the recording at rest saw as much less."""
+        unsure = min(self.spread, self.unsure * float(np.sqrt(times)))
+        return replace(self, memory_s=times * self.memory_s, unsure=unsure)
+
     def _wandering(self, every: Array, there: Array, interval_s: float) -> tuple[Array, float, float]:
         """Laplace's approximation, about the mode that Newton's steps find (Rue, Martino and Chopin, Journal of the
         Royal Statistical Society B 71, 2009)."""
-        length = max(self.memory_s / (_PIECES * interval_s), _LONG, len(every) / _MOST)
+        length = max(min(self.memory_s / (_PIECES * interval_s), len(every) / _FEWEST), _LONG, len(every) / _MOST)
         piece = (np.arange(len(every)) / length).astype(int)
         many, squares = np.bincount(piece, there), np.bincount(piece, every)
         time_s = length * interval_s * np.arange(len(many))
         apart_s = np.abs(time_s[:, None] - time_s)
-        covariance = self.spread**2 * np.exp(-apart_s / self.memory_s) + self.unsure**2
+        if np.isinf(self.memory_s):
+            drift = (time_s - time_s.mean()) / max(float(time_s.std()), 1e-300)
+            covariance = self.spread**2 * np.outer(drift, drift) + self.unsure**2
+        else:
+            covariance = self.spread**2 * np.exp(-apart_s / self.memory_s) + self.unsure**2
         mean = -0.5 * self.spread**2  # so that the variance is one on average
         level = np.full(len(many), mean)
         for _ in range(_STEPS):

@@ -354,12 +354,17 @@ class Weighing:
 
     @staticmethod
     def _additions(leading: Hypothesis, nameless: Sequence[Hypothesis], search: Search) -> Iterator[Explanation]:
-        """One effect more beside what leads with a discrepancy, and one in the place of each of its effects."""
-        yield from search.beside(leading.explanation, leading.terms[0].on_means)
+        """One effect more beside what leads with a discrepancy, and one in the place of each of its effects: beside the
+        same discrepancy, and beside that which is likeliest without it, as that may do what the effect did."""
+        first = leading.terms[0].on_means
+        yield from search.beside(leading.explanation, first)
         for rest in search.without_one(leading.explanation):
-            own = [one for one in nameless if one.explanation.key == rest.key]
-            if own:
-                yield from search.beside(rest, max(own, key=lambda one: one.log_mass).terms[0].on_means)
+            every = [one for one in nameless if one.explanation.key == rest.key]
+            own = max(every, key=lambda one: one.log_mass, default=None)
+            if own is not None:
+                yield from search.beside(rest, own.terms[0].on_means)
+            if own is None or own.terms[0].on_means.term is not first.term:
+                yield from search.beside(rest, first)
 
     def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
         """Whether a set beside a discrepancy is far from likely: that gains no more beside a set than beside less."""
