@@ -10,11 +10,8 @@ from diagnosed_recordings import scenario
 from whitened_examples import data, louder, noise_of  # noqa: F401
 
 import estimators
-import scenarios
-from estimators.gap.data.basefit import estimated_floor
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.floor.shared import correlations, decorrelation
-from rig.arm import Arm
 from rig.effects import make_effect
 from rig.recording import Recording
 
@@ -27,20 +24,6 @@ def with_reference(run: Recording, rest: Recording, seed: int) -> Recording:
     """The readings with noise of a reference beside their own, three quarters as large as that is at rest."""
     noise = np.random.default_rng(seed).standard_normal((len(run), 1)) * np.sign(SHARED)
     return louder(run, 0.75 * noise * noise_of(rest))
-
-
-def test_what_channels_share_is_told_from_the_sweep_where_nothing_else_was_recorded(arm: Arm) -> None:
-    """A reference of three quarters of the noise: a correlation of .5625 / 1.5625. Of 1,664 readings, of whose second
-    differences a half tell something of their own: .03 each. The floor that the reference is as large as is known to
-    5 %."""
-    run = scenarios.load("ann-arbor").with_acquisition(decimation=100).simulate(0)
-    alone = estimated_floor(run, arm)
-    assert all(channel.shared == () for channel in alone)
-    reference = np.random.default_rng(3).standard_normal((len(run), 1)) * np.sign(SHARED)
-    floor = estimated_floor(louder(run, 0.75 * reference * np.sqrt([each.variance for each in alone])), arm)
-    told = np.array([channel.shared for channel in floor])
-    expected = 0.36 * np.outer(np.sign(SHARED), np.sign(SHARED)) + 0.64 * np.eye(6)
-    assert np.abs(told - expected).max() < 4.5 * 0.03 + 0.05
 
 
 @pytest.mark.parametrize("held", [1, 5])

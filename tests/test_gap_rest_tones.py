@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosed_recordings import recorded
 from whitened_examples import louder
 
 import estimators
+from estimators.gap.data.basefit import learn_floor
 from estimators.gap.data.rest_tones import _near
 from estimators.gap.diagnosis import Diagnosis
 from estimators.gap.floor.tones_at_rest import amplitude_of, made_by_an_effect
+from rig.errors import RigError
 from rig.recording import Recording
 
 EVERY, FREQUENCY = range(6), 2.3
@@ -50,6 +54,25 @@ def test_a_tone_that_wanders_is_found_in_stretches() -> None:
     tone = 2.0 * np.sin(2.0 * np.pi * FREQUENCY * time + 3.0 * np.sin(2.0 * np.pi * time / 1200.0))
     found, _ = _near(time, tone + rng.standard_normal(6000), FREQUENCY, 30.0)
     assert float(np.mean((found - tone) ** 2)) < 0.05
+
+
+def test_a_slow_hum_takes_no_more_than_its_own_cycles() -> None:
+    """Of poses of a third of its period: in stretches as short as that, a wave of .05 Hz would be a gap of a period of
+    70 s. In four of its own cycles it holds next to nothing of that: a tenth at most."""
+    time = 0.1 * np.arange(6000.0)
+    gap = np.sin(2.0 * np.pi * time / 70.0)
+    found, _ = _near(time, gap, 0.05, 6.9)
+    assert float(np.mean((gap - found) ** 2)) > 0.9 * 0.5
+
+
+def test_a_channel_that_is_constant_beside_one_that_hums_is_told() -> None:
+    _, locked = recorded()
+    locked = humming(locked, 1.0)
+    assert locked.accelerometer is not None
+    readings = locked.accelerometer.copy()
+    readings[:, 1] = 2.5
+    with pytest.raises(RigError, match=r"accel2 (is constant|stays at)"):
+        learn_floor(replace(locked, accelerometer=readings), 1.0 / locked.rate_Hz)
 
 
 def humming(run: Recording, times: float) -> Recording:

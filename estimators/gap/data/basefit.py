@@ -20,7 +20,7 @@ from estimators.gap.floor.clean_rest import sound
 from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.resonant import resonant
 from estimators.gap.floor.rounded import COARSE, rounded_floor
-from estimators.gap.floor.shared import correlations, slow_correlations, with_shared
+from estimators.gap.floor.shared import correlations, slow_correlations
 from estimators.gap.floor.tones_at_rest import amplitude_of, made_by_an_effect, toneless_readings, without_tones
 from estimators.gap.floor.unsteady import Unsteady, unsteadiness
 from estimators.goodness.residuals import residuals_of
@@ -121,15 +121,16 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
     toneless = toneless_readings(thinned, held_still, [column for column in tones if tones[column]])
     shared = correlations(toneless, held_still)
     slow = slow_correlations(toneless, held_still, fitted, stride / locked.rate_Hz, shared)
-    floors = [
+    return tuple(
         replace(
             fitted.get(column, ChannelNoise(np.nan)),
             tones_Hz=tuple(each * locked.rate_Hz for each in tones.get(column, ())),
             hums=_hums(tones, loud, column, locked.rate_Hz) if locked.rate_Hz * interval_s > _AS_FAST else (),
+            shared=() if np.array_equal(row, unit) else tuple(row.tolist()),
+            shared_slow=() if np.array_equal(late, unit) else tuple(late.tolist()),
         )
-        for column in range(len(shared))
-    ]
-    return with_shared(floors, shared, slow)
+        for column, (row, late, unit) in enumerate(zip(shared, slow, np.eye(len(shared)), strict=True))
+    )
 
 
 def _hums(
@@ -375,8 +376,8 @@ def _between_tones(differences: Array) -> float:
 def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> tuple[ChannelNoise, ...]:
     """As ``estimated_floor``, beside a fitted pipeline with the recording's sensors."""
     base = pipeline.expected(signals_of(recording, arm), np.random.default_rng(0))
-    left, floors = all_readings(recording) - base.volts, list[ChannelNoise]()
-    for values in left.T:
+    floors = []
+    for values in (all_readings(recording) - base.volts).T:
         if np.isnan(values).any():  # a sensor that was not recorded
             floors.append(ChannelNoise(np.nan, samples=len(values) // 20, degrees=None))
             continue
@@ -390,4 +391,4 @@ def floor_beside(recording: Recording, arm: Arm | None, pipeline: Pipeline) -> t
             spread = float(np.std(np.diff(less, n=2)))
         # a median of overlapping differences tells a twentieth of what as many independent samples would
         floors.append(ChannelNoise(spread**2 / 6.0, samples=len(values) // 20, degrees=None))
-    return with_shared(floors, correlations(np.diff(left, axis=0), np.zeros(len(left) - 1, dtype=np.intp)))
+    return tuple(floors)

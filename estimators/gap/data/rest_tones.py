@@ -43,6 +43,7 @@ def without_rest_tones(data: WhitenedData) -> WhitenedData:
 
 def _near(t: Array, residual: Array, frequency: float, held_s: float) -> tuple[Array, float]:
     """The tone (n,) near a frequency [Hz] that takes most of a residual (n,), and its amplitude."""
+    held_s = max(held_s, 4.0 / frequency)  # in less than some cycles a wave is anything slow
     turned = residual * np.exp(-2j * np.pi * frequency * t)
     sums = np.floor((t - t[0]) / held_s * _SUMS).astype(np.intp)
     slow = np.bincount(sums, turned.real) + 1j * np.bincount(sums, turned.imag)

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.gap.data.blocks import each_used
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.static_field import SPHERES, around
 from estimators.gap.evidence.terms import Errors, Term, blocks_term, terms_along
@@ -54,6 +55,8 @@ class OnSamples:
             errors = Errors.of([source], absorbed=absorbed)
             return [blocks_term(errors, source, slice(0, len(source.series)), len(term.edges), term.log_prior)]
         if term.course in SPHERES:
+            if not each_used(self.data.count):  # of several recordings: too large to make
+                return []
             return around(absorbed, source, self.data.base.position, term.course, term.log_prior)
         if term.course == "time":
             assert term.weight is not None

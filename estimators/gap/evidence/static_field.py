@@ -55,11 +55,12 @@ def around(
     """As ``static_fields``, of one of the spheres."""
     away = (position - 0.5 * (position.min(axis=0) + position.max(axis=0))).T
     away = away / float(np.linalg.norm(away, axis=0).max())
-    every = np.stack([_of_charge(away - SPHERES[name] * each[:, None]) for each in _evenly(_CHARGES)])
     own, whitened = (field.series, None) if field.felt is None or means else field.felt
     series = np.zeros((_CHARGES, *own.shape[1:]))
-    for channel in np.flatnonzero(own.any(axis=(0, 2))):
-        series[:, channel] = np.einsum("in,min->mn", own[:, channel], every)
+    touched = own.any(axis=(0, 2))
+    for number, charge in enumerate(_evenly(_CHARGES)):
+        one = _of_charge(away - SPHERES[name] * charge[:, None])
+        series[number, touched] = np.einsum("icn,in->cn", own[:, touched], one)
     source = replace(field, series=series if whitened is None else whitened(series), felt=None)
     course = Course(name, np.ones((series.shape[2], 1)), np.ones(1))
     functions = Functions.of(series.shape[2], [course], slow=False)

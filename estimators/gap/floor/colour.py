@@ -128,7 +128,8 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
             together = [channels[index] for index in here]
             point = _best(together)
             white = sum(each.count * float(np.log(each.variance)) for each in together)
-            if white - sum(each.loss(point)[0] for each in together) >= COLOUR_THRESHOLD:
+            gain = white - sum(each.loss(point)[0] for each in together)
+            if gain * _independent(together) >= COLOUR_THRESHOLD:
                 shapes |= dict.fromkeys(here, _with_more(together, point))
     of_board = [[index for index in shapes if boards[index] == board] for board in sorted(set(boards))]
     for group in [list(shapes), *of_board]:
@@ -148,6 +149,14 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
     ]
 
 
+def _independent(channels: Sequence[Held]) -> float:
+    """The share of channels that tell something of their own, where they share noise from reading to reading."""
+    values = [np.concatenate([segment - segment.mean() for segment in channel.segments]) for channel in channels]
+    if len({len(each) for each in values}) > 1:
+        return 1.0
+    return len(values) / float(np.sum(np.corrcoef(values) ** 2))
+
+
 def _as_mates(channel: Held, mates: Sequence[ChannelNoise]) -> ChannelNoise:
     """The noise of a channel whose colour does not pay, on a board on which that of others does.
 
@@ -161,7 +170,9 @@ def _as_mates(channel: Held, mates: Sequence[ChannelNoise]) -> ChannelNoise:
     found = []
     for point in points:
         way = minimize_scalar(
-            lambda shift, point=point: channel.rough_loss(moved(point, shift)) + (shift / APART) ** 2,
+            lambda shift, point=point: (
+                channel.rough_loss(moved(point, shift)) / channel.interleaved + (shift / APART) ** 2
+            ),
             bounds=(-_LEAST_ALIKE, _LEAST_ALIKE),
             method="bounded",
         )
@@ -191,7 +202,7 @@ def _shared(channels: Sequence[Held], shapes: Sequence[Array]) -> Array | None:
         channel.loss(common)[0] - channel.loss(shape)[0] for channel, shape in zip(channels, shapes, strict=True)
     )
     free = max(2, sum(map(len, shapes)) - len(common))
-    return common if lost < chdtri(free, SHARED_AT) else None
+    return common if lost / channels[0].interleaved < chdtri(free, SHARED_AT) else None  # as what is slow, shown once
 
 
 def _best(channels: Sequence[Held]) -> Array:

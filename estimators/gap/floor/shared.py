@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Final
 
@@ -53,18 +52,6 @@ def correlations(readings: Array, labels: Rows) -> Array:
     if gained > least and _in_every_band(readings[:, there], labels, own):
         found[np.ix_(there, there)] = own
     return found
-
-
-def with_shared(floors: Sequence[ChannelNoise], shared: Array, slow: Array | None = None) -> tuple[ChannelNoise, ...]:
-    """Floors with the correlations (6, 6) of their noise, and of its coloured parts."""
-    found = []
-    for noise, unit, row, late in zip(
-        floors, np.eye(len(shared)), shared, shared if slow is None else slow, strict=True
-    ):
-        own = () if np.array_equal(row, unit) else tuple(row.tolist())
-        of_slow = () if slow is None or np.array_equal(late, unit) else tuple(late.tolist())
-        found.append(replace(noise, shared=own, shared_slow=of_slow))
-    return tuple(found)
 
 
 def _scores(values: Array) -> Array:

@@ -84,7 +84,7 @@ def _with_those(left: list[Array], own: list[float], heard: Sequence[float]) -> 
     for frequency in heard:
         long = [each for each in left if len(each) >= _SHORTEST]
         apart = 1.0 / max(map(len, long), default=1)
-        if not long or any(abs(frequency - each) < apart for each in found):
+        if not any(np.ptp(each) > 0.0 for each in long) or any(abs(frequency - each) < apart for each in found):
             continue
         less = _without(long, frequency)
         if _as_noise(less, None) + float(chdtri(2 * len(long), _CHANCE)) < _as_noise(long, None):

@@ -57,6 +57,8 @@ def best_tone(
     residual = explained.residual.reshape(len(data.columns), count)
     seen = np.einsum("cn,ncj->jn", residual, shown)
     inverse = np.linalg.pinv(np.einsum("nci,ncj->ij", shown, shown))
+    if not shown.shape[2]:  # of several recordings, none has the sensor
+        return Score(0.0, 0, np.zeros(0), 0.0), 0.0, 1
     power = of_waves(np.fft.rfft(seen, n=2 * count, axis=1), inverse)
     frequency: Array = np.arange(count + 1) / (2.0 * count * data.interval_s)
     allowed = _allowed(candidate, data, frequency) & (frequency >= lowest_Hz)

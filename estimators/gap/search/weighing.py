@@ -13,7 +13,7 @@ import numpy as np
 from estimators.gap.data.steps import Step
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import CommonNoise, beside, beside_other, common_noises
-from estimators.gap.evidence.discrepancy import Discrepancies, squares_taken, total, weighed
+from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, squares_taken, total, weighed
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
@@ -363,7 +363,7 @@ class Weighing:
             own = max(every, key=lambda one: one.log_mass, default=None)
             if own is not None:
                 yield from search.beside(rest, own.terms[0].on_means)
-            if own is None or own.terms[0].on_means.term is not first.term:
+            if own is None or _named(own.terms[0]) != _named(leading.terms[0]):
                 yield from search.beside(rest, first)
 
     def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
@@ -373,6 +373,10 @@ class Weighing:
             if under is state and Counter(fewer) < held:
                 own[fewer] = max(gain, own.get(fewer, gain))
         return bool(own) and self.known(each, state) + min(own.values()) < self.best - NEAR
+
+
+def _named(one: Weighed) -> tuple[str, str]:
+    return one.term.source, one.term.course
 
 
 def of_all_channels(state: NoiseState) -> bool:
