@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from scipy.special import fdtri
 
+from estimators.noise.equivalent_channels import equivalent_channels
 from rig.arrays import Array, Mask, Rows
 
 #: Means of fewer readings are not compared: single ones may have long tails.
@@ -49,8 +50,7 @@ def unsettled(labels: Rows, readings: Array) -> Mask:
 def _different(segments: list[Array], length: int, longest: int) -> int:
     """After how many stretches of a length, at the poses' beginning, neighbours differ no more than later.
 
-    Channels that share noise count as so many that do not as scatter as much on the mean (Satterthwaite, Biometrics
-    Bulletin 2, 1946).
+    Channels that share noise count as so many that do not as scatter as much.
     """
     early, late = [], []
     for segment in segments:
@@ -59,13 +59,12 @@ def _different(segments: list[Array], length: int, longest: int) -> int:
         late.append(steps[len(steps) // 2 :])
         early.append(steps[: longest // length])
     typical = np.concatenate(late)
-    level = np.sqrt(np.mean(typical**2, axis=0))
+    level = np.mean(typical**2, axis=0)
     there = level > 0.0
     if not there.any():
         return 0
-    ratio = np.mean([(each[:, there] / level[there]) ** 2 for each in early], axis=(0, 2))
-    alike = typical[:, there] / level[there]
-    channels = there.sum() ** 2 / float(np.sum((alike.T @ alike / len(typical)) ** 2))
+    ratio = np.mean([each[:, there] ** 2 / level[there] for each in early], axis=(0, 2))
+    channels = equivalent_channels(typical[:, there])
     limit = fdtri(channels * len(segments), max(0.5 * channels * len(typical), 1.0), 1.0 - _CHANCE)
     above = ratio > limit
     return int(np.argmin(np.append(above, False))) + 1 if above[0] else 0

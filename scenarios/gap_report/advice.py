@@ -59,7 +59,7 @@ _REPEATS: Final = (
 #: What else to look for: of what changes at any rate, and of what remembers.
 _ALSO: Final = {
     "time, irregularly": "; look for what comes and goes nearby, too: draughts, vehicles, other machines",
-    "position, as a static": "; a field that stands: cables with a steady current, steel beams, cabinets",
+    "position, as a static": "; look for what stands there all along, too: cables with a steady current, beams",
     "the fading memory": "; look for what stores and gives back, too: steel near the sensor, a filter, what creeps",
 }
 #: What comes once or a few times and passes: when to look.

@@ -15,10 +15,11 @@ import numpy as np
 
 from estimators.gap.data.projection import Basis
 from estimators.gap.evidence.means import Means
-from estimators.gap.evidence.terms import Functions, Term, smooth_terms
+from estimators.gap.evidence.terms import Term, terms_along
 from estimators.gap.hypotheses.courses import Course
 from estimators.gap.hypotheses.sources import Source
 from rig.arrays import Array
+from rig.directions import spiral
 
 #: What an error of the field follows, by the radius of the sphere in that of the path: cables and beams beside it, and
 #: what stands in the room.
@@ -58,25 +59,15 @@ def around(
     own, whitened = (field.series, None) if field.felt is None or means else field.felt
     series = np.zeros((_CHARGES, *own.shape[1:]))
     touched = own.any(axis=(0, 2))
-    for number, charge in enumerate(_evenly(_CHARGES)):
+    for number, charge in enumerate(spiral(_CHARGES, 2.0)):
         one = _of_charge(away - SPHERES[name] * charge[:, None])
         series[number, touched] = np.einsum("icn,in->cn", own[:, touched], one)
     source = replace(field, series=series if whitened is None else whitened(series), felt=None)
     course = Course(name, np.ones((series.shape[2], 1)), np.ones(1))
-    functions = Functions.of(series.shape[2], [course], slow=False)
-    return smooth_terms(absorbed, [source], [[course]], [log_prior], functions, means, lengths=())[1]
+    return terms_along(absorbed, source, course, log_prior, means)
 
 
 def _of_charge(way: Array) -> Array:
     """(3, n) the field at so many ways (3, n) from a charge, less its mean: the calibration takes what is constant."""
     field = way / np.einsum("in,in->n", way, way) ** 1.5
     return np.asarray(field - field.mean(axis=1, keepdims=True))
-
-
-def _evenly(count: int) -> Array:
-    """(count, 3) unit vectors, evenly apart: a spiral (Swinbank and Purser, Quarterly Journal of the Royal
-    Meteorological Society 132, 2006)."""
-    number = np.arange(count) + 0.5
-    height, turn = 1.0 - 2.0 * number / count, np.pi * (3.0 - np.sqrt(5.0)) * number
-    across = np.sqrt(1.0 - height**2)
-    return np.column_stack([across * np.cos(turn), across * np.sin(turn), height])

@@ -281,18 +281,17 @@ def smooth_terms(
     return errors, [each for each in found if len(each.values)]
 
 
-def terms_along(absorbed: Basis, source: Source, course: Course, log_prior: float) -> list[Term]:
-    """One source of every sample along one course: a term, or none where the calibration takes it.
+def terms_along(
+    absorbed: Basis, source: Source, course: Course, log_prior: float, means: Means | None = None
+) -> list[Term]:
+    """One source along one course, arguments as of ``smooth_terms``: a term, or none where the calibration takes it.
 
     Where the floor has a memory, what is whitened is the source along the course: a jump in a slow drift is a spike.
-
-    Args:
-        absorbed: the calibration's tangent.
     """
     if (followed := source.along(course.values, course.weight)) is not None:
         source, course = followed, Course(course.name, np.ones((source.series.shape[2], 1)), np.ones(1))
     functions = Functions.of(source.series.shape[2], [course], slow=False)
-    return smooth_terms(absorbed, [source], [[course]], [log_prior], functions, lengths=())[1]
+    return smooth_terms(absorbed, [source], [[course]], [log_prior], functions, means, lengths=())[1]
 
 
 def _gram(errors: Errors, freedoms: slice, functions: slice) -> Array:

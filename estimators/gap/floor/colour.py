@@ -12,6 +12,7 @@ from scipy.special import chdtri
 
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.periodogram import Periodogram
+from estimators.noise.equivalent_channels import equivalent_channels
 from rig.arrays import Array
 
 #: Twice the gain in log likelihood that two more parameters must bring before a part counts. The null distribution lies
@@ -154,7 +155,7 @@ def _independent(channels: Sequence[Held]) -> float:
     values = [np.concatenate([segment - segment.mean() for segment in channel.segments]) for channel in channels]
     if len({len(each) for each in values}) > 1:
         return 1.0
-    return len(values) / float(np.sum(np.corrcoef(values) ** 2))
+    return equivalent_channels(np.stack(values, axis=1)) / len(values)
 
 
 def _as_mates(channel: Held, mates: Sequence[ChannelNoise]) -> ChannelNoise:

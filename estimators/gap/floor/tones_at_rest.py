@@ -67,9 +67,9 @@ def _own_tones(segments: Sequence[Array]) -> tuple[list[Array], list[float]]:
         highest = _highest(long)
         less = _without(long, highest)
         squares = sum(float(np.sum((each - each.mean()) ** 2)) for each in less)
-        worth = many * np.log(max(squares, 1e-300) / many) + cost <= (white := _as_noise(long, 0))
+        worth = many * np.log(max(squares, 1e-300) / many) + cost <= _as_noise(long, 0)
         if count or worth:  # else there is none to be held against others
-            ways.append((min(white, _as_noise(long, None)) + count * cost, count, left))
+            ways.append((_as_noise(long) + count * cost, count, left))
         if not worth:
             break
         found.append(highest)
@@ -80,17 +80,24 @@ def _own_tones(segments: Sequence[Array]) -> tuple[list[Array], list[float]]:
 
 def _with_those(left: list[Array], own: list[float], heard: Sequence[float]) -> tuple[list[Array], list[float]]:
     """Without those of some frequencies, too, that an amplitude and a phase in each pose show by more than chance."""
-    found = list(own)
-    for frequency in heard:
-        long = [each for each in left if len(each) >= _SHORTEST]
-        apart = 1.0 / max(map(len, long), default=1)
-        if not any(np.ptp(each) > 0.0 for each in long) or any(abs(frequency - each) < apart for each in found):
+    long = [each for each in left if len(each) >= _SHORTEST]
+    apart = 1.0 / max(map(len, long), default=1)
+    others = [frequency for frequency in heard if not _near_any(frequency, own, apart)]
+    if not others or not any(np.ptp(each) > 0.0 for each in long):
+        return left, own
+    found, before, by_chance = list(own), _as_noise(long), float(chdtri(2 * len(long), _CHANCE))
+    for frequency in others:
+        if _near_any(frequency, found, apart):
             continue
         less = _without(long, frequency)
-        if _as_noise(less, None) + float(chdtri(2 * len(long), _CHANCE)) < _as_noise(long, None):
+        if (after := _as_noise(less)) + by_chance < before:
             found.append(frequency)
-            left = _put_back(left, less)
-    return left, found
+            long, before = less, after
+    return _put_back(left, long), found
+
+
+def _near_any(frequency: float, others: Sequence[float], apart: float) -> bool:
+    return any(abs(frequency - each) < apart for each in others)
 
 
 def _put_back(segments: Sequence[Array], less: Sequence[Array]) -> list[Array]:
@@ -99,7 +106,7 @@ def _put_back(segments: Sequence[Array], less: Sequence[Array]) -> list[Array]:
     return [next(cleared) if len(each) >= _SHORTEST else each for each in segments]
 
 
-def _as_noise(segments: Sequence[Array], order: int | None) -> float:
+def _as_noise(segments: Sequence[Array], order: int | None = None) -> float:
     """The criterion of an autoregression of an order, 0 of white noise; None: of the best one."""
     noise, many = autoregression(segments, order), sum(map(len, segments))
     return float(many * np.log(noise.sigma**2) + noise.order * np.log(many))
