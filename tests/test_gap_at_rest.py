@@ -11,6 +11,7 @@ import scenarios
 from estimators.gap.data.basefit import learn_floor
 from estimators.gap.floor.censored import uncut
 from estimators.gap.floor.clean_rest import sound
+from estimators.gap.floor.colour import held
 from rig.effects import Effect, make_effect
 from rig.effects.tails import limit
 from rig.errors import RigError
@@ -149,6 +150,27 @@ def test_a_file_that_is_rounded_beyond_its_noise_is_refused() -> None:
     two = 0.1 * (np.random.default_rng(5).random(locked.magnetometer.shape) < 0.1)
     with pytest.raises(RigError, match=r"mag1 stays at 2 values at rest, expected readings that show its noise$"):
         learn_floor(replace(locked, magnetometer=two), 0.25, np.zeros(6))
+
+
+@pytest.mark.parametrize("size", [1e-13, 2e-10])
+def test_readings_that_are_one_number_but_for_rounding_are_refused(size: float) -> None:
+    """Arithmetic on a constant leaves many values of it, which are no noise."""
+    locked = scenarios.load("ann-arbor").simulate_locked(0)
+    assert locked.magnetometer is not None
+    rounded = locked.magnetometer.copy()
+    rounded[:, 1] = 0.3 + size * np.random.default_rng(5).standard_normal(len(rounded))
+    with pytest.raises(RigError, match=r"mag2 is constant, expected its noise at rest$"):
+        learn_floor(replace(locked, magnetometer=rounded), 0.25)
+
+
+@pytest.mark.parametrize("readings", [200, 5])
+def test_series_between_each_other_show_what_is_slow_once(readings: int) -> None:
+    """However many of them are long enough to be one: of five readings a pose, one of four is."""
+    poses = [np.arange(float(readings)) for _ in range(3)]
+    of_all, of_series = held(poses, 0.05), held(poses, 0.05, stride=4, most=4)
+    assert of_series.poses == 3
+    assert of_series.lasted[0] == pytest.approx(of_all.lasted[0], abs=3 * 4 * 0.05)
+    assert of_series.lasted[0] >= 0.5 * of_all.lasted[0]
 
 
 def test_a_supply_that_drifts_at_rest_is_learned() -> None:

@@ -31,6 +31,18 @@ def test_the_evidence_of_effects_is_that_of_a_normal_vector(alike: float) -> Non
     assert found == pytest.approx(float(expected), rel=1e-9)
 
 
+def test_effects_that_are_one_but_for_rounding_have_an_evidence_alone_as_among_others() -> None:
+    rng = np.random.default_rng(3)
+    tangent = 1e6 * rng.standard_normal((40, 1)) @ np.ones((1, 2))
+    left, precision = rng.standard_normal(40), np.ones(2)
+    linear = Linear(left, tangent, np.zeros(2), np.ones(2, dtype=bool), np.ones(2), np.arange(2))
+    square, gram, moment = np.array(left @ left), linear.gram, tangent.T @ left
+    alone = linear.log_evidence(square, gram, moment, precision)
+    both = linear.log_evidence(np.stack([square] * 2), np.stack([gram] * 2), np.stack([moment] * 2), precision)
+    assert np.isfinite(alone)
+    assert both == pytest.approx(np.full(2, alone), rel=1e-12)
+
+
 @pytest.mark.parametrize("fault", [(0.0, 6.0, 0.0), (5.0, -4.0, 6.0)])
 def test_one_axis_alone_or_all_of_them_are_averaged(fault: tuple[float, ...]) -> None:
     """Strengths that do not overlap: each has an evidence of its own, (1 + v)^-1/2 exp(z^2/2 v/(1 + v)) for z standard

@@ -70,7 +70,6 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
     """
     labels = held_poses(locked)
     stride = max(1, int(interval_s * locked.rate_Hz / _FINER))
-    interleaved = min(stride, 4)  # series of one time: what is white they all tell
     readings = all_readings(locked)
     numbers = [label for label in np.unique(labels) if label >= 0]
     if not numbers:
@@ -84,6 +83,8 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         segments = [readings[labels == label, column] for label in numbers]
         step = float(steps[column])
         own = held(segments, 1.0 / locked.rate_Hz)
+        if own.segments and own.silent:
+            raise _constant(locked, column)
         if own.segments and own.variance > 0.0 and step**2 > COARSE**2 * own.variance:
             coarse[column] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
             continue
@@ -102,13 +103,11 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         less, *tails[column] = _relieved(segments)
         louder = unsteady.get(column)
         still[column] = segments if louder and louder.normal else less
-        series = [segment[first::stride] for segment in still[column] for first in range(interleaved)]
-        channels[column] = held(series, stride / locked.rate_Hz, interleaved)
+        channels[column] = held(still[column], 1.0 / locked.rate_Hz, stride, 4)  # what is white four series tell
     if not all(channel.segments for channel in channels.values()):
         raise _never_at_rest(locked)
-    silent = [CHANNELS[column] for column, channel in channels.items() if channel.variance == 0.0]
-    if silent:
-        raise RigError(f"{locked.origin or locked.name}: {silent[0]} is constant, expected its noise at rest")
+    if silent := [column for column, channel in channels.items() if channel.silent]:
+        raise _constant(locked, silent[0])
     boards = [sensor for column in channels for sensor, own in COLUMNS_OF.items() if column in range(6)[own]]
     fitted = coarse | {
         column: _of_sweep(
@@ -158,6 +157,10 @@ def _unsteady(readings: Array, steps: Array, labels: Rows, interval_s: float) ->
     boards = [range(6)[where] for where in COLUMNS_OF.values() if np.isfinite(readings[0, where]).all()]
     found = unsteadiness(readings, labels, interval_s, boards)
     return {column: unsteady for unsteady in found for column in unsteady.columns}
+
+
+def _constant(locked: Recording, column: int) -> RigError:
+    return RigError(f"{locked.origin or locked.name}: {CHANNELS[column]} is constant, expected its noise at rest")
 
 
 def _never_at_rest(locked: Recording) -> RigError:

@@ -243,8 +243,8 @@ def _solved(matrix: Array, moment: Array, least: Array) -> tuple[Array, Array]:
     except np.linalg.LinAlgError:
         root = np.zeros(bordered.shape)
     pivots = np.einsum("...ii->...i", root)[..., :size] ** 2
-    log_det = np.log(np.maximum(pivots, 1e-300)).sum(axis=-1)
-    fit = np.sum(root[..., size, :size] ** 2, axis=-1)
+    log_det = np.asarray(np.log(np.maximum(pivots, 1e-300)).sum(axis=-1))
+    fit = np.asarray(np.sum(root[..., size, :size] ** 2, axis=-1))
     weak = np.asarray(pivots.min(axis=-1) < _WEAK)
     if weak.any():
         values, vectors = np.linalg.eigh(bordered[..., :size, :size][weak])

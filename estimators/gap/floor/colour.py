@@ -41,12 +41,12 @@ class Held:
 
     Attributes:
         segments: (n,) each about a mean of its own. interval_s: between samples.
-        interleaved: how many of the segments, of samples between each other's, are of one time.
+        poses: that the segments are of, where several, of samples between each other's, are of one time.
     """
 
     segments: tuple[Array, ...]
     interval_s: float
-    interleaved: int = 1
+    poses: int
 
     @property
     def count(self) -> int:
@@ -54,14 +54,25 @@ class Held:
         return sum(len(segment) - 1 for segment in self.segments)
 
     @property
+    def interleaved(self) -> float:
+        """How many segments are of one time."""
+        return len(self.segments) / max(self.poses, 1)
+
+    @property
     def lasted(self) -> tuple[float, int]:
         """[s], and in how many poses: what is slow, series between each other show but once."""
-        return self.count * self.interval_s / self.interleaved, max(1, len(self.segments) // self.interleaved)
+        return self.count * self.interval_s / self.interleaved, self.poses
 
     @property
     def variance(self) -> float:
         """About the means of the segments."""
         return sum(float(np.sum((segment - segment.mean()) ** 2)) for segment in self.segments) / self.count
+
+    @property
+    def silent(self) -> bool:
+        """Whether the readings of each pose are the same but for what squares in double precision do not tell."""
+        told = float(np.sqrt(np.finfo(float).eps))
+        return all(float(np.ptp(each)) <= told * float(np.abs(each).max()) for each in self.segments)
 
     @cached_property
     def periodogram(self) -> Periodogram:
@@ -100,9 +111,17 @@ class Held:
         return _shaped(point, self.loss(point)[1], self)
 
 
-def held(segments: Sequence[Array], interval_s: float, interleaved: int = 1) -> Held:
-    """Segments (n,) at rest; those of a single sample tell nothing."""
-    return Held(tuple(np.asarray(each, dtype=float) for each in segments if len(each) > 1), interval_s, interleaved)
+def held(poses: Sequence[Array], interval_s: float, stride: int = 1, most: int = 1) -> Held:
+    """Readings (n,) of each pose at rest; segments of a single sample tell nothing.
+
+    Args:
+        interval_s: between readings. stride: of which one is taken. most: series between each other's of one pose.
+    """
+    series = [
+        [np.asarray(readings[first::stride], dtype=float) for first in range(min(stride, most))] for readings in poses
+    ]
+    kept = [[each for each in own if len(each) > 1] for own in series]
+    return Held(tuple(each for own in kept for each in own), stride * interval_s, sum(map(bool, kept)))
 
 
 def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[ChannelNoise]:
@@ -117,14 +136,14 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
     """
     shapes: dict[int, Array] = {}
     for index, channel in enumerate(channels):
-        if channel.variance > 0.0:
+        if not channel.silent:
             point = _best([channel])
             if channel.count * float(np.log(channel.variance)) - channel.loss(point)[0] >= COLOUR_THRESHOLD:
                 shapes[index] = _with_more([channel], point)
     found: dict[int, ChannelNoise] = {}
     boards = boards or [""] * len(channels)
     for board in sorted(set(boards)):  # what no channel shows by itself, all of a board may
-        here = [index for index in range(len(channels)) if boards[index] == board and channels[index].variance > 0.0]
+        here = [index for index in range(len(channels)) if boards[index] == board and not channels[index].silent]
         if len(here) > 1 and not any(index in shapes for index in here):
             together = [channels[index] for index in here]
             point = _best(together)
@@ -142,7 +161,7 @@ def fit_floor(channels: Sequence[Held], boards: Sequence[str] = ()) -> list[Chan
         found.setdefault(index, channels[index].at(shape))
     for index, channel in enumerate(channels):
         mates = [found[other] for other in shapes if boards[other] == boards[index]]
-        if index not in shapes and mates and channel.variance > 0.0:
+        if index not in shapes and mates and not channel.silent:
             found[index] = _as_mates(channel, mates)
     return [
         _with_spare(found[index], channels[index]) if index in found else channel.white

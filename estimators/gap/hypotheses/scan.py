@@ -230,7 +230,7 @@ def _onset(candidate: Candidate, data: WhitenedData, explained: Explained) -> Sc
     """Effects that begin at an instant: sums from the end give the score of every instant in one pass."""
     first = {"at_s": float(data.base.t[0])}
     columns = candidate.columns(data, first)
-    if not len(columns.values):  # too small to change a number as large as the readings are
+    if not columns.values.any():  # too small to change a number as large as the readings are
         return ScoreTest(candidate, first, Score(0.0, 0, np.zeros(columns.values.shape[1]), 0.0))
     count = data.count
     by_time = columns.values.T.reshape(columns.values.shape[1], -1, count)
