@@ -5,9 +5,9 @@ Records are stretches held still, each about a mean of its own; everything is po
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -156,15 +156,21 @@ class Autoregression:
 
 
 def autoregression(
-    records: Sequence[ArrayLike], order: int | None = None, highest: int = HIGHEST_ORDER
+    records: Sequence[ArrayLike],
+    order: int | None = None,
+    highest: int = HIGHEST_ORDER,
+    method: Literal["yule-walker", "burg"] = "yule-walker",
 ) -> Autoregression:
-    """The autoregressive model of noise, by the equations of Yule and Walker.
+    """The autoregressive model of noise; always stationary.
 
-    They always give a stationary model. Their bias is of order p/n, which plays no part in thousands of samples.
+    The equations of Yule and Walker have a bias of order p/n, which plays no part in thousands of samples where no band
+    is empty: into one that a filter has emptied their autocovariances leak. By Burg's method it stays empty (Kay and
+    Marple, Proceedings of the IEEE 69, 1981), its sums here over all records.
 
     Args:
         records: (n,) each, evenly sampled at rest [unit].
         order: p; None: the one up to ``highest`` with the lowest Bayesian information criterion.
+        method: "yule-walker" or "burg".
 
     Raises:
         RigError: no record is longer than the order, or noise of zero.
@@ -174,10 +180,13 @@ def autoregression(
     most = min(highest, longest // 10) if order is None else order
     if not 0 <= most < longest:
         raise RigError(f"autoregression: found order {most}, expected 0 or more, and fewer than {longest} samples")
-    covariance = autocovariance(values, most)
     n = sum(len(record) for record in values)
     orders = range(most + 1) if order is None else (order,)
-    fits = [_yule_walker(covariance, p) for p in orders]
+    if method == "burg":
+        fits = [fit for p, fit in enumerate(_burg(values, most)) if p in orders]
+    else:
+        covariance = autocovariance(values, most)
+        fits = [_yule_walker(covariance, p) for p in orders]
     costs = [n * np.log(variance) + p * np.log(n) for p, (_, variance) in zip(orders, fits, strict=True)]
     coefficients, variance = fits[int(np.argmin(costs))]
     return Autoregression(coefficients, float(np.sqrt(variance)))
@@ -188,6 +197,31 @@ def _yule_walker(covariance: Array, order: int) -> tuple[Array, float]:
         return np.empty(0), float(covariance[0])
     coefficients = np.asarray(solve_toeplitz(covariance[:order], covariance[1 : order + 1]))
     return coefficients, float(covariance[0] - coefficients @ covariance[1 : order + 1])
+
+
+def _burg(records: Sequence[Array], most: int) -> Iterator[tuple[Array, float]]:
+    """The coefficients and the variance of what they do not predict, of every order up to the largest."""
+    forward = np.concatenate([record - record.mean() for record in records])
+    backward, place = forward, np.concatenate([np.arange(len(record)) for record in records])
+    coefficients, variance = np.empty(0), float(np.mean(forward**2))
+    if not variance > 0.0:
+        raise _constant()
+    count = len(forward)
+    yield coefficients, variance
+    for order in range(1, most + 1):
+        forward, backward, place = forward[1:], backward[:-1], place[1:]
+        there = place >= order  # both are of one record
+        both = 0.5 * float(np.mean((forward**2 + backward**2)[there]))
+        reflection = float(np.mean((forward * backward)[there])) / both if both > 0.0 else 0.0
+        forward, backward = forward - reflection * backward, backward - reflection * forward
+        coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
+        variance *= 1.0 - reflection**2
+        left = max(count - len(records) - order, 1)  # degrees of freedom, less the means and the coefficients
+        yield coefficients, max(variance * count / left, 1e-300)
+
+
+def _constant() -> RigError:
+    return RigError("noise: every record is constant, expected readings that scatter")
 
 
 def autocovariance(records: Sequence[ArrayLike], lags: int) -> Array:
@@ -204,7 +238,7 @@ def autocovariance(records: Sequence[ArrayLike], lags: int) -> Array:
         total += products
         count += len(centred)
     if not total[0] > 0.0:
-        raise RigError("noise: every record is constant, expected readings that scatter")
+        raise _constant()
     return np.asarray(total / count)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -110,32 +109,37 @@ def drawn_in(values: Array, degrees: float, scale: float) -> Array:
     return np.clip(values, -most, most)
 
 
-@lru_cache(maxsize=32)
-def variance_beside_neighbours(degrees: float) -> float:
+def variance_beside_neighbours(noise: Array, degrees: float, scale: float) -> float:
     """The variance of noise that was drawn in beside its neighbours, over that of noise drawn in about zero.
 
-    By simulation; exact to half a per cent.
+    Of readings that are drawn anew from those given, whatever their distribution; exact to half a per cent.
+
+    Args:
+        noise: (n,) about zero. degrees, scale: of Student's distribution, as it is told by.
     """
-    noise = np.random.default_rng(0).standard_t(degrees, _SIMULATED)
-    local = beside_neighbours(noise)
-    there = noise + drawn_in(local, degrees, scale_of(local, degrees)) - local
-    return float(np.mean(there**2) / np.mean(drawn_in(noise, degrees, 1.0) ** 2))
+    drawn = np.random.default_rng(0).choice(noise, _SIMULATED)
+    local = beside_neighbours(drawn)
+    there = drawn + drawn_in(local, degrees, scale_of(local, degrees)) - local
+    return float(np.mean(there**2) / np.mean(drawn_in(drawn, degrees, scale) ** 2))
 
 
-@lru_cache(maxsize=32)
-def level_spread(degrees: float) -> float:
+def level_spread(noise: Array, degrees: float, scale: float) -> float:
     """How many times the variance of the level of drawn-in noise, as a recording shows it, is that of normal noise.
 
     By what a single reading does to it, the limit's share included (Hampel, Journal of the American Statistical
-    Association 69, 1974); exact to a few per cent.
+    Association 69, 1974), whatever the distribution.
+
+    Args:
+        noise, degrees, scale: as of ``variance_beside_neighbours``.
     """
     if np.isinf(degrees):
         return 1.0
-    square = np.random.default_rng(0).standard_t(degrees, _SIMULATED) ** 2
+    square = (noise / scale) ** 2
     most = limit(_DRAWN_IN, degrees) ** 2
     variance = float(np.mean(np.minimum(square, most)))
-    of_limit = 2.0 * _DRAWN_IN * most / variance
-    of_scale = ((degrees + 1.0) * square / (degrees + square) - 1.0) * (degrees + 3.0) / degrees
+    of_limit = float(np.mean(square > most)) * most / variance
+    told = float(np.mean((degrees + 1.0) * degrees * square / (degrees + square) ** 2))  # of the scale, by each
+    of_scale = ((degrees + 1.0) * square / (degrees + square) - 1.0) / told
     return 0.5 * float(np.var(np.minimum(square, most) / variance + of_limit * of_scale))
 
 

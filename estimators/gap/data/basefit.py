@@ -21,6 +21,7 @@ from estimators.gap.floor.colour import fit_floor, held
 from estimators.gap.floor.resonant import resonant
 from estimators.gap.floor.rounded import COARSE, rounded_floor
 from estimators.gap.floor.shared import correlations, slow_correlations
+from estimators.gap.floor.tails_at_rest import of_sweep, relieved_rest
 from estimators.gap.floor.tones_at_rest import amplitude_of, made_by_an_effect, toneless_readings, without_tones
 from estimators.gap.floor.unsteady import Unsteady, unsteadiness
 from estimators.goodness.residuals import residuals_of
@@ -30,7 +31,7 @@ from rig.arm import Arm
 from rig.arrays import Array, Mask, Rows
 from rig.channels import ACCELEROMETER, CHANNELS, COLUMNS_OF, MAGNETOMETER
 from rig.effects import Effect
-from rig.effects.tails import beside_neighbours, drawn_in, student, tails_of, variance_beside_neighbours
+from rig.effects.tails import beside_neighbours, drawn_in, tails_of
 from rig.environment import Environment
 from rig.errors import RigError
 from rig.pipeline import Pipeline
@@ -100,7 +101,7 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
     loud = {column: [amplitude_of(humming[column], each) for each in own] for column, own in tones.items()}
     still = {column: segments for column, (segments, _) in cleared.items()}
     for column, segments in still.items():
-        less, *tails[column] = _relieved(segments)
+        less, tails[column] = relieved_rest(segments)
         louder = unsteady.get(column)
         still[column] = segments if louder and louder.normal else less
         channels[column] = held(still[column], 1.0 / locked.rate_Hz, stride, 4)  # what is white four series tell
@@ -110,10 +111,10 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         raise _constant(locked, silent[0])
     boards = [sensor for column in channels for sensor, own in COLUMNS_OF.items() if column in range(6)[own]]
     fitted = coarse | {
-        column: _of_sweep(
+        column: of_sweep(
             resonant(still[column], locked.rate_Hz, interval_s, noise).shortened(known[column]),
             unsteady.get(column),
-            *tails[column],
+            tails[column],
         )
         for column, noise in zip(channels, fit_floor(list(channels.values()), boards), strict=True)
     }
@@ -165,27 +166,6 @@ def _constant(locked: Recording, column: int) -> RigError:
 
 def _never_at_rest(locked: Recording) -> RigError:
     return RigError(f"{locked.origin or locked.name}: the arm is never at rest, expected a locked recording")
-
-
-def _relieved(segments: list[Array]) -> tuple[list[Array], float, float]:
-    """Readings of poses at rest with the ends of long tails drawn in; the tails' degrees of freedom and variance."""
-    means = [float(segment.mean()) for segment in segments]
-    values = np.concatenate([segment - mean for segment, mean in zip(segments, means, strict=True)])
-    if not values.any():
-        return segments, np.inf, 0.0
-    degrees, scale, _ = student(values)
-    less = [drawn_in(segment - mean, degrees, scale) for segment, mean in zip(segments, means, strict=True)]
-    lost = float(np.mean(values**2) - np.mean(np.concatenate(less) ** 2))
-    return [each + mean for each, mean in zip(less, means, strict=True)], degrees, lost
-
-
-def _of_sweep(noise: ChannelNoise, unsteady: Unsteady | None, degrees: float, lost: float) -> ChannelNoise:
-    """The floor of long-tailed noise as the sweep's readings have it, drawn in beside their neighbours."""
-    noise = replace(noise, unsteady=unsteady, degrees=degrees)
-    if not noise.relieved:
-        return noise
-    grown = variance_beside_neighbours(degrees)
-    return replace(noise.scaled(grown), tails=lost - (grown - 1.0) * noise.white)
 
 
 def all_readings(recording: Recording) -> Array:

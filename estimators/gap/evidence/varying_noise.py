@@ -176,17 +176,28 @@ def _standard(values: Array) -> Array:
     return np.asarray(np.where(size > 1e-9, centred / np.maximum(size, 1e-9), 0.0))
 
 
+def _told(data: WhitenedData) -> Array:
+    """(6,) what a square tells of a variance, as a share of what that of normal noise does: long tails tell less, and
+    less so of means (the dispersion of a quasi-likelihood: Wedderburn, Biometrika 61, 1974)."""
+    beyond = np.array([floor.spread for floor in data.floor]) - 1.0
+    return np.asarray(1.0 / (1.0 + np.maximum(beyond, 0.0) / data.samples))
+
+
 def _promised(family: Family, data: WhitenedData, white: Mapping[int, Array]) -> float:
     """What a family gains in log evidence to second order about one variance (a score test); as if its functions were
     orthogonal where that is nothing."""
-    columns = {column: family.there(data, column) for column in white}
+    columns, told = {column: family.there(data, column) for column in white}, _told(data)
     precision = family.precision(_DEVIATIONS[-1])
-    score = np.sum([0.5 * columns[column].T @ (values**2 - 1.0) for column, values in white.items()], axis=0)
-    alone = precision + 0.5 * sum(map(len, white.values()))
+    score = np.sum(
+        [0.5 * told[column] * columns[column].T @ (values**2 - 1.0) for column, values in white.items()], axis=0
+    )
+    alone = precision + 0.5 * sum(told[column] * len(values) for column, values in white.items())
     gained = 0.5 * float(np.sum(score**2 / alone + np.log(precision / alone)))
     if gained < 0.0:
         return gained
-    information = np.diag(precision) + 0.5 * np.sum([own.T @ own for own in columns.values()], axis=0)
+    information = np.diag(precision) + 0.5 * np.sum(
+        [told[column] * own.T @ own for column, own in columns.items()], axis=0
+    )
     gained = 0.5 * float(score @ np.linalg.solve(information, score) + np.log(precision).sum())
     return gained - 0.5 * float(np.linalg.slogdet(information)[1])
 
@@ -194,7 +205,7 @@ def _promised(family: Family, data: WhitenedData, white: Mapping[int, Array]) ->
 def _likeliest(family: Family, data: WhitenedData, white: Mapping[int, Array]) -> tuple[float, dict[int, Array]]:
     """Log evidence of a variance of a sensor's channels that follows a family, against one variance, by Laplace's
     approximation; and the likeliest logarithm of it, of each channel's readings (m,)."""
-    columns = {column: family.there(data, column) for column in white}
+    columns, told = {column: family.there(data, column) for column in white}, _told(data)
     found = []
     for deviation in _DEVIATIONS:
         precision, sizes = family.precision(deviation), np.zeros(1 + len(family.weight))
@@ -202,15 +213,16 @@ def _likeliest(family: Family, data: WhitenedData, white: Mapping[int, Array]) -
             gradient, curved = -precision * sizes, np.diag(precision)
             for column, values in white.items():
                 squares = values**2 * np.exp(-columns[column] @ sizes)
-                gradient += 0.5 * columns[column].T @ (squares - 1.0)
-                curved += 0.5 * (columns[column] * np.maximum(squares, 0.5)[:, None]).T @ columns[column]
+                gradient += 0.5 * told[column] * columns[column].T @ (squares - 1.0)
+                curved += 0.5 * told[column] * (columns[column] * np.maximum(squares, 0.5)[:, None]).T @ columns[column]
             step = np.linalg.solve(curved, gradient)
             sizes = sizes + step * min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
         gained = -0.5 * float(precision @ sizes**2) + 0.5 * float(np.log(precision).sum())
         gained -= 0.5 * float(np.linalg.slogdet(curved)[1])
         logs = {column: own @ sizes for column, own in columns.items()}
         for column, values in white.items():
-            gained -= 0.5 * float(np.sum(logs[column] + values**2 * (np.exp(-logs[column]) - 1.0)))
+            lost = float(np.sum(logs[column] + values**2 * (np.exp(-logs[column]) - 1.0)))
+            gained -= 0.5 * told[column] * lost
         found.append((gained, deviation, logs))
     total = float(np.logaddexp.reduce([gained for gained, *_ in found])) - np.log(len(found))
     return total, max(found, key=lambda each: each[0])[2]

@@ -20,7 +20,6 @@ from scipy.signal import lfilter
 from estimators.gap.floor.unsteady import Unsteady
 from rig.arrays import Array
 from rig.effects._numerics import exponential_spectrum
-from rig.effects.tails import level_spread
 
 #: The filter has forgotten its start once its memory is below this share.
 _FORGOTTEN = 0.01
@@ -56,6 +55,7 @@ class ChannelNoise:
         degrees: of Student's distribution where single readings have long tails, infinite where they are normal; None
             where no recording at rest tells.
         tails: variance of the tails that readings are relieved of, beyond the rest of it [V^2].
+        spread: how many times the variance of its level, as readings at rest show it, is that of normal noise.
         unsteady: how its level changes in time; None where it is steady.
         tones_Hz: of tones at rest, without which it was learned.
         hums: frequency [Hz] and amplitude [V] of those that no effect of the catalogue makes: they are noise.
@@ -74,6 +74,7 @@ class ChannelNoise:
     spare: bool = False
     degrees: float | None = np.inf
     tails: float = 0.0
+    spread: float = 1.0
     unsteady: Unsteady | None = None
     tones_Hz: tuple[float, ...] = ()
     hums: tuple[tuple[float, float], ...] = ()
@@ -122,7 +123,7 @@ class ChannelNoise:
     def told(self, judged: int) -> float:
         """What a sample tells of the level, as a share of what one of steady normal noise does: long tails tell less,
         and a level that changes, where the floor is learned and in so many readings that are judged by it."""
-        spread = 1.0 if self.degrees is None else level_spread(self.degrees)
+        spread = self.spread
         if self.unsteady is not None:
             spread += 0.5 * self.samples * self.unsteady.unsure**2
         return 1.0 / (spread + (spread - 1.0) * self.samples / max(judged, 1))

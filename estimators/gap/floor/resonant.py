@@ -24,6 +24,8 @@ _SLOW: Final = 10.0
 _GRID: Final = 4096
 #: Samples of a pose at rest, at least, and series of samples as far apart as those of the sweep, at most.
 _SHORTEST, _SERIES = 20, 4
+#: Of an autoregression: on the safe side, as it leaks into an empty band; and with such a band as empty as it is.
+_METHODS: Final = ("yule-walker", "burg")
 #: Floors whose spectrum falls for each other one: noise of electronics does (Keshner, "1/f noise", Proceedings of the
 #: IEEE 70, 1982).
 _RARE: Final = 20.0
@@ -63,19 +65,25 @@ def resonant(segments: Sequence[Array], rate_Hz: float, interval_s: float, known
         replace(known, white=fast, parts=tuple(slow), folded=0.0),
     )[: 1 + any(part in slow for part in known.seen)]:
         whiten = base.whitener(interval_s)
-        found = autoregression([whiten(segment) for each in series for segment in each], highest=_HIGHEST)
-        if not found.order:
-            continue
-        noise = _times(base, found, interval_s)
-        try:
-            gains = [_log_likelihood(noise, each, interval_s) - own for each, own in zip(series, before, strict=True)]
-        except np.linalg.LinAlgError:  # of what lasts for longer, lags that are cut off are no autocovariance
-            continue
-        # parts that hardly pay are no reason for other noise
-        more = max(found.order - 2 * (len(known.seen) - len(base.seen)), 0) + 2
-        gained = float(np.mean(gains)) - 0.5 * more * log(sum(map(len, series[0])))
-        if gained >= best:
-            best, likeliest = gained, noise
+        white = [whiten(segment) for each in series for segment in each]
+        for method in _METHODS:
+            found = autoregression(white, highest=_HIGHEST, method=method)
+            if not found.order:
+                continue
+            noise = _times(base, found, interval_s)
+            try:
+                gains = [
+                    _log_likelihood(noise, each, interval_s) - own for each, own in zip(series, before, strict=True)
+                ]
+            except np.linalg.LinAlgError:  # of what lasts for longer, lags that are cut off are no autocovariance
+                continue
+            # parts that hardly pay are no reason for other noise
+            more = max(found.order - 2 * (len(known.seen) - len(base.seen)), 0) + 2
+            cost = 0.5 * more * log(sum(map(len, series[0])))
+            gained = float(np.mean(gains)) - cost
+            # twice as much for what is not on the safe side
+            if gained - (cost if method == "burg" else 0.0) >= best:
+                best, likeliest = gained, noise
     if likeliest is known:
         return known
     lags = np.array(likeliest.lags)
