@@ -377,8 +377,8 @@ def test_rig_noise_prints_draws_and_speaks_json(rig: Rig, tmp_path: Path) -> Non
 
 def test_a_band_that_a_filter_has_emptied_stays_empty() -> None:
     """Four poles' noise at .35 of the highest frequency falls by 56 dB to .8 of it: Burg's method tells that to 3 dB
-    (25 coefficients of 8000 readings: .3 dB for one deviation, and what so few leave of the filter's zeros), while
-    autocovariances of pieces leak 23 dB more into it."""
+    (40 coefficients of 8000 readings: sqrt(2 40 / 8000), .4 dB, for one deviation, and what so few leave of the
+    filter's zeros, 1 dB), while autocovariances of pieces leak 23 dB more into it."""
     numerator, denominator = butter(4, 0.35)
     noise = lfilter(numerator, denominator, np.random.default_rng(3).standard_normal(8400))[400:]
     records, places = np.split(noise, 20), np.pi * np.array([0.1, 0.7, 0.8])

@@ -86,7 +86,7 @@ def learn_floor(locked: Recording, interval_s: float, steps: Array | None = None
         own = held(segments, 1.0 / locked.rate_Hz)
         if own.segments and own.silent:
             raise _constant(locked, column)
-        if own.segments and own.variance > 0.0 and step**2 > COARSE**2 * own.variance:
+        if own.segments and step**2 > COARSE**2 * own.variance:
             coarse[column] = rounded_floor(segments, step, sum(map(len, segments)) / locked.rate_Hz)
             continue
         louder = unsteady.get(column)
