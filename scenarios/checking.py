@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -47,7 +48,8 @@ def check_file(path: Path, joints: int | None = None) -> Checked:
     """
     suffix = path.suffix.casefold()
     if suffix in (".parquet", ".csv"):
-        return _recording(scan_recording(path, joints=joints))
+        found = _recording(scan_recording(path, joints=joints))
+        return found if joints is not None else replace(found, findings=(*found.findings, *_arm_words(found)))
     if suffix == ".toml":
         return _toml(path)
     if suffix == ".json":
@@ -71,6 +73,15 @@ def _recording(scan: RecordingScan) -> Checked:
         "metadata": {key: value for key, value in meta.to_json().items() if key != "findings"},
     }
     return Checked("recording", holds, tuple(_findings(scan, run)))
+
+
+def _arm_words(found: Checked) -> Iterator[str]:
+    """Of joint angles alone, whose orientations only the arm tells."""
+    from estimators.known_angle.from_recording import BUILT_IN
+
+    named = found.holds["metadata"].get("arm")
+    if found.holds["pose"] == "joints" and named != BUILT_IN:
+        yield f"arm {named!r} is not built in: calibrate and diagnose need its model (--arm FILE)"
 
 
 def _findings(scan: RecordingScan, run: Recording) -> list[str]:

@@ -12,6 +12,7 @@ from cli_support import SMALL, Rig
 from diagnosed_recordings import by_hand
 from scipy.spatial.transform import Rotation
 
+from rig.assets import model_path
 from rig.recording import Recording, read_recording
 from rig.recording.findings import degrees_words
 from scenarios.importing.mapping import Mapping
@@ -97,6 +98,15 @@ def in_g(run: Recording) -> Recording:
     return replace(run, accelerometer=9.8 * run.accelerometer, units={**run.units, "accelerometer": "g"})
 
 
+def of_another_arm(run: Recording) -> Recording:
+    return replace(run, metadata=replace(run.metadata, arm="heron"))
+
+
+def test_an_arm_whose_model_is_given_is_not_missed(rig: Rig, swept: Path) -> None:
+    of_another_arm(read_recording("run.parquet")).write("other.parquet")
+    assert "built in" not in rig.done("check", "other.parquet", "--arm", str(model_path("a465/a465.urdf")))
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
@@ -104,6 +114,7 @@ def in_g(run: Recording) -> Recording:
         (too_fast, "rate_Hz says 20, the times say 10"),
         (in_degrees, "times as closely if their angles are degrees: under the name of radians?"),
         (in_g, "g, expected 0.5 to 2: its unit?"),
+        (of_another_arm, "arm 'heron' is not built in: calibrate and diagnose need its model (--arm FILE)"),
     ],
 )
 def test_what_looks_wrong(rig: Rig, swept: Path, wrong: Callable[[Recording], Recording], words: str) -> None:

@@ -27,6 +27,8 @@ PathLike = str | os.PathLike[str]
 FieldPoints = str | Sequence[float] | Mapping[str, str | Sequence[float]]
 Noise = NoiseFloor | Mapping[str, ArrayLike] | ArrayLike | Literal["residuals"]
 
+#: The arm that comes with the rig.
+BUILT_IN: Final = "a465"
 _POINTS: Final = {"down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
 
 
@@ -203,14 +205,14 @@ def arm_of(batch: Recording, arm: Arm | None, where: str) -> Arm | None:
     used = arm_or_named(arm, batch.metadata.arm)
     if used is None:
         raise RigError(
-            f"{where}: arm {batch.metadata.arm!r} is not built in, expected its model (--arm FILE), or arm 'a465'"
+            f"{where}: arm {batch.metadata.arm!r} is not built in, expected its model (--arm FILE), or arm {BUILT_IN!r}"
         )
     return used
 
 
 def arm_or_named(arm: Arm | None, name: str | None) -> Arm | None:
     """The arm that was given, else the one that comes with the rig where a recording or a calibration names that."""
-    if arm is not None or name != "a465":
+    if arm is not None or name != BUILT_IN:
         return arm
     from rig.arm import Arm  # brings MuJoCo with it: only where it is needed
 
