@@ -71,3 +71,13 @@ def test_a_waveform_is_polished_as_far_as_it_is_told(harmonics: int) -> None:
         square, found = _polished(clock, series, series[:, 0] * change, harmonics, start)
         assert square > 1e6 - 5.0
         assert found == pytest.approx(frequency, abs=0.01 * clock.cell / harmonics)
+
+
+@pytest.mark.parametrize("left_out", [0, 3, 400])
+def test_one_factor_of_all_frequencies_is_one_of_all_times(left_out: int) -> None:
+    gaps = gaps_of(left_out)
+    (of_frequency, of_time) = (Step(0, np.full(COUNT, 0.7), in_time) for in_time in (False, True))
+    assert of_frequency.scales
+    assert not Step(0, np.linspace(0.7, 0.7001, COUNT), in_time=False).scales
+    both = [after_steps([step], gaps.emptied(values()), gaps) for step in (of_frequency, of_time)]
+    np.testing.assert_allclose(both[0], both[1], atol=1e-15)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,8 @@ from rig.arrays import Array
 
 #: So many readings on either side of one that is left out stand for it, where no more than twice as many are.
 _NEIGHBOURS: Final = 4
+#: Factors of all frequencies that differ by less than this share of them are one.
+_ONE_FACTOR: Final = 1e-12
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,11 @@ class Step:
     part: int = 0
     of_floor: bool = False
 
+    @cached_property
+    def scales(self) -> bool:
+        """Whether it scales each whitened reading by itself: a factor of all frequencies is one of all times."""
+        return self.in_time or float(np.ptp(self.factor)) <= _ONE_FACTOR * float(self.factor[0])
+
     def shortened(self, count: int) -> Step:
         """For means over neighbouring samples: the step's lowest frequencies, or the mean of its factors."""
         if not self.in_time:
@@ -43,8 +51,8 @@ class Step:
 
     def __call__(self, white: Array) -> Array:
         """Whitened values (..., count)."""
-        if self.in_time:
-            return white * self.factor
+        if self.scales:
+            return white * (self.factor if self.in_time else self.factor[0])
         return np.asarray(idct(dct(white, norm="ortho") * self.factor, norm="ortho"))
 
 
@@ -122,7 +130,7 @@ class Gaps:
 def after_steps(steps: Sequence[Step], white: Array, gaps: Gaps) -> Array:
     """Whitened values (..., count) of one channel after further steps, in this order."""
     for step in joined(steps, gaps):
-        white = step(white if step.in_time else gaps.filled(white))
+        white = step(white if step.scales else gaps.filled(white))
     return gaps.emptied(white) if steps else white
 
 

@@ -134,7 +134,7 @@ class WhitenedData(ModelledRig):
     def only_scaled(self) -> bool:
         """Whether whitening scales each mean by itself, so that a product is whitened as its factors are."""
         whiteners = [each for part in self.parts for each in part.whiteners]
-        return all(each.white for each in whiteners) and all(step.in_time for step in self.steps)
+        return all(each.white for each in whiteners) and all(step.scales for step in self.steps)
 
     @cached_property
     def decorrelation(self) -> Array | None:

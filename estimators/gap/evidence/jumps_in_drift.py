@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.data.projection import project
+from estimators.gap.data.projection import orthonormal, project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.hypotheses.sources import Source
 from rig.arrays import Array
@@ -23,7 +23,7 @@ from rig.arrays import Array
 _MOST: Final = 32
 #: A step of which the calibration leaves less than this share is not one.
 _LEFT: Final = 1e-3
-#: And a direction of which it leaves less than this share of the most tells nothing.
+#: And a direction of which it leaves less than this share of the most tells nothing, nor one of which steps before do.
 _TAKEN: Final = 1e-6
 
 
@@ -85,8 +85,8 @@ class StepsInDrift:
             left: (c, n) whitened, with the calibration projected out. price: of an instant, in log likelihood.
         """
         at: list[int] = []
-        columns = np.zeros((left.size, 0))
-        rest, explained = left.ravel(), 0.0
+        steps: list[Array] = []  # orthonormal, each beside those before it
+        rest = left.ravel()
         while len(at) < _MOST:
             every = self.squares(rest.reshape(left.shape))
             every[at] = 0.0
@@ -95,12 +95,17 @@ class StepsInDrift:
             if every[instant] < price or (more := self.source.along(step, np.ones(1))) is None:
                 break
             own = project(self.data.absorbed, more.series.reshape(len(more.series), -1).T)
-            tried = np.column_stack([columns, own])
-            made = tried @ np.linalg.lstsq(tried, left.ravel(), rcond=1e-9)[0]
-            if 0.5 * (float(made @ made) - explained) < price:
+            size = np.sum(own**2, axis=0)
+            for _ in range(2):  # once leaves what rounding makes of it
+                for before in steps:
+                    own = project(before, own)
+            new = orthonormal(own[:, np.sum(own**2, axis=0) > _TAKEN * size])
+            made = new @ (new.T @ rest)
+            if 0.5 * float(made @ made) < price:
                 break
             at.append(instant)
-            columns, rest, explained = tried, left.ravel() - made, float(made @ made)
+            steps.append(new)
+            rest = rest - made
         return sorted(at)
 
 

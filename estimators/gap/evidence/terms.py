@@ -26,7 +26,7 @@ _NEGLIGIBLE: Final = 1e-9
 #: And what the calibration leaves less of than this share of its square is rounding.
 _ABSORBED: Final = 1e-9
 #: So many products of freedoms with columns are held at once.
-_AT_ONCE: Final = 1 << 21
+_AT_ONCE: Final = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from scipy.fft import dct
 from scipy.special import ndtri
-from scipy.stats import rankdata
 
 from estimators.gap.floor.channel_noise import ChannelNoise
 from estimators.gap.floor.learned import parts
+from estimators.gap.floor.normal_scores import normal_scores
 from rig.arrays import Array, Rows
 
 #: Independent steps in each step between neighbouring readings: neighbours share a reading.
@@ -45,18 +45,13 @@ def correlations(readings: Array, labels: Rows) -> Array:
     if len(there) < 2:
         return found
     independent = _INDEPENDENT * len(steps)
-    own = np.asarray(np.corrcoef(_scores(steps), rowvar=False))
+    own = np.asarray(np.corrcoef(normal_scores(steps), rowvar=False))
     own += (np.eye(len(own)) - own) / independent  # channels that are the same here need not be so elsewhere
     gained = -0.5 * independent * float(np.linalg.slogdet(own)[1])
     least = 0.25 * len(there) * (len(there) - 1) * np.log(independent)
     if gained > least and _in_every_band(readings[:, there], labels, own):
         found[np.ix_(there, there)] = own
     return found
-
-
-def _scores(values: Array) -> Array:
-    """(n, c) normal scores of each channel's values (n, c)."""
-    return np.asarray(ndtri(rankdata(values, axis=0) / (len(values) + 1.0)))
 
 
 def _in_every_band(readings: Array, labels: Rows, correlation: Array) -> bool:
@@ -68,7 +63,7 @@ def _in_every_band(readings: Array, labels: Rows, correlation: Array) -> bool:
         own = own[np.isfinite(own).all(axis=1)]
         if len(own) <= _BANDS:
             continue
-        for band, waves in enumerate(np.array_split(dct(_scores(own), axis=0)[1:], _BANDS)):
+        for band, waves in enumerate(np.array_split(dct(normal_scores(own), axis=0)[1:], _BANDS)):
             squares[band] += waves.T @ waves
     size = np.sqrt(np.maximum(np.einsum("bii->bi", squares), 1e-300))
     alike = squares / (size[:, :, None] * size[:, None, :])

@@ -10,9 +10,8 @@ from typing import Final
 import numpy as np
 from scipy.fft import rfft
 from scipy.linalg import cho_factor, cho_solve
-from scipy.special import ndtri
-from scipy.stats import rankdata
 
+from estimators.gap.floor.normal_scores import normal_scores
 from estimators.gap.floor.two_levels import forward, smoothed
 from rig.arrays import Array, Rows
 from rig.effects.tails import student
@@ -156,7 +155,7 @@ def unsteadiness(readings: Array, labels: Rows, interval_s: float, boards: Seque
     if len(whole) < 2 * _MEMORY or not np.all(np.ptp(np.abs(whole), axis=0) > 0.0):
         return []
     whole = whole / whole.std(axis=0)
-    scores = ndtri(rankdata(np.abs(whole), axis=0) / (len(whole) + 1.0))
+    scores = normal_scores(np.abs(whole))
     scores /= scores.std(axis=0)
 
     def of(columns: Sequence[int]) -> tuple[float, list[Unsteady]]:

@@ -65,7 +65,8 @@ def best_tone(
     if not allowed.any():
         return Score(0.0, 0, np.zeros(0), 0.0), 0.0, 1
     tried = int(allowed.sum()) // 2
-    peaks = sorted(np.flatnonzero(allowed), key=lambda index: -power[index])[:_PEAKS]
+    some = np.flatnonzero(allowed)
+    peaks = some[np.argsort(-power[some], kind="stable")[:_PEAKS]]
     best = [polished(seen, inverse, data.t, float(frequency[peak])) for peak in peaks]
     highest, at_Hz = max(best)
     rank = 2 * shown.shape[2]

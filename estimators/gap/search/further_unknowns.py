@@ -30,9 +30,10 @@ def weigh_further(work: Weighing) -> None:
     and in the place of each cause, and of noise that all channels share, that was found beside it. Under other noise,
     which may be that second thing, beside what leads there.
 
-    What two could explain is the first one's alone: each further one is rather too unlikely than too likely.
+    A discrepancy that the data do not ask for has no second one beside it. What two could explain is the first one's
+    alone: each further one is rather too unlikely than too likely.
     """
-    likely = [one for one in _likeliest(work) if one.log_mass > work.best - FAR]
+    likely = [one for one in _likeliest(work) if one.log_mass > work.best - FAR and work.asked_for(one)]
     if not likely or likely[0].log_mass < work.best - _DOUBTED:
         return
     for leading in likely:

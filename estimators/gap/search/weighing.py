@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final
@@ -13,7 +13,7 @@ import numpy as np
 from estimators.gap.data.steps import Step
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import CommonNoise, beside, beside_other, common_noises
-from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, squares_taken, total, weighed
+from estimators.gap.evidence.discrepancy import Discrepancies, squares_taken, total, weighed
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
@@ -22,6 +22,7 @@ from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise
 from estimators.gap.search.beam import Search
 from estimators.gap.search.displaced import FEW, displaced
 from estimators.gap.search.explanation import Explanation, Key, Member, distinct, key_of, without_one
+from estimators.gap.search.further_effects import further_effects
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Given, Noises, Promise
 from rig.progress import Progress
@@ -30,7 +31,7 @@ from rig.progress import Progress
 FAR: Final = 14.0
 #: Log odds against the leading explanation within which others are.
 NEAR: Final = 6.0
-#: Log odds by which a floor that is hardly likelier changes nothing else.
+#: Log odds by which a floor, or something without a name, is hardly likelier and changes nothing else.
 HARDLY: Final = 1.0
 #: Log probability of something without a name that is no noise.
 UNKNOWN: Final = float(np.log(OTHER * (1.0 - OTHER_NOISE)))
@@ -106,6 +107,10 @@ class Weighing:
     def known(self, explanation: Explanation, state: NoiseState) -> float:
         """Log mass without a discrepancy, but for its own prior."""
         return explanation.log_mass + state.log_weight
+
+    def asked_for(self, one: Hypothesis) -> bool:
+        """Whether the discrepancy of a hypothesis is likelier than none by more than chance, its prior aside."""
+        return one.log_mass > self.known(one.explanation, one.state) + UNKNOWN + HARDLY
 
     def alone(self, each: Explanation, state: NoiseState) -> Hypothesis:
         """An explanation without a discrepancy."""
@@ -320,7 +325,7 @@ class Weighing:
         self, some: Sequence[Explanation], state: NoiseState, search: Search, discrepancies: Discrepancies
     ) -> list[Explanation]:
         """Explanations beside discrepancies, and additions once one of these is there, which are given."""
-        done: set[tuple[str, ...]] = set()
+        done = {key for under, key, _ in self.gains if under is state and not key}  # nothing has no other fit
         queue, added = list(some), list[Explanation]()
         if len(some[0].members) > FEW:
             fewer = displaced(some[0], search.without_one(some[0]), discrepancies)
@@ -345,38 +350,28 @@ class Weighing:
             if queue or extended is None or leading.explanation.key in extended or len(extended) >= _OUTWARDS:
                 continue
             extended.add(leading.explanation.key)
-            new = list(self._additions(leading, nameless, search))
+            new = list(further_effects(leading, nameless, search, self.asked_for(leading), self.best - NEAR))
             added += new
             queue += new
             for one in new:
                 self.enter(self.alone(one, state))
         return added
 
-    @staticmethod
-    def _additions(leading: Hypothesis, nameless: Sequence[Hypothesis], search: Search) -> Iterator[Explanation]:
-        """One effect more beside what leads with a discrepancy, and one in the place of each of its effects: beside the
-        same discrepancy, and beside that which is likeliest without it, as that may do what the effect did."""
-        first = leading.terms[0].on_means
-        yield from search.beside(leading.explanation, first)
-        for rest in search.without_one(leading.explanation):
-            every = [one for one in nameless if one.explanation.key == rest.key]
-            own = max(every, key=lambda one: one.log_mass, default=None)
-            if own is not None:
-                yield from search.beside(rest, own.terms[0].on_means)
-            if own is None or _named(own.terms[0]) != _named(leading.terms[0]):
-                yield from search.beside(rest, first)
-
     def _hopeless(self, each: Explanation, state: NoiseState) -> bool:
-        """Whether a set beside a discrepancy is far from likely: that gains no more beside a set than beside less."""
+        """Whether a set beside a discrepancy is far from likely: that gains no more beside a set than beside less, and
+        other noise makes little of what is far behind without it."""
+        elsewhere = [
+            one.log_mass
+            for one in self.hypotheses.values()
+            if one.terms and one.state is not state and one.explanation.key == each.key
+        ]
+        if elsewhere and max(elsewhere) < self.best - NEAR - FAR:
+            return True
         held, own = Counter(each.key), dict[Key, float]()
         for under, fewer, gain in self.gains:
             if under is state and Counter(fewer) < held:
                 own[fewer] = max(gain, own.get(fewer, gain))
         return bool(own) and self.known(each, state) + min(own.values()) < self.best - NEAR
-
-
-def _named(one: Weighed) -> tuple[str, str]:
-    return one.term.source, one.term.course
 
 
 def of_all_channels(state: NoiseState) -> bool:
