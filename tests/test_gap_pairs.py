@@ -111,3 +111,23 @@ def test_a_set_whose_effects_do_nothing_without_one_of_them_is_ranked(arm: Arm) 
     assert search.gained(both) == pytest.approx(both.log_mass - search.fine(()).log_mass)
     assert search.gained(both) == pytest.approx(before, rel=0.1)
     assert search._refined()
+
+
+def test_two_effects_are_tried_in_the_place_of_two(arm: Arm) -> None:
+    """A play and a late sensor: from those of another joint and of the other sensor to the true ones, which are not
+    tried one by one then."""
+    true, others = ("backlash@joint5", "latency@magnetometer"), ("backlash@joint1", "latency@accelerometer")
+    late = {"where": "magnetometer", "delay_s": 0.05}
+    run = recorded(2, ("backlash", {"where": "joint5", "width_rad": 0.008}), ("latency", late))
+    data = set_up(run, estimated_floor(run, arm), arm)
+    candidates = [each for each in all_candidates(data) if each.label in (*true, *others)]
+    search = Search(Scanner.of(data), candidates, set_prior(candidates, {}, data, {}))
+    before = search.fitted(())
+    for label in others:
+        (tested,) = [each for each in search.score_tests(before) if each.candidate.label == label]
+        before = search.fitted((*before.members, search._member([tested], before)))
+    assert before.key == others
+    search._pair(before)
+    found = {each.key: each for each in search.found.values()}
+    assert found[true].log_mass > before.log_mass
+    assert not any(set(key) == {one, other} for key in found for one in true for other in others)

@@ -18,6 +18,7 @@ from estimators.gap.evidence.repeats import Repeats, clocks
 from estimators.gap.hypotheses.sources import sources
 from estimators.gap.remainder_words import course_words
 from rig.arrays import Array
+from rig.channels import CHANNELS
 from rig.recording import Recording
 
 Wave = Callable[[WhitenedData], Array]
@@ -116,3 +117,20 @@ def test_a_line_of_what_repeats_is_no_hum(run: Recording, of_joint: bool) -> Non
     found = diagnose(replace(run, magnetometer=run.magnetometer + off))
     assert found.verdict == "unknown"
     assert not [cause for cause in found.causes if cause.probability > 0.1]
+
+
+def test_what_hums_in_every_channel_is_one_thing(data: WhitenedData) -> None:
+    """A tone that each channel has in its own size and phase, at a signal-to-noise of 30: more than in the sensor that
+    has most of it, and with no second frequency."""
+    every = {each.name: each for each in sources(data)}
+    phases = np.random.default_rng(8).uniform(0.0, 2.0 * np.pi, 6)
+    tone = sum(
+        every[f"the offset of {channel}"].series[0] * np.sin(2.0 * np.pi * 0.31 * data.t + phase)
+        for channel, phase in zip(CHANNELS, phases, strict=True)
+    )
+    change = project(data.absorbed, np.ravel(tone))
+    left = project(data.absorbed, np.random.default_rng(1).standard_normal(data.size))
+    left += 30.0 * change / np.linalg.norm(change)
+    best = weighed_terms(unexplained(left), repeats(data).terms(left))[0]
+    assert best.term.source == "the offsets of every channel"
+    assert best.log_mass > 0.5 * 30.0**2 - 100.0

@@ -15,10 +15,10 @@ from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, weighed
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.considered import set_prior
 from estimators.gap.hypotheses.scan import Scanner
+from estimators.gap.search import further_unknowns
 from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.further_effects import further_effects
-from estimators.gap.search.further_unknowns import weigh_further
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.noises import Noises
 from estimators.gap.search.posterior import NoiseState
@@ -66,7 +66,7 @@ def test_nothing_is_looked_for_beside_a_discrepancy_that_is_not_asked_for(gained
     more = list(further_effects(found, [found], search, asked_for, np.inf))
     assert not more or asked_for
     before = len(work.hypotheses)
-    weigh_further(work)
+    further_unknowns.weigh_further(work)
     assert (len(work.hypotheses) > before) is asked_for
 
 
@@ -118,3 +118,16 @@ def test_nothing_at_all_is_weighed_once_under_each_state_of_the_noise(
         assert work.discrepancies is not None
         work._beside([nothing], state, search, work.discrepancies)
     assert [each is STATE for each in calls] == [True, False]
+
+
+def test_nothing_further_is_told_of_what_cause_and_discrepancy_leave_as_they_cancel(
+    arm: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where more is left beside a discrepancy than without it: a second one would explain the first."""
+    work, _, dipole = fresh(arm)
+    found = nameless(work, dipole, 5.0)
+    work.enter(found)
+    assert work.discrepancies is not None
+    assert further_unknowns._with_further(work, found, work.discrepancies).further
+    monkeypatch.setattr(further_unknowns, "left_beside", lambda linear, *_: replace(linear, left=1.1 * linear.left))
+    assert further_unknowns._with_further(work, found, work.discrepancies) is found

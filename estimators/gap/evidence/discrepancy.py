@@ -30,6 +30,7 @@ from estimators.gap.evidence.repeats import Repeats
 from estimators.gap.evidence.static_field import static_fields
 from estimators.gap.evidence.telegraph import Telegraphs
 from estimators.gap.evidence.terms import (
+    Errors,
     Functions,
     Term,
     blocks_term,
@@ -93,6 +94,7 @@ class Discrepancies:
         of_samples = sources(fine)
         every = [_on_means(data, each) for each in of_samples]
         blocks = [count for count in BLOCKS if count < 0.7 * data.count] + [data.count]
+        ways = len(blocks) + (not data.of_single)  # and from sample to sample
         own: list[list[Course]] = []
         for source in every:
             own.append([course for course, kinds in along if source.kind in kinds])
@@ -112,12 +114,16 @@ class Discrepancies:
         errors, found = smooth_terms(fine.absorbed, every, own, shares, functions, data)
         for source, share, freedoms in zip(every, shares, freedoms_of(every), strict=True):
             for count in blocks:
-                found.append(blocks_term(errors, source, freedoms, count, share - float(np.log(len(blocks)))))
+                found.append(blocks_term(errors, source, freedoms, count, share - log(ways)))
             if source.name == MAGNETIC:
                 found += static_fields(fine.absorbed, source, rough.base.position, share, data)
+        if fine.only_scaled and not data.of_single:
+            found += _from_sample_to_sample(of_samples, shares, ways)
         if not data.exact:
             singles = {source.name: source for source in of_samples}
-            found = [replace(term, of_samples=singles[term.source]) for term in found]
+            found = [
+                term if term.errors.means is None else replace(term, of_samples=singles[term.source]) for term in found
+            ]
         for source, share, history in zip(of_samples, shares, past, strict=True):
             for course in history:
                 found += terms_along(fine.absorbed, source, course, share)
@@ -160,6 +166,28 @@ class Discrepancies:
             found = smooth_terms(taken, [source], [self.courses], [share], self.functions, self.means)[1]
             self._forms[member] = found if self.means.exact else [replace(term, of_samples=single) for term in found]
         return self._forms[member]
+
+
+def _from_sample_to_sample(every: Sequence[Source], shares: Sequence[float], ways: int) -> list[Term]:
+    """What moves several channels at once by something else in each sample, which means over neighbours hardly show.
+
+    Only what has fewer freedoms than channels: else it is noise of these. Any turn is one of the tool.
+
+    Args:
+        ways: so many lengths a piece of time may have.
+    """
+    some = [
+        (source, share)
+        for source, share in zip(every, shares, strict=True)
+        if len(source.series) < np.count_nonzero(source.series.any(axis=(0, 2)))
+        and (source.kind != "turn" or source.name == "a turn of the tool")
+    ]
+    if not some:
+        return []
+    together = [source for source, _ in some]
+    errors, count = Errors.of(together), together[0].series.shape[2]
+    each = zip(some, freedoms_of(together), strict=True)
+    return [blocks_term(errors, source, own, count, share - log(ways)) for (source, share), own in each]
 
 
 def _on_means(data: Means, source: Source) -> Source:

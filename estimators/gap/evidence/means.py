@@ -22,9 +22,14 @@ class Means:
     rough: WhitenedData
 
     @property
+    def of_single(self) -> bool:
+        """Whether each is of a single sample."""
+        return self.rough is self.fine
+
+    @property
     def exact(self) -> bool:
         """Whether what sources along slow courses do to them is what whitening that sample by sample would make."""
-        return self.rough is self.fine and self.fine.only_scaled
+        return self.of_single and self.fine.only_scaled
 
     @property
     def count(self) -> int:
@@ -33,7 +38,7 @@ class Means:
 
     def __call__(self, columns: Array) -> Array:
         """Whitened columns (c n, k) as (c m, k)."""
-        if self.rough is self.fine:
+        if self.of_single:
             return columns
         by_channel = columns.T.reshape(-1, len(self.fine.columns), self.fine.count)
         found = np.empty((*by_channel.shape[:2], self.count))
@@ -46,7 +51,7 @@ class Means:
 
     def spread(self, sums: Array) -> Array:
         """(c n,) of sums (c m,): what each sample has of them where neighbours are alike."""
-        if self.rough is self.fine:
+        if self.of_single:
             return sums
         by_channel = sums.reshape(len(self.fine.columns), self.count)
         found = np.zeros((len(by_channel), self.fine.count))

@@ -372,7 +372,8 @@ def blocks_term(errors: Errors, source: Source, freedoms: slice, count: int, log
     own, vectors = np.linalg.eigh(grams)  # (b, f), (b, f, f)
     flat = own.ravel()
     kept = flat > _NEGLIGIBLE * max(float(flat.max()), 1e-300)
-    name = f"time, in {count} pieces" if count < len(series) else "time, from sample to sample"
+    single = count == len(series) and (errors.means is None or errors.means.of_single)
+    name = "time, from sample to sample" if single else f"time, in {count} pieces"
     scaled, unit = vectors / size[:, None], 1.0 / float(size[0]) ** 2
     return Term(source.name, name, log_prior, flat[kept], errors, freedoms, None, scaled, edges, kept, unit=unit)
 

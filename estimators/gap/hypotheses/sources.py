@@ -90,6 +90,11 @@ def sources(data: WhitenedData) -> list[Source]:
         readings = np.nan_to_num(data.modelled)
         found.append(source_of(data, "the gain of all channels", "gain", [readings]))
         found.append(source_of(data, "the offset of all channels", "offset", [np.ones_like(readings)]))
+        # what every channel has in its own measure, as a hum that all lines pick up: not several such things at once
+        own = [_only(data, column, 1.0) for column in data.columns]
+        found.append(source_of(data, "the offsets of every channel", "offset", own))
+        own = [_only(data, column, data.base.inputs[:, column]) for column in data.columns]
+        found.append(source_of(data, "the gains of every channel", "gain", own))
     return [each for each in found if each.series.any()]
 
 

@@ -23,7 +23,7 @@ from estimators.gap.hypotheses.same_places import alike
 from estimators.gap.hypotheses.scan import Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained
 from estimators.gap.search.beside_discrepancy import scores_beside
-from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted, key_of, to_refit, without_one
+from estimators.gap.search.explanation import Explanation, Key, Member, as_fitted, key_of, parted, to_refit, without_one
 from estimators.gap.search.pairs import likely_pairs
 from rig.progress import Progress
 
@@ -224,9 +224,10 @@ class Search:
         return found
 
     def _pair(self, best: Explanation) -> None:
-        """A set with two effects in the place of each."""
-        for member, rest in zip(best.members, map(self.fitted, without_one(best.members)), strict=True):
-            priced = [each for each in self._priced(rest) if each[1][0].candidate.label not in member.labels]
+        """A set with two effects in the place of each, and two others in the place of each two."""
+        for out, kept in (*parted(best.members, 1), *parted(best.members, 2)):
+            rest, gone = self.fitted(kept), {label for member in out for label in member.labels}
+            priced = [each for each in self._priced(rest) if each[1][0].candidate.label not in gone]
             least = _SWAPPED * (self.gained(best) - self.gained(rest))
             for both in likely_pairs(priced, least, self._scanner(rest).rough, self._left(rest, self.rough)):
                 self.fitted((*rest.members, *(self._member(group, rest) for group in both)))
@@ -352,7 +353,6 @@ class Search:
         if self.rough is self.data:
             return ranked
         margin = _FAR + _ROUGHLY * max(self.gained(ranked[0]), 0.0)
-        # evidence on means and on single samples differ by a constant: compare each with nothing there
         near = [each for each in ranked if self.gained(each) > self.gained(ranked[0]) - margin]
         of_size: dict[int, list[Explanation]] = {}
         for each in near:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Final
 from weakref import ref
 
@@ -66,7 +67,14 @@ def key_of(members: Sequence[Member]) -> Key:
 
 def without_one(members: tuple[Member, ...]) -> list[tuple[Member, ...]]:
     """A set without each of its members."""
-    return [members[:index] + members[index + 1 :] for index in range(len(members))]
+    return [kept for _, kept in parted(members, 1)]
+
+
+def parted(members: tuple[Member, ...], count: int) -> Iterator[tuple[tuple[Member, ...], tuple[Member, ...]]]:
+    """Each so many of a set's members, and the others."""
+    for out in combinations(range(len(members)), count):
+        kept = (member for index, member in enumerate(members) if index not in out)
+        yield tuple(members[index] for index in out), tuple(kept)
 
 
 def distinct(found: Iterable[Explanation]) -> list[Explanation]:

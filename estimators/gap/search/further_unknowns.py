@@ -118,7 +118,10 @@ def _with_further(
     Args:
         before: those that come first, in this order: what was found beside another hypothesis.
     """
-    less = left_beside(found.explanation.linear, found.terms[0], discrepancies)
+    whole = found.explanation.linear
+    less = left_beside(whole, found.terms[0], discrepancies)
+    if less.averaged[0] < whole.averaged[0]:
+        return found  # causes and discrepancy all but cancel: what is left of both is more than there was
     if of_all_channels(found.state):
         less = _beside_common(work, found, less, discrepancies)
     every, log_mass, fixed = list[tuple[Weighed, ...]](), found.log_mass, {_name(one) for one in discrepancies.terms}

@@ -1,7 +1,8 @@
 """Pairs of effects that explain together what neither does alone.
 
 A forward search extends the effects that lead. Where one effect does what two others do together, as the eccentricity
-of a joint does what its scale and its droop do, these two are far behind one by one.
+of a joint does what its scale and its droop do, these two are far behind one by one. So they are where two others do it
+together: either of these two beside one of the others is worse.
 """
 
 from __future__ import annotations
