@@ -12,9 +12,9 @@ from scipy.special import ndtri
 from scipy.stats import binom, norm
 
 from estimators.gap.data.projection import Basis
-from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.terms import Functions, smooth_terms
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.prior import FORM, OTHER, OTHER_NOISE, VISIBLE
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.stochastic import FittedNoise

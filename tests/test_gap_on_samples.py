@@ -11,7 +11,8 @@ from whitened_examples import recorded, unexplained
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, weighed, weighed_terms
+from estimators.gap.evidence.discrepancy import Discrepancies, weighed, weighed_terms
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.sources import sources
 from rig.arm import Arm
 from rig.arrays import Array

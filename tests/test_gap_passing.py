@@ -10,8 +10,9 @@ from whitened_examples import data, unexplained  # noqa: F401
 
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Weighed, weighed_terms
+from estimators.gap.evidence.discrepancy import weighed_terms
 from estimators.gap.evidence.passing import Atom, Passings
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.sources import sources
 from estimators.gap.remainder_words import course_words
 from rig.arrays import Array

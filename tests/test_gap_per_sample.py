@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from whitened_examples import recorded, unexplained
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.amplitudes import between_steps
 from estimators.gap.evidence.discrepancy import Discrepancies, weighed_terms
 from estimators.gap.hypotheses.scan import Scanner
 from estimators.gap.hypotheses.sources import sources
@@ -54,3 +56,30 @@ def test_noise_moves_nothing_from_sample_to_sample(arm: Arm) -> None:
     for seed in range(20):
         left = project(data.absorbed, np.random.default_rng(seed).standard_normal(data.size))
         assert all(each.log_mass < 0.0 for each in weighed_terms(unexplained(left), own))
+
+
+@pytest.mark.parametrize(("source", "course"), [("the clock", FROM_SAMPLE_TO_SAMPLE), ("the angle of joint6", "time")])
+def test_what_an_amplitude_is_told_to_does_not_depend_on_the_grid(source: str, course: str, arm: Arm) -> None:
+    """The log mass is the integral over a grid of 2,000 amplitudes to .1, wherever the grid of eight lies; alone, that
+    grid's varies by a nat where a few directions tell, and by hundreds where thousands do."""
+    data, discrepancies = finely_sampled(arm)
+    rng = np.random.default_rng(6)
+    term = max(
+        (each for each in discrepancies.terms if (each.source, each.course) == (source, course)),
+        key=lambda each: len(each.values),
+    )
+    sizes = rng.standard_normal((len(term.values), 1)) / np.sqrt(term.values)[:, None] * 3.0
+    left = rng.standard_normal(data.size) + term.every_sample(term.made(sizes))[:, 0]
+    linear, alone, masses = unexplained(left), list[float](), list[float]()
+    for shift in (1.0, 1.4, 2.0, 2.8):
+        (roughly,) = weighed_terms(linear, [replace(term, shift=shift)])
+        alone.append(roughly.log_mass)
+        masses.append(between_steps(linear, [roughly])[0].log_mass)
+        moments = term.along(left[:, None])[:, 0]
+        variance = roughly.term.variances[int(np.argmax(roughly.gains))] * np.geomspace(0.25, 4.0, 2001)[:, None]
+        ratio = variance * term.values
+        gains = 0.5 * np.sum(variance * moments**2 / (1.0 + ratio) - np.log1p(ratio), axis=1)
+        step = np.log(16.0) / 2000 / (2.0 * np.log(term.ratio)) / term.steps
+        assert masses[-1] == pytest.approx(term.log_prior + np.logaddexp.reduce(gains) + np.log(step), abs=0.1)
+    assert np.ptp(masses) < 0.1
+    assert np.ptp(alone) > 0.3

@@ -11,7 +11,8 @@ import pytest
 import scenarios
 from estimators.gap.data.basefit import estimated_floor, set_up
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, weighed
+from estimators.gap.evidence.discrepancy import Discrepancies, weighed
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.candidates import all_candidates
 from estimators.gap.hypotheses.considered import set_prior
 from estimators.gap.hypotheses.scan import Scanner

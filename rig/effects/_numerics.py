@@ -87,6 +87,17 @@ def shifted(t: Array, values: Array, at: Array) -> Array:
     return result
 
 
+def slopes(t: Array, values: Array) -> Array:
+    """(n, m) by how much what ``shifted`` reads changes with the time, at that of each sample."""
+    result = np.zeros_like(values)
+    there = np.flatnonzero(np.isfinite(values[0]))
+    cube, square, slope, _ = _spline(t, values[:, there])
+    step = t[-1] - t[-2]
+    end = slope[:, -1:] + step * (2.0 * square[:, -1:] + 3.0 * step * cube[:, -1:])
+    result[:, there] = np.hstack([slope, end]).T
+    return result
+
+
 def _spline(t: Array, values: Array) -> tuple[Array, Array, Array, Array]:
     """The cubic spline through samples (n, m) at times t (n,), as ``CubicSpline`` makes it, whose checks take longer.
 

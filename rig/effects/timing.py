@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from rig.arrays import Array
 from rig.channels import SENSORS
-from rig.effects._numerics import shifted
+from rig.effects._numerics import shifted, slopes
 from rig.effects.base import Effect, Kind, Stage, register
 from rig.effects.parameters import parameter
 from rig.signals import Signals
@@ -65,7 +65,7 @@ class TimingJitter(Effect):
     @override
     def response(self, base: Signals, pipeline: Pipeline) -> Array:
         """(n, 6, 1) [recorded unit/s]: the slope of the readings; all channels are read at the same wrong time."""
-        return np.gradient(base.volts, base.t, axis=0)[:, :, None]
+        return slopes(base.t, base.volts)[:, :, None]
 
     @override
     def apply(self, signals: Signals, rng: np.random.Generator) -> Signals:

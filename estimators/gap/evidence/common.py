@@ -14,10 +14,12 @@ import numpy as np
 
 from estimators.gap.data.projection import Basis, project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Weighed, total, weighed_terms
+from estimators.gap.evidence.amplitudes import between_steps, told
+from estimators.gap.evidence.discrepancy import total, weighed_terms
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.shown_errors import Shown, of_parts
 from estimators.gap.evidence.terms import Errors, Term, blocks_term
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.sources import Source
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, variances
 from rig.arrays import Array
@@ -73,9 +75,10 @@ class CommonNoise:
         (item,) = [each for each in self.effect.parameters() if each.strength]
         weight = np.exp(found.gains - np.logaddexp.reduce(found.gains))
         unit = float(self.term.unit)
-        variances = self.term.variances * unit
+        variances = found.term.variances * unit
         value = float(weight @ variances)
-        deviation = float(np.sqrt(weight @ (variances - value) ** 2 + (value * np.log(_RATIO) / np.sqrt(3.0)) ** 2))
+        between = value * min(float(np.log(_RATIO)) / np.sqrt(3.0), 1.0 / np.sqrt(max(told(found), 1e-300)))
+        deviation = float(np.sqrt(weight @ (variances - value) ** 2 + between**2))
         if self.shown is not None:
             square, width = self.shown.square(known, self.single)
             value, deviation = value + square, float(np.hypot(deviation, width))
@@ -171,7 +174,7 @@ def beside(linear: Linear, noises: Sequence[CommonNoise]) -> list[tuple[float, F
     found = []
     for noise in noises:
         known, gained = noise.known_in(linear)
-        for each in weighed_terms(known, [noise.term]):
+        for each in between_steps(known, weighed_terms(known, [noise.term])):
             found.append((each.log_mass + gained, noise.tested(each, known, gained)))
     return found
 
@@ -194,13 +197,13 @@ def beside_other(
     near = [each for each in terms[:_TERMS] if each.log_mass > terms[0].log_mass - _NEAR]
     for noise in noises:
         promising, gained = noise.known_in(less)
-        first = weighed_terms(promising, [noise.term])
+        first = between_steps(promising, weighed_terms(promising, [noise.term]))
         if not first or first[0].log_mass + gained < _PROMISING:
             continue
         known, gained = noise.known_in(linear)
         around = int(np.argmax(first[0].gains))
         some = range(max(around - _WINDOW, 0), min(around + _WINDOW, _STEPS))
-        tables = [weighed_with(known, noise.term, each.term, absorbed, some) for each in near]
+        tables = [weighed_with(known, first[0].term, each.term, absorbed, some) for each in near]
         shares = np.array([each.term.log_prior + each.log_share for each in near])
         alone = float(np.logaddexp.reduce(shares + [np.logaddexp.reduce(each.gains) for each in near]))
         strength = np.logaddexp.reduce(shares[:, None] + np.logaddexp.reduce(tables, axis=2), axis=0) - alone
@@ -208,7 +211,7 @@ def beside_other(
         both = [replace(each, gains=own) for each, own in zip(near, gains, strict=True)]
         both.sort(key=lambda each: -each.log_mass)
         log_mass = noise.term.log_prior + total([each.log_mass for each in both]) + gained
-        found.append((log_mass, noise.tested(Weighed(noise.term, strength), known, gained), both))
+        found.append((log_mass, noise.tested(Weighed(first[0].term, strength), known, gained), both))
     return found
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from math import log
 from typing import Final
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from estimators.gap.data.projection import project, side_by_side
 from estimators.gap.data.whitened import WhitenedData
+from estimators.gap.evidence.amplitudes import between_steps
 from estimators.gap.evidence.fitted_courses import FittedCourses
 from estimators.gap.evidence.jumps import Jumps
 from estimators.gap.evidence.laplace import Linear
@@ -39,6 +39,7 @@ from estimators.gap.evidence.terms import (
     smooth_terms,
     terms_along,
 )
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import Course, courses, history_courses, level_courses
 from estimators.gap.hypotheses.prior import OTHER_FORM
@@ -197,32 +198,6 @@ def _on_means(data: Means, source: Source) -> Source:
     return replace(source, series=both.T.reshape(freedoms, channels, data.count))
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """A term beside a set of effects.
-
-    Attributes:
-        term: the source and course.
-        gains: (8,) log evidence at each amplitude beyond that without the term.
-        log_share: of the terms of its kind, among all kinds.
-    """
-
-    term: Term
-    gains: Array
-    log_share: float = 0.0
-
-    @cached_property
-    def log_mass(self) -> float:
-        """With the term's prior, amplitudes averaged."""
-        averaged = float(np.logaddexp.reduce(self.gains)) - log(len(self.gains))
-        return self.term.log_prior + self.log_share + averaged
-
-    @property
-    def on_means(self) -> Weighed:
-        """As it was on means, where it is of samples: enough to rank what effects explain beside it."""
-        return self if self.term.of_means is None else replace(self, term=self.term.of_means)
-
-
 def weighed(
     linear: Linear,
     discrepancies: Discrepancies,
@@ -241,11 +216,11 @@ def weighed(
         found += (own := weighed_terms(linear, each.terms(linear.left, least)))
         least = max(least, own[0].log_mass - _NOTHING) if own else least
     if not changes:
-        return _leading_on_samples(linear, found, discrepancies.on_samples)
+        return between_steps(linear, _leading_on_samples(linear, found, discrepancies.on_samples))
     forms = weighed_terms(linear, [term for each in changes.items() for term in discrepancies.forms(*each)])
     every = [(one, 1.0 - OTHER_FORM) for one in found] + [(one, OTHER_FORM / len(changes)) for one in forms]
     shared = [Weighed(one.term, one.gains, log(part)) for one, part in every]
-    return _leading_on_samples(linear, shared, discrepancies.on_samples)
+    return between_steps(linear, _leading_on_samples(linear, shared, discrepancies.on_samples))
 
 
 def _leading_on_samples(linear: Linear, found: Sequence[Weighed], on_samples: OnSamples) -> list[Weighed]:

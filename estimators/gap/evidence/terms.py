@@ -112,7 +112,7 @@ class Term:
         errors, freedoms: the source. functions: of the course; None: the errors of each of some pieces of time.
         vectors: (f k, r) eigenvectors, scaled, of smooth terms. Of pieces: (b, f, f).
         edges: (b,) where the pieces begin. kept: (b f,) which of their values count.
-        steps, ratio: of the grid of amplitudes.
+        steps, ratio: of the grid of amplitudes. shift: a factor of its variances.
         unit: variance of the source's error for a variance of one here.
         weight: (k,) prior standard deviations of the functions, up to a common factor; None of pieces.
         of_samples: the source sample by sample, of a term that can be made more exactly. of_means: the term that such
@@ -131,6 +131,7 @@ class Term:
     kept: NDArray[np.bool_] | None = None
     steps: int = DISCREPANCY_STEPS
     ratio: float = 2.0
+    shift: float = 1.0
     unit: float = 1.0
     weight: Array | None = None
     of_samples: Source | None = None
@@ -146,7 +147,7 @@ class Term:
     def variances(self) -> Array:
         """(steps,) variances, one for each signal-to-noise before the data."""
         snr = DISCREPANCY_SNR * self.ratio ** np.arange(self.steps)
-        return np.asarray(snr**2 / max(float(self.values.sum()), 1e-300))
+        return np.asarray(self.shift * snr**2 / max(float(self.values.sum()), 1e-300))
 
     @cached_property
     def shrunk(self) -> tuple[Array, Array]:
@@ -321,8 +322,7 @@ def _gram_of_cosines(errors: Errors, freedoms: slice) -> Array:
     size = np.where(order > 0, np.sqrt(2.0), 1.0)
     pairs = 0.5 * np.outer(size, size) * (waves[:, order + order[:, None]] + waves[:, np.abs(order - order[:, None])])
     found = np.empty((series.shape[1], COSINES, series.shape[1], COSINES))
-    found[first, :, second] = pairs
-    found[second, :, first] = pairs
+    found[first, :, second] = found[second, :, first] = pairs
     return found
 
 

@@ -17,8 +17,9 @@ from scipy.special import ndtri
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import ESTABLISHED, Closed
-from estimators.gap.evidence.discrepancy import Discrepancies, Weighed
+from estimators.gap.evidence.discrepancy import Discrepancies
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.prior import OTHER, OTHER_NOISE
 from rig.arrays import Array
 

@@ -22,8 +22,8 @@ from estimators.gap.data.tangent import stepped
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.common import is_common
 from estimators.gap.evidence.converge import converged
-from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.refine import Fitted, tangents
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.posterior import Posterior
 from estimators.known_angle.assemble import assemble

@@ -18,8 +18,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.special import gammaln
 
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.terms import Term
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.prior import LENGTHS
 from estimators.gap.hypotheses.stochastic import EVERY, FittedNoise, Left
 from estimators.gap.search.explanation import Explanation

@@ -12,9 +12,10 @@ from estimators.gap.data.defects import Defect
 from estimators.gap.data.stack import Stack
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.diagnosis import Remainder
-from estimators.gap.evidence.discrepancy import Weighed, left_beside, squares_taken, weighed
+from estimators.gap.evidence.discrepancy import left_beside, squares_taken, weighed
 from estimators.gap.evidence.laplace import linearised
 from estimators.gap.evidence.refine import at
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.remainder_words import course_words
 from estimators.gap.report import closure
 from estimators.gap.search.hypothesis import Hypothesis

@@ -9,8 +9,8 @@ import numpy as np
 
 from estimators.gap.data.defects import Defect
 from estimators.gap.data.whitened import WhitenedData
-from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.states import left_of
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.prior import Prior
 from estimators.gap.hypotheses.score import Explained

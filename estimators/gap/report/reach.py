@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
-from estimators.gap.evidence.discrepancy import Weighed
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.stochastic import FittedNoise
 from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.further_unknowns import SECOND

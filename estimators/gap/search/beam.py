@@ -14,9 +14,9 @@ import numpy as np
 from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.converge import converged
-from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.means import Means
 from estimators.gap.evidence.refine import Refit, explained_by, started
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.prior import Drawn, Prior
 from estimators.gap.hypotheses.same_places import alike

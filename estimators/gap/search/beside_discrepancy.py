@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.gap.evidence.discrepancy import Weighed
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.candidates import Candidate
 from estimators.gap.hypotheses.scan import Look, Scanner, ScoreTest
 from estimators.gap.hypotheses.score import Explained, solve

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from estimators.gap.evidence.discrepancy import Weighed
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.search.beam import Search
 from estimators.gap.search.explanation import Explanation
 from estimators.gap.search.hypothesis import Hypothesis

@@ -8,10 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.evidence.discrepancy import Discrepancies, Weighed, left_beside, total, weighed, weighed_terms
+from estimators.gap.evidence.amplitudes import between_steps
+from estimators.gap.evidence.discrepancy import Discrepancies, left_beside, total, weighed, weighed_terms
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.states import NoiseState
 from estimators.gap.evidence.terms import Term
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.prior import FURTHER_UNKNOWN
 from estimators.gap.search.hypothesis import Hypothesis
 from estimators.gap.search.weighing import FAR, KEPT, Weighing, of_all_channels
@@ -154,7 +156,7 @@ def _again(less: Linear, terms: Sequence[Weighed]) -> list[Weighed]:
     """Terms beside something else, the likeliest first."""
     shares = {id(one.term): one.log_share for one in terms}
     found = weighed_terms(less, [one.term for one in terms])
-    return sorted((replace(one, log_share=shares[id(one.term)]) for one in found), key=lambda one: -one.log_mass)
+    return between_steps(less, [replace(one, log_share=shares[id(one.term)]) for one in found])
 
 
 def _beside_common(work: Weighing, found: Hypothesis, less: Linear, discrepancies: Discrepancies) -> Linear:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.states import NoiseState
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.search import robust
 from estimators.gap.search.explanation import Explanation
 from rig.arrays import Array

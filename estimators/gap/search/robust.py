@@ -15,8 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.evidence.discrepancy import Weighed
 from estimators.gap.evidence.laplace import Linear
+from estimators.gap.evidence.weighed import Weighed
 from rig.arrays import Array
 
 #: Blocks of time: enough for a covariance to be known to a fifth. So many neighbours of each may share a misfit.

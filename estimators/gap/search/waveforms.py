@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.gap.data.projection import project
-from estimators.gap.evidence.discrepancy import Weighed, total
+from estimators.gap.evidence.discrepancy import total
 from estimators.gap.evidence.states import NoiseState
+from estimators.gap.evidence.weighed import Weighed
 from estimators.gap.hypotheses.candidates import split
 from estimators.gap.hypotheses.courses import half_waves, in_time
 from estimators.gap.hypotheses.prior import PROCESS
