@@ -35,7 +35,7 @@ _MOVED: Final = 2
 #: Together they explain up to so much more than one by one.
 _TOGETHER: Final = 1.5
 #: So many sources are weighed with their jumps.
-_SOURCES: Final = 2
+_SOURCES: Final = 3
 
 
 @dataclass(frozen=True)

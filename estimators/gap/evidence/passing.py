@@ -35,7 +35,7 @@ _SHORTEST, _LONGEST = 2.0, 0.1
 #: A window is seen to so many of its widths: a Gaussian to either side, what dies away to one.
 _SEEN, _DIES = 3.0, 5.0
 #: So many sources are weighed, those that promise most, and each is off so many times at most.
-_SOURCES, _TIMES = 2, 6
+_SOURCES, _TIMES = 3, 6
 #: An atom that is put where it is best explains up to so much more than on the grid.
 _BETWEEN: Final = 1.4
 #: It is, where its square and its place, in widths, change by less than this, or after so many tries.

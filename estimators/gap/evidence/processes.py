@@ -25,7 +25,7 @@ from estimators.gap.hypotheses.courses import Course, half_waves
 from rig.arrays import Array
 
 #: So many sources are weighed, those that promise most.
-_SOURCES: Final = 2
+_SOURCES: Final = 3
 #: A process has so many cosines at most, those in which it is strongest.
 _MOST: Final = 256
 #: The direction is told this often, each time by the spectrum along the last one.

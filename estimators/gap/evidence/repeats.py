@@ -28,7 +28,7 @@ from rig.channels import CHANNELS
 from rig.effects.converter import lattice_step
 
 #: So many sources along clocks are weighed, those of the best sines.
-_MOST: Final = 4
+_MOST: Final = 5
 #: Harmonics of a waveform, and what each of its sines and cosines costs in log evidence before it is weighed.
 _HARMONICS: Final = (1, 4, 16)
 _COST: Final = 1.5
