@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -49,7 +48,8 @@ def check_file(path: Path, joints: int | None = None) -> Checked:
     suffix = path.suffix.casefold()
     if suffix in (".parquet", ".csv"):
         found = _recording(scan_recording(path, joints=joints))
-        return found if joints is not None else replace(found, findings=(*found.findings, *_arm_words(found)))
+        words = "" if joints is not None else _arm_words(found)
+        return replace(found, holds={**found.holds, "arm": words}) if words else found
     if suffix == ".toml":
         return _toml(path)
     if suffix == ".json":
@@ -75,13 +75,14 @@ def _recording(scan: RecordingScan) -> Checked:
     return Checked("recording", holds, tuple(_findings(scan, run)))
 
 
-def _arm_words(found: Checked) -> Iterator[str]:
-    """Of joint angles alone, whose orientations only the arm tells."""
+def _arm_words(found: Checked) -> str:
+    """Of joint angles alone, whose orientations only the arm tells, which arm's model is missing; empty for none."""
     from estimators.known_angle.from_recording import BUILT_IN
 
     named = found.holds["metadata"].get("arm")
-    if found.holds["pose"] == "joints" and named != BUILT_IN:
-        yield f"arm {named!r} is not built in: calibrate and diagnose need its model (--arm FILE)"
+    if found.holds["pose"] != "joints" or named == BUILT_IN:
+        return ""
+    return f"{named or 'not named'}, not built in: calibrate and diagnose need its model (--arm FILE)"
 
 
 def _findings(scan: RecordingScan, run: Recording) -> list[str]:
