@@ -49,7 +49,7 @@ def check_file(path: Path, joints: int | None = None) -> Checked:
     if suffix in (".parquet", ".csv"):
         found = _recording(scan_recording(path, joints=joints))
         words = "" if joints is not None else _arm_words(found)
-        return replace(found, holds={**found.holds, "arm": words}) if words else found
+        return replace(found, holds={**found.holds, "arm_model": words}) if words else found
     if suffix == ".toml":
         return _toml(path)
     if suffix == ".json":
@@ -82,7 +82,7 @@ def _arm_words(found: Checked) -> str:
     named = found.holds["metadata"].get("arm")
     if found.holds["pose"] != "joints" or named == BUILT_IN:
         return ""
-    return f"{named or 'not named'}, not built in: calibrate and diagnose need its model (--arm FILE)"
+    return f"that of {named or 'the arm'} is not built in: calibrate and diagnose need it (--arm FILE)"
 
 
 def _findings(scan: RecordingScan, run: Recording) -> list[str]:

@@ -105,7 +105,7 @@ def of_another_arm(run: Recording) -> Recording:
 def test_whose_model_will_be_asked_for(rig: Rig, swept: Path) -> None:
     """Of another arm than the one that comes with the rig, unless its model is given: that is no defect of the file."""
     of_another_arm(read_recording("run.parquet")).write("other.parquet")
-    words = "heron, not built in: calibrate and diagnose need its model (--arm FILE)"
+    words = "arm_model that of heron is not built in: calibrate and diagnose need it (--arm FILE)"
     assert words in " ".join(rig.done("check", "other.parquet").split())
     assert "built in" not in rig.done("check", "other.parquet", "--arm", str(model_path("a465/a465.urdf")))
     assert "built in" not in rig.done("check", "run.parquet")

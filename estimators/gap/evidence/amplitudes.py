@@ -15,7 +15,6 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from estimators.gap.data.projection import side_by_side
 from estimators.gap.evidence.laplace import Linear
 from estimators.gap.evidence.weighed import Weighed
 from rig.arrays import Array
@@ -37,11 +36,14 @@ def between_steps(linear: Linear, found: Sequence[Weighed]) -> list[Weighed]:
     """Terms beside a set of effects, each that may lead at its likeliest amplitude, the likeliest first."""
     if not found:
         return []
-    columns = side_by_side(linear.left, linear.tangent)
+    columns = linear.columns
     every, top = list(found), max(each.log_mass for each in found)
     for index, each in enumerate(every):
-        sharp = told(each) * _step(each) ** 2 > 2.0 * pi
-        if sharp and each.log_mass + _LOST * float(np.sum(_shares(each))) > top - _NEAR:
+        if each.log_mass + _LOST * len(each.term.values) < top - _NEAR:  # as much as any shares could lose
+            continue
+        shares = _shares(each)
+        sharp = 0.5 * float(shares @ shares) * _step(each) ** 2 > 2.0 * pi
+        if sharp and each.log_mass + _LOST * float(shares.sum()) > top - _NEAR:
             every[index] = _likeliest(linear, each, columns)
     return sorted(every, key=lambda each: -each.log_mass)
 
@@ -58,16 +60,13 @@ def _step(one: Weighed) -> float:
 
 def _likeliest(linear: Linear, one: Weighed, columns: Array) -> Weighed:
     term, best = one.term, int(np.argmax(one.gains))
-    along, precision = term.along(columns), linear.likeliest
-    whole = columns.T @ columns
-    alone = float(linear.log_evidence(whole[0, 0], whole[1:, 1:], whole[1:, 0], precision))
+    along = term.along(columns)
 
     def gains(variances: Array) -> Array:
         ratio = np.outer(variances, term.values)
         shrink = variances[:, None] / (1.0 + ratio)
-        rest = whole - np.matmul(along.T * shrink[:, None], along)
-        logs = linear.log_evidence(rest[:, 0, 0], rest[:, 1:, 1:], rest[:, 1:, 0], precision)
-        return np.asarray(logs - alone - 0.5 * np.log1p(ratio).sum(axis=1))
+        gained = linear.beyond(np.matmul(along.T * shrink[:, None], along))
+        return np.asarray(gained - 0.5 * np.log1p(ratio).sum(axis=1))
 
     def lost(off: float) -> float:
         return -float(gains(term.variances[best : best + 1] * exp(off))[0])

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.data.projection import Basis, project, side_by_side
+from estimators.gap.data.projection import Basis, project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.amplitudes import between_steps, told
 from estimators.gap.evidence.discrepancy import total, weighed_terms
@@ -222,7 +222,7 @@ def weighed_with(linear: Linear, noise: Term, other: Term, absorbed: Basis, some
         noise: of every sample, the calibration left in it. absorbed: the calibration's tangent.
         some: of the noise's amplitudes; all others are hopeless.
     """
-    columns = side_by_side(linear.left, linear.tangent)
+    columns = linear.columns
     seen_best = np.argsort(-other.values)[:_MOST]
     along, seen = noise.along(columns), other.along(columns)[seen_best]
     shared = np.empty((len(noise.values), len(seen_best)))
@@ -232,8 +232,6 @@ def weighed_with(linear: Linear, noise: Term, other: Term, absorbed: Basis, some
         unit[own, np.arange(len(own))] = 1.0
         made = project(other.errors.absorbed or absorbed, other.every_sample(other.made(unit)))
         shared[:, first : first + len(own)] = noise.along(made)
-    precision, square = linear.likeliest, columns.T @ columns
-    alone = float(linear.log_evidence(square[0, 0], square[1:, 1:], square[1:, 0], precision))
     found = np.full((len(noise.variances), len(other.variances)), -np.inf)
     for index in some:
         weight, determinant = noise.shrunk[0][index][:, None], noise.shrunk[1][index]
@@ -242,7 +240,6 @@ def weighed_with(linear: Linear, noise: Term, other: Term, absorbed: Basis, some
         right = vectors.T @ (seen - (shared * weight).T @ along)
         ratio = np.outer(other.variances, np.maximum(values, 0.0))
         less = np.einsum("ir,rp,rq->ipq", other.variances[:, None] / (1.0 + ratio), right, right, optimize=True)
-        every = square - (along * weight).T @ along - less
-        logs = linear.log_evidence(every[:, 0, 0], every[:, 1:, 1:], every[:, 1:, 0], precision)
-        found[index] = logs - alone - 0.5 * (determinant + np.log1p(ratio).sum(axis=1))
+        gained = linear.beyond((along * weight).T @ along + less)
+        found[index] = gained - 0.5 * (determinant + np.log1p(ratio).sum(axis=1))
     return found

@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.gap.data.projection import project, side_by_side
+from estimators.gap.data.projection import project
 from estimators.gap.data.whitened import WhitenedData
 from estimators.gap.evidence.amplitudes import between_steps
 from estimators.gap.evidence.fitted_courses import FittedCourses
@@ -132,13 +132,7 @@ class Discrepancies:
         for source, law in together:
             constant = Course(law, np.ones((fine.count, 1)), np.ones(1))
             found += terms_along(fine.absorbed, source, constant, shared[source.name])
-        # of an axis's offset, and of the tool, the catalogue has single steps
-        stepping = frozenset(
-            source.name
-            for source in of_samples
-            if (source.of_one_offset and "bias_step" not in without)
-            or (source.name == "a turn of the tool" and "mounting_slip" not in without)
-        )
+        stepping = frozenset(one.name for one in of_samples if one.single_step and one.single_step not in without)
         kept = [term for term in found if len(term.values)]
         fitted = tuple(kind(fine, of_samples, shares, stepping) for kind in _FITTED)
         return cls(kept, fitted, data, general, functions, OnSamples(fine), len(every))
@@ -181,7 +175,7 @@ def _from_sample_to_sample(every: Sequence[Source], shares: Sequence[float], way
         (source, share)
         for source, share in zip(every, shares, strict=True)
         if len(source.series) < np.count_nonzero(source.series.any(axis=(0, 2)))
-        and (source.kind != "turn" or source.name == "a turn of the tool")
+        and (source.kind != "turn" or source.of_tool)
     ]
     if not some:
         return []
@@ -246,7 +240,7 @@ def left_beside(linear: Linear, first: Weighed, discrepancies: Discrepancies) ->
         first: the discrepancy's term, as it was weighed beside the set.
     """
     term = first.term
-    along = term.along(side_by_side(linear.left, linear.tangent))
+    along = term.along(linear.columns)
     # of both at once: what an effect could do as well is not taken for little, time after time
     information = linear.gram + np.diag(linear.likeliest)
     fitted = np.linalg.solve(information, linear.tangent.T @ linear.left)
@@ -261,27 +255,17 @@ def left_beside(linear: Linear, first: Weighed, discrepancies: Discrepancies) ->
 
 def weighed_terms(linear: Linear, terms: Sequence[Term]) -> list[Weighed]:
     """Terms beside a set of effects, the likeliest first; all on the same grid of amplitudes."""
-    precision = linear.likeliest
-    columns = side_by_side(linear.left, linear.tangent)
-    square, gram, moment = float(linear.left @ linear.left), linear.gram, linear.tangent.T @ linear.left
-    alone = float(linear.log_evidence(square, gram, moment, precision))
-
-    def beyond(taken: Sequence[Array]) -> Array:
-        every = np.stack(taken)
-        rest = square - every[..., 0, 0], gram - every[..., 1:, 1:], moment - every[..., 1:, 0]
-        return linear.log_evidence(*rest, precision) - alone
-
     kept, taken, gains = list[Term](), list[Array](), list[Array]()
-    for term, along in zip(terms, every_along(terms, columns), strict=True):
+    for term, along in zip(terms, every_along(terms, linear.columns), strict=True):
         # without the effects' freedom no term can gain more than half the square it explains
         if 0.5 * float(np.sum(along[:, 0] ** 2 / term.values)) + term.log_prior < _HOPELESS:
             continue
         kept.append(term)
         taken.append(np.matmul(along.T * term.shrunk[0][:, None], along))
         if len(taken) == _TERMS:
-            gains += [*beyond(taken)]
+            gains += [*linear.beyond(np.stack(taken))]
             taken.clear()
-    gains += [*beyond(taken)] if taken else []
+    gains += [*linear.beyond(np.stack(taken))] if taken else []
     found = [Weighed(term, own - 0.5 * term.shrunk[1]) for term, own in zip(kept, gains, strict=True)]
     return sorted(found, key=lambda each: -each.log_mass)
 

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.gap.data.projection import project
+from estimators.gap.data.projection import project, side_by_side
 from estimators.gap.evidence.refine import Refit
 from estimators.gap.hypotheses.courses import matern
 from estimators.gap.hypotheses.prior import LENGTHS, ONE_AXIS, scales
@@ -70,6 +70,17 @@ class Linear:
     def gram(self) -> Array:
         """(p, p)."""
         return np.asarray(self.tangent.T @ self.tangent)
+
+    @property
+    def columns(self) -> Array:
+        """(m, p + 1) the residual, then the tangent."""
+        return side_by_side(self.left, self.tangent)
+
+    @cached_property
+    def products(self) -> Array:
+        """(p + 1, p + 1) of these with each other."""
+        moment = self.tangent.T @ self.left
+        return np.block([[self.left @ self.left, moment], [moment[:, None], self.gram]])
 
     @property
     def felt(self) -> bool:
@@ -154,6 +165,15 @@ class Linear:
         log_det -= 2.0 * np.log(scale).sum(axis=-1)
         fit -= precision @ self.pull**2
         return np.asarray(-0.5 * square + 0.5 * fit + 0.5 * np.log(precision).sum(axis=-1) - 0.5 * log_det)
+
+    def beyond(self, taken: Array) -> Array:
+        """(...,) what its log evidence, at its likeliest scales, is more where so much (..., p + 1, p + 1) is taken of
+        its products."""
+
+        def at(products: Array) -> Array:
+            return self.log_evidence(products[..., 0, 0], products[..., 1:, 1:], products[..., 1:, 0], self.likeliest)
+
+        return np.asarray(at(self.products - taken) - at(self.products))
 
     @cached_property
     def _ways(self) -> list[list[_Way]]:

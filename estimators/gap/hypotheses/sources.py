@@ -24,6 +24,7 @@ from rig.effects import EFFECTS, make_effect
 STRENGTH: Final = "the strength of "
 #: The name of the magnetic field's error in the base's frame.
 MAGNETIC: Final = "the magnetic field"
+_TOOL: Final = "the tool"
 #: Angle [rad] and delay [s] at which derivatives are taken.
 _STEP: Final = 1e-5
 _DELAY: Final = 1e-4
@@ -81,6 +82,16 @@ class Source:
         """Whether it is the offset of one axis."""
         return self.kind == "offset" and self.column >= 0
 
+    @property
+    def of_tool(self) -> bool:
+        """Whether it turns all sensors at once: so does any error of an angle."""
+        return self.kind == "turn" and self.name == f"a turn of {_TOOL}"
+
+    @property
+    def single_step(self) -> str:
+        """The effect of the catalogue that is one step of it; empty: none."""
+        return "bias_step" if self.of_one_offset else "mounting_slip" if self.of_tool else ""
+
 
 def sources(data: WhitenedData) -> list[Source]:
     """Every error source of a recording."""
@@ -122,7 +133,7 @@ def _of_frames(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Sour
         moving = np.flatnonzero(np.std(np.unwrap(q, axis=0), axis=0) > LOCKED)
         frames |= {f"link{joint + 1}": data.base.link_rotation(int(joint)) for joint in moving[:-1]}
     if len(fields) > 1:  # of one sensor that is its own turn
-        frames["the tool"] = rotation
+        frames[_TOOL] = rotation
     for place, frame in frames.items():
         axes = np.moveaxis(frame, 2, 0)
         turned = [
@@ -132,7 +143,7 @@ def _of_frames(data: WhitenedData, fields: Mapping[str, Array]) -> Iterator[Sour
         yield source_of(data, f"a turn of {place}", "turn", turned)
         for name, field in fields.items():
             what = "the acceleration" if name == ACCELEROMETER else "the magnetic field"
-            if place != "the tool":  # there it is an offset
+            if place != _TOOL:  # there it is an offset
                 size = float(np.linalg.norm(field))
                 felt = [_felt(data, name, size * _in_tool(axis, rotation)) for axis in axes]
                 yield source_of(data, what if place == "the base" else f"{what} along {place}", "field", felt)

@@ -168,7 +168,8 @@ class Search:
             each = Explanation.of(members, refitted, prior, fine)
             own = each.members
             instants = [index for index, member in enumerate(own) if member.widths] if fine else []
-            if instants and each.log_mass > self._best_fine() - _FAR:
+            best = max((one.log_mass for one in self.found.values() if one.fine), default=-np.inf)
+            if instants and each.log_mass > best - _FAR:
                 for index in instants:
                     own, refitted = self._at_its_instant(own, index, refitted)
                 each = Explanation.of(own, refitted, prior, fine)
@@ -177,10 +178,6 @@ class Search:
 
     def _log_prior(self, members: Sequence[Member]) -> float:
         return self.prior.log_set([*self.given, *(member.drawn for member in members)])
-
-    def _best_fine(self) -> float:
-        """The largest log mass of a set that was fitted sample by sample."""
-        return max((each.log_mass for each in self.found.values() if each.fine), default=-np.inf)
 
     def _at_its_instant(
         self, members: tuple[Member, ...], index: int, refitted: Refit
@@ -310,6 +307,8 @@ class Search:
     def gained(self, each: Explanation) -> float:
         """Log mass beyond that of the set without effects, the same for all sets: as means over neighbouring samples
         tell it, and what needs single samples for what it adds on them."""
+        if self.rough is self.data:
+            return each.log_mass - self.fine(()).log_mass
         slow = tuple(member for member in each.members if member.fit.candidate.smooth)
         alone = len(slow) == len(each.members)
         rough = each if not each.fine and alone else self.fitted(slow)
@@ -322,7 +321,7 @@ class Search:
     def _finer(self) -> float:
         """Beside sets that need single samples: by what factor these tell more than means of the likeliest that does
         not. A hundredth of what a strong cause gains is more than what tells it from a tone."""
-        if self.rough is self.data or all(_smooth(each.members) for each in self.found.values()):
+        if all(_smooth(each.members) for each in self.found.values()):
             return 1.0
         nothing = self._fitted((), self.rough)
         best = max((each for each in self.found.values() if not each.fine), key=lambda each: each.log_mass)

@@ -131,8 +131,10 @@ def _with_further(
     while len(every) < _MOST:
         if len(every) < len(before):
             terms = _again(less, before[len(every)])
-        else:  # a term that leaves it far behind need not be weighed, unless others are to come
-            terms = weighed(less, discrepancies, least=min(work.best - FAR - log_mass - SECOND, 0.0))
+        else:  # a term that leaves it far behind need not be weighed, nor if others that gain as much are to come
+            behind = work.best - FAR - log_mass
+            least = behind / (_MOST - len(every)) - SECOND if behind > 0.0 else min(behind - SECOND, 0.0)
+            terms = weighed(less, discrepancies, least=least)
             terms = [one for one in terms if _name(one.term) not in there]  # that is the same thing once more
         gained = SECOND + total([one.log_mass for one in terms])
         if not terms or (every and gained < 0.0):
