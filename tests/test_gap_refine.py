@@ -36,8 +36,9 @@ from rig.effects import Effect, make_effect
 
 
 @cache
-def whitened_data(seed: int, arm: Arm, *effects: Effect) -> WhitenedData:
-    base = scenarios.load("ann-arbor").with_acquisition(decimation=100)
+def whitened_data(seed: int, arm: Arm, *effects: Effect, decimation: int = 100) -> WhitenedData:
+    """1,664 samples, or so many that means over neighbours are looked at first, where every 80th is kept."""
+    base = scenarios.load("ann-arbor").with_acquisition(decimation=decimation)
     run = base.with_effects(effects).simulate(seed=seed)
     return set_up(run, estimated_floor(run, arm), arm)
 
@@ -238,27 +239,33 @@ def test_effects_that_nearly_do_the_same_are_judged_where_they_are_likeliest(arm
     assert likeliest.log_mass < true.log_mass
 
 
+def test_few_samples_are_looked_at_one_by_one(arm: Arm) -> None:
+    scanner = Scanner.of(whitened_data(1, arm, DIPOLE))
+    assert scanner.rough is scanner.fine
+
+
 def test_sets_are_compared_on_one_scale(arm: Arm) -> None:
     """Single samples tell more of a backlash than means over neighbours do. A set that needs single samples counts for
     what it adds on these: it is no further ahead of sets that are fitted on means than of their fits sample by sample.
     """
-    data = whitened_data(1, arm, make_effect("backlash", {"where": "joint1", "width_rad": 0.05}))
+    lash = make_effect("backlash", {"where": "joint1", "width_rad": 0.05})
+    data = whitened_data(1, arm, lash, decimation=80)
     labels = ("backlash@joint1", "harmonic_drive_error@joint6")
     candidates = [next(each for each in all_candidates(data) if each.label == label) for label in labels]
     assert [each.smooth for each in candidates] == [True, False]
     search = Search(Scanner.of(data), candidates, set_prior(candidates, {}, data, {}))
     assert search.rough.size < data.size
     (members,) = (one for one in search.additions(search.fitted(()), 2) if one[0].label == labels[0])
-    lash = search.fitted(members)
+    play = search.fitted(members)
     wave = Fitted(candidates[1], np.array([3e-5, 0.5, 200.0]), {})
-    fine = search.fine(lash.members, lash)
-    assert search.gained(fine) == search.gained(lash)
-    assert fine.log_mass - search.fine(()).log_mass > search.gained(lash) + 1.0  # what the scales differ by
-    both = search.fitted((*lash.members, Member(wave, 0.0, (labels[1],))))
+    fine = search.fine(play.members, play)
+    assert search.gained(fine) == search.gained(play)
+    assert fine.log_mass - search.fine(()).log_mass > search.gained(play) + 1.0  # what the scales differ by
+    both = search.fitted((*play.members, Member(wave, 0.0, (labels[1],))))
     assert both.fine
-    assert not lash.fine
-    assert search.gained(both) - search.gained(lash) == pytest.approx(both.log_mass - fine.log_mass, abs=1e-9)
-    assert search.gained(lash) == pytest.approx(fine.log_mass - search.fine(()).log_mass, rel=1e-9)
+    assert not play.fine
+    assert search.gained(both) - search.gained(play) == pytest.approx(both.log_mass - fine.log_mass, abs=1e-9)
+    assert search.gained(play) == pytest.approx(fine.log_mass - search.fine(()).log_mass, rel=1e-9)
 
 
 def test_an_instant_is_moved_to_where_it_is_likeliest_beside_the_rest(arm: Arm) -> None:
@@ -350,7 +357,8 @@ def test_the_set_that_leads_sample_by_sample_has_its_effects_swapped_too(
 
     They tie to rounding: either may lead, and where the other does next, its effects are swapped in turn.
     """
-    data = whitened_data(1, arm, DIPOLE, make_effect("link_hard_iron", {"where": "link5", "field": (0.02, 0.0, -0.02)}))
+    iron = make_effect("link_hard_iron", {"where": "link5", "field": (0.02, 0.0, -0.02)})
+    data = whitened_data(1, arm, DIPOLE, iron, decimation=80)
     labels = ("base_dipole@base", "link_hard_iron@link5", "motor_current_field@joint6")
     candidates = [each for each in all_candidates(data) if each.label in labels]
     search = Search(Scanner.of(data), candidates, set_prior(candidates, {}, data, {}))

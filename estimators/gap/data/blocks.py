@@ -19,8 +19,9 @@ _MAINS: Final = (50.0, 60.0)
 _TURN: Final = 0.8
 #: [rad] over a turn of this an effect's mean is its value in the middle: to 0.4 % of a third harmonic.
 _STRAIGHT: Final = 0.1
-#: Neighbours averaged at most for a first look, and the means this must leave.
-_MOST, _FEWEST = 8, 500
+#: Neighbours averaged at most for a first look, and the means this must leave; what fewer neighbours than so many save
+#: is lost again, as sets are looked at both ways.
+_MOST, _FEWEST, _WORTH = 8, 500, 4
 
 
 def block_size(count: int, interval_s: float) -> int:
@@ -41,8 +42,10 @@ def each_used(count: int) -> bool:
 
 
 def neighbours(base: Signals) -> int:
-    """How many neighbouring samples turn by no more than ``_TURN`` together, at most ``_MOST``."""
-    few_enough = max(1, len(base) // _FEWEST)
+    """How many neighbouring samples turn by no more than ``_TURN`` together, at most ``_MOST``; one of few samples."""
+    few_enough = len(base) // _FEWEST
+    if few_enough < _WORTH:
+        return 1
     return int(min(_MOST, few_enough, max(1.0, _TURN / max(_turned(base), 1e-9))))
 
 
