@@ -31,6 +31,7 @@ from estimators.known_angle.model import Method, Weighting
 from estimators.known_angle.together import calibrate_together
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, RecordingScan, thinned
+from rig.recording.repeated_poses import evenly_posed
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -102,6 +103,7 @@ def calibrate(
             for sensor, own in found.sensors.items()
         }
         return Calibration(sensors_found, source.name, None, found.extra)
+    source, repeats = evenly_posed(source)
     summed = summarise(source, chosen, arm, progress)
     results: dict[str, SensorCalibration] = {}
     for position, sensor in enumerate(chosen):
@@ -127,7 +129,7 @@ def calibrate(
             reads=reads_of(summed.metadata, sensor),
             field_unit=summed.metadata.stated_field_unit(sensor),
         )
-        results[sensor] = floors.with_loudness(made)
+        results[sensor] = floors.with_loudness(made if not repeats else made.warned(repeats))
     return Calibration(results, source.name, summed.arm)
 
 

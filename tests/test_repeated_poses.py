@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import scenarios
 from estimators.dispatch import calibrate
 from estimators.gap.data.basefit import fitted_model, posed
+from estimators.goodness import judged, judged_together, robust_calibrate
 from estimators.goodness.residuals import residuals_of
 from rig.arm import Arm
 from rig.pose_nodes import quaternions
@@ -121,6 +122,27 @@ def test_the_base_fit_leaves_less(run: Recording, arm: Arm) -> None:
         return float(residuals_of(recording, "accelerometer", fitted["accelerometer"], arm).values.std())
 
     assert left(posed(held, arm)[0]) < 0.5 * left(held)
+
+
+def test_a_calibration_is_that_of_the_motion(run: Recording, tmp_path: Path) -> None:
+    """A log that is held is half an interval late: joint 1's angle would be off by that, 30 standard deviations. From
+    pose to pose the arm goes straight to a tenth of one: in a file of any size, in parts, and without outliers."""
+    assert run.q is not None
+    held = replace(run, q=run.q[rows_of(len(run), uneven=False)], name="held")
+    held.write(tmp_path / "held.parquet")
+    true = calibrate(run, noise="residuals")
+    half = len(run) // 2
+    halves = [replace(held.select(slice(*ends)), name=str(ends)) for ends in ((0, half), (half, None))]
+    found = [calibrate(each, noise="residuals") for each in (held, tmp_path / "held.parquet", halves)]
+    for one in [*found, robust_calibrate(held, noise="residuals")[0]]:
+        for sensor, own in one.sensors.items():
+            told = np.isfinite(spread := np.sqrt(np.diag(true[sensor].covariance)))
+            assert (np.abs(own.values - true[sensor].values)[told] < spread[told]).all()
+            assert sum("straight lines were put between" in words for words in own.quality.warnings) >= 1
+    for one in (judged(held, found[0]), judged_together(halves, found[2])):
+        for own in one.sensors.values():
+            assert own.quality.verdict is not None
+            assert own.quality.verdict["good"]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])

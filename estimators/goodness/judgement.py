@@ -28,6 +28,7 @@ from rig.arrays import Array
 from rig.channels import ACCELEROMETER
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording, scan_recording, thinned
+from rig.recording.repeated_poses import evenly_posed
 
 if TYPE_CHECKING:
     from rig.arm import Arm
@@ -58,7 +59,8 @@ def is_it_good(
     Raises:
         RigError: as of ``residuals_of``, or the file cannot be read.
     """
-    recording = thinned(run, at_most)
+    posed, _ = evenly_posed(run if isinstance(run, Recording) else scan_recording(run))
+    recording = thinned(posed, at_most)
     used = arm_or_named(arm, calibration.arm)
     found: dict[str, Goodness] = {}
     for sensor in recording.sensors:

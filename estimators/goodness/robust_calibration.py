@@ -17,6 +17,7 @@ from estimators.known_angle.model import Method, Weighting
 from rig.arrays import Array, Mask
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
+from rig.recording.repeated_poses import evenly_posed
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
@@ -69,6 +70,9 @@ def robust_calibrate(
     Raises:
         RigError, RefusedFit: as of ``estimators.calibrate`` and ``reject_outliers``.
     """
+    posed, repeats = evenly_posed(run)
+    assert isinstance(posed, Recording)
+    run = posed
     needed = run.q is not None and run.tool_quaternion is None
     used = arm_or_named(arm, run.metadata.arm) if needed else arm  # ``calibrate`` says what is missing
     found: dict[str, SensorCalibration] = {}
@@ -78,7 +82,7 @@ def robust_calibrate(
         rejection = reject_outliers(run, sensor, used, cut)
         part = run if rejection.kept.all() else run.select(rejection.kept)
         result = calibrate(part, method, noise, arm, field_points, weighting, (sensor,))
-        own = result[sensor]
+        own = result[sensor].warned(repeats) if repeats else result[sensor]
         if rejection.rejected:
             words = (
                 f"{rejection.rejected} of {len(run)} samples were left out as outliers (beyond {cut:g} standard"

@@ -14,6 +14,7 @@ from estimators.known_angle.from_recording import arm_of
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.pose_nodes import quaternions
 from rig.recording import Recording, RecordingScan, joined, thinned
+from rig.recording.repeated_poses import evenly_posed
 from rig.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def as_one(
     noise = {each["recording"]: np.asarray(each["noise"]) for each in told.get(sensors[0], [])}
     parts, weights, start = [], [], 0.0
     for run in runs:
-        part = thinned(run, MOST_SAMPLES // len(runs))
+        part = thinned(evenly_posed(run)[0], MOST_SAMPLES // len(runs))
         made = _bare(part, arm_of(part, arm, part.origin or part.name), sensors, calibration, start)
         parts.append(made)
         start = float(made.t[-1]) + float(np.median(np.diff(made.t)) if len(made) > 1 else 1.0)

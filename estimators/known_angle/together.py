@@ -40,6 +40,7 @@ from rig.arrays import Array
 from rig.channels import SENSORS
 from rig.errors import RigError, in_short
 from rig.recording import Recording, RecordingScan
+from rig.recording.repeated_poses import evenly_posed
 from rig.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -143,11 +144,13 @@ def calibrate_together(
     chosen = chosen_sensors(recorded, sensors)
     parts: dict[str, list[Part]] = {sensor: [] for sensor in chosen}
     units: dict[str, str] = {}
-    arms = set()
+    arms, warnings = set(), list[str]()
     for source, floor in zip(sources, floors, strict=True):
         there = [sensor for sensor in chosen if sensor in source.sensors]
         if not there:
             continue
+        source, repeats = evenly_posed(source)
+        warnings += [f"{source.name}: {repeats}"] if repeats else []
         summed = summarise(source, there, arm, progress)
         arms.add(summed.arm)
         for position, sensor in enumerate(there):
@@ -178,7 +181,7 @@ def calibrate_together(
         count = sum(part.statistics.count for part in parts[sensor])
         rms = np.sqrt(joint.residual_square.sum(axis=0) / count)
         loud = loud_words(own.quality.chi_square, source_of_noise)
-        results[sensor] = replace(own, fit_rms=rms).warned(*loud, *_disagreements(told[sensor]))
+        results[sensor] = replace(own, fit_rms=rms).warned(*loud, *warnings, *_disagreements(told[sensor]))
     name = in_short([each.name for each in sources])
     known_arm = next((each for each in arms if each is not None), None)
     return Calibration(results, name, known_arm, {"recordings": told})

@@ -12,7 +12,7 @@ import numpy as np
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.recording.recording_files import RecordingScan
-from rig.recording.repeated_poses import equal_rows, repeated
+from rig.recording.repeated_poses import equal_rows, repeated, repeated_words
 from rig.recording.samples import Recording
 from rig.recording.thinning import thinned
 from rig.units import STANDARD_GRAVITY
@@ -114,11 +114,9 @@ def _held(run: Recording) -> str:
     """Whether the poses are those of a slower log, each repeated until the next one came."""
     if (starts := repeated(run)) is None:
         return ""
-    often = int(np.median(np.diff(starts)))
     return (
-        f"each pose is repeated in {often} rows, throughout, while the readings go on: a slower log's, held until the"
-        " next came? rig diagnose puts straight lines between; the pose log as a file of its own, given to rig import,"
-        " has its times as well"
+        f"{repeated_words(starts)}: a slower log's, held until the next came? rig calibrate and rig diagnose put"
+        " straight lines between; the pose log as a file of its own, given to rig import, has its times as well"
     )
 
 

@@ -13,10 +13,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from rig.arrays import Array, Rows
+from rig.recording.recording_files import RecordingScan
 from rig.recording.samples import Recording
 
 #: Poses of a slower log, at least, and the share of them that are repeated equally often, give or take once.
 _LOGGED, _THROUGHOUT = 20, 0.9
+#: So many of the first rows, and a share of them that repeat the one before, as more do in any such log.
+_FIRST, _ANY = 4096, 0.1
 #: From the first to the second half of the rows of a pose, readings go on by this share of what they change between
 #: the pose before and the one after, where the arm moves evenly; by nothing where it is held.
 _GOES_ON: Final = 0.25
@@ -38,6 +41,9 @@ def repeated(run: Recording) -> Rows | None:
     """
     poses = run.tool_quaternion if run.q is None else run.q
     if poses is None or run.metadata.still_poses:
+        return None
+    first = poses[:_FIRST]
+    if len(first) < 2 or np.mean((first[1:] == first[:-1]).all(axis=1)) < _ANY:
         return None
     starts, counts = equal_rows(poses)
     inner = counts[1:-1]  # the first and the last may be cut off
@@ -73,6 +79,27 @@ def _going_on(readings: Array, starts: Rows, counts: Rows) -> bool:
     squares = float(np.sum(between**2) - np.sum((half / many)[:, None] * within**2))
     sure = float(along.sum()) > _SURE * float(np.sqrt(np.sum(along**2)))
     return sure and float(along.sum()) > 0.5 * _GOES_ON * squares
+
+
+def repeated_words(starts: Rows) -> str:
+    """What is the matter, with the rows of ``repeated``."""
+    often = int(np.median(np.diff(starts)))
+    return f"each pose is repeated in {often} rows, throughout, while the readings go on"
+
+
+def evenly_posed(source: Recording | RecordingScan) -> tuple[Recording | RecordingScan, str]:
+    """As ``straight_between``, of a recording, or a scan of one by its first rows; and a warning in words, empty where
+    it is as it was.
+
+    Raises:
+        RigError: the file cannot be read, or is such a log and does not fit into the memory.
+    """
+    first = source if isinstance(source, Recording) else next(iter(source))
+    if (starts := repeated(first)) is None:
+        return source, ""
+    whole = first if isinstance(source, Recording) else source.read()
+    words = f"{repeated_words(starts)}, as of a slower log, held until the next came: straight lines were put between"
+    return straight_between(whole), words
 
 
 def straight_between(run: Recording) -> Recording:
