@@ -17,9 +17,10 @@ from estimators.goodness.residuals import residuals_of
 from rig.arm import Arm
 from rig.pose_nodes import quaternions
 from rig.recording import Recording
-from rig.recording.block_means import block_means
+from rig.recording.block_means import block_means, joined
 from rig.recording.recording_files import scan_recording
 from rig.recording.repeated_poses import repeated, straight_between
+from rig.stream.straight_poses import StraightPoses
 
 EVERY = 5
 
@@ -54,6 +55,32 @@ def test_joint_angles_are_the_logs_own_where_they_were_read(run: Recording, unev
     assert len(run) - len(kept) < 3 * EVERY
     assert repeated(straight) is None
     assert straight_between(run) is run
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+@pytest.mark.parametrize("size", [1, 3, 64, 999])
+def test_a_streams_poses_are_those_of_the_whole(run: Recording, uneven: bool, size: int) -> None:
+    """In batches of any size: once some forty poses are known, and but for what waits at the end."""
+    assert run.q is not None
+    held = replace(run, q=run.q[rows_of(len(run), uneven)]).select(slice(0, 2000))
+    straight, whole = StraightPoses(), straight_between(held)
+    parts = [straight(held.select(slice(first, first + size))) for first in range(0, len(held), size)]
+    found = joined([part for part in parts if part is not None])
+    assert "straight lines are put between" in straight.words
+    assert (np.diff(found.t) > 0.0).all()
+    assert set(whole.t) <= set(found.t)
+    later = found.t > held.t[40 * EVERY + size]
+    assert found.q is not None
+    assert whole.q is not None
+    own = np.searchsorted(whole.t, found.t[later])
+    np.testing.assert_allclose(found.q[later], whole.q[own], atol=1e-9)
+
+
+def test_a_stream_of_poses_of_its_own_is_as_it_is(run: Recording) -> None:
+    straight = StraightPoses()
+    batches = [run.select(slice(first, first + 50)) for first in range(0, 500, 50)]
+    assert all(straight(batch) is batch for batch in batches)
+    assert not straight.words
 
 
 def test_a_pause_on_one_clock_moves_no_pose(run: Recording) -> None:

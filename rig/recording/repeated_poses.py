@@ -34,12 +34,17 @@ def equal_rows(values: Array) -> tuple[Rows, Rows]:
     return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
 
+def poses_of(run: Recording) -> Array | None:
+    """(n, N) [rad] joint angles, else the tool's quaternions (n, 4); None where there are neither."""
+    return run.tool_quaternion if run.q is None else run.q
+
+
 def repeated(run: Recording) -> Rows | None:
     """The rows at which the poses of a slower log first stand; None where they are no such log's.
 
     An arm that is held in each pose repeats these too: then its readings do not go on within them.
     """
-    poses = run.tool_quaternion if run.q is None else run.q
+    poses = poses_of(run)
     if poses is None or run.metadata.still_poses:
         return None
     first = poses[:_FIRST]
@@ -52,8 +57,12 @@ def repeated(run: Recording) -> Rows | None:
         return None
     if not _going_on(run.every_reading, starts, counts):
         return None
-    # while the arm pauses, its pose is read as well
-    rows = zip(starts, counts, strict=True)
+    return read_at(poses, often)
+
+
+def read_at(poses: Array, often: int) -> Rows:
+    """The rows at which poses (n, k) were read, each for so many rows; while the arm pauses, too."""
+    rows = zip(*equal_rows(poses), strict=True)
     return np.concatenate([np.arange(first, first + max(many - often // 2, 1), often) for first, many in rows])
 
 
@@ -111,8 +120,17 @@ def straight_between(run: Recording) -> Recording:
     """
     if (starts := repeated(run)) is None:
         return run
-    t, starts = run.t, starts[1:]  # nobody knows how long the first one stood before
-    late = 0.5 if np.ptp(np.diff(starts)) else 0.0
+    return lines_between(run, starts[1:], lateness(starts))  # nobody knows how long the first one stood before
+
+
+def lateness(starts: Rows) -> float:
+    """By which share of a row poses are older than the rows at which they first stand; the first may be cut."""
+    return 0.5 if np.ptp(np.diff(starts[1:])) else 0.0
+
+
+def lines_between(run: Recording, starts: Rows, late: float) -> Recording:
+    """As ``straight_between``, of the poses that first stand at some rows after the first, so late."""
+    t = run.t
     at = (1.0 - late) * t[starts] + late * t[starts - 1]
 
     def lines(values: Array) -> Array:

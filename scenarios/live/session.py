@@ -20,6 +20,7 @@ from rig.errors import RigError
 from rig.recording import Recording, scan_recording
 from rig.stream import Feed, Journal
 from rig.stream.journal import mended
+from rig.stream.straight_poses import StraightPoses
 
 if TYPE_CHECKING:
     from estimators import Calibration
@@ -135,6 +136,7 @@ class Session:
         self.journal: Journal | None = None
         self.states: tuple[SensorState, ...] = ()
         self._displays = tuple(displays)
+        self._straight = StraightPoses()
         self._begun_s = np.nan
         self.t_s = np.nan
         self._next = float(_FIRST)
@@ -283,10 +285,15 @@ class Session:
             display.samples(part)
         self.t_s = float(part.t[-1])
         self.samples += len(part)
+        told, known = self._straight.words, self._straight(part)
+        if self._straight.words != told:
+            self._say(self._straight.words)
+        if known is None:
+            return
         if self.calibrator is not None:
-            self.calibrator.add(part)
+            self.calibrator.add(known)
         if self.watch is not None:
-            for alarm in self.watch.add(part):
+            for alarm in self.watch.add(known):
                 self._say(str(alarm), alarm.t_s)
 
     def _idle(self) -> None:
