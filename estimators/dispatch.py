@@ -56,7 +56,8 @@ def calibrate(
     """Calibrate the sensors of a recording, or of several at once.
 
     Args:
-        run: a recording; a path is read in batches, so that its length does not matter. Several: one calibration holds
+        run: a recording; a path is read in batches, so that its length does not matter, unless its poses are those of a
+            slower log, each repeated (``evenly_posed``): then it is read whole. Several: one calibration holds
             for all of them (``estimators.known_angle.together``); by attitude only.
         method: "simultaneous": one field direction a sensor, Renk (15), (21); "separate": one a channel, (14), (20);
             "ellipsoid": without the attitude, from the constant magnitude of the fields, Camps et al. None:

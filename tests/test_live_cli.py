@@ -102,12 +102,12 @@ def test_poses_of_a_slower_source_are_told_of(here: Path, rig: Rig) -> None:
     run = read_recording("run.csv")
     assert run.q is not None
     replace(run, q=run.q[np.arange(len(run)) // 5 * 5]).write("held.csv")
-    words = "each pose is repeated in 5 rows, throughout, while the readings go on: straight lines are put between"
+    words = "each pose is repeated in 5 rows, throughout, while the readings go on: straight lines are put between them"
     for name, told in (("run", False), ("held", True)):
         found = rig("live", f"{name}.csv", "-o", f"{name}-live.parquet", "--keep-going", "--idle", "0.2")
         assert (words in " ".join(f"{found.out} {found.err}".split())) is told
         warnings = estimators.Calibration.read(f"{name}-live.calibration.json")["accelerometer"].quality.warnings
-        assert any("straight lines were put between" in each for each in warnings) is told
+        assert any("straight lines were put between them" in each for each in warnings) is told
 
 
 def test_it_stops_when_it_is_enough(here: Path, rig: Rig) -> None:

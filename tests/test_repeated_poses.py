@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import scenarios
@@ -19,7 +20,7 @@ from rig.pose_nodes import quaternions
 from rig.recording import Recording
 from rig.recording.block_means import block_means, joined
 from rig.recording.recording_files import scan_recording
-from rig.recording.repeated_poses import repeated, straight_between
+from rig.recording.repeated_poses import evenly_posed, repeated, straight_between
 from rig.stream.straight_poses import StraightPoses
 
 EVERY = 5
@@ -44,11 +45,11 @@ def test_joint_angles_are_the_logs_own_where_they_were_read(run: Recording, unev
     held = replace(run, q=run.q[own])
     found = repeated(held)
     assert found is not None
-    np.testing.assert_array_equal(found, np.unique(own))
+    np.testing.assert_array_equal(found.starts, np.unique(own))
     straight = straight_between(held)
     assert straight.q is not None
     kept = np.searchsorted(run.t, straight.t)
-    nodes = found[1:]
+    nodes = found.starts[1:]
     at = 0.5 * (run.t[nodes] + run.t[nodes - 1]) if uneven else run.t[nodes]
     lines = np.stack([np.interp(straight.t, at, column[nodes]) for column in run.q.T], axis=1)
     np.testing.assert_allclose(straight.q, lines, atol=1e-12)
@@ -60,13 +61,15 @@ def test_joint_angles_are_the_logs_own_where_they_were_read(run: Recording, unev
 @pytest.mark.parametrize("uneven", [False, True])
 @pytest.mark.parametrize("size", [1, 3, 64, 999])
 def test_a_streams_poses_are_those_of_the_whole(run: Recording, uneven: bool, size: int) -> None:
-    """In batches of any size: once some forty poses are known, and but for what waits at the end."""
+    """In batches of any size, over a pause: once some forty poses are known, and but for what waits at the end."""
     assert run.q is not None
-    held = replace(run, q=run.q[rows_of(len(run), uneven)]).select(slice(0, 2000))
+    at = np.minimum(np.arange(2000), 1000) + np.maximum(np.arange(2000) - 1402, 0)
+    readings = {sensor: run.readings(sensor)[at] for sensor in run.sensors}
+    held = replace(run.select(slice(0, 2000)), q=run.q[at[rows_of(2000, uneven)]], **readings)
     straight, whole = StraightPoses(), straight_between(held)
     parts = [straight(held.select(slice(first, first + size))) for first in range(0, len(held), size)]
     found = joined([part for part in parts if part is not None])
-    assert "straight lines are put between" in straight.words
+    assert "straight lines are put between them" in straight.words
     assert (np.diff(found.t) > 0.0).all()
     assert set(whole.t) <= set(found.t)
     later = found.t > held.t[40 * EVERY + size]
@@ -79,8 +82,90 @@ def test_a_streams_poses_are_those_of_the_whole(run: Recording, uneven: bool, si
 def test_a_stream_of_poses_of_its_own_is_as_it_is(run: Recording) -> None:
     straight = StraightPoses()
     batches = [run.select(slice(first, first + 50)) for first in range(0, 500, 50)]
-    assert all(straight(batch) is batch for batch in batches)
+    for batch in batches:
+        given = straight(batch)
+        assert given is not None
+        np.testing.assert_array_equal(given.t, batch.t)
     assert not straight.words
+
+
+def test_a_coarse_encoder_is_no_slower_log(run: Recording) -> None:
+    """At 64 Hz, angles rounded to half a degree stand for some six rows: one joint's change while another's do not."""
+    assert run.q is not None
+    fine, rng = np.arange(32_000) / 16.0, np.random.default_rng(3)
+
+    def finer(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(fine, np.arange(len(run)), column) for column in values.T], axis=1)
+
+    readings = {name: finer(run.readings(name)) for name in run.sensors}
+    readings = {name: each + 0.01 * rng.standard_normal(each.shape) for name, each in readings.items()}
+    step = np.deg2rad(0.5)
+    q = np.round(finer(run.q) / step) * step
+    rounded = Recording(t=fine / 4.0, q=q, units=run.units, metadata=run.metadata, **readings)
+    assert repeated(rounded) is None
+
+
+def test_a_sensor_that_settles_in_each_pose_is_no_slower_log(run: Recording) -> None:
+    """Poses are held for twenty rows, and a first-order lag of three is left of each move."""
+    assert run.q is not None
+    own = np.arange(len(run)) // 20 * 20
+    settled = {
+        name: lfilter([1.0 - np.exp(-1.0 / 3.0)], [1.0, -np.exp(-1.0 / 3.0)], run.readings(name)[own], axis=0)
+        for name in run.sensors
+    }
+    assert repeated(replace(run, q=run.q[own], **settled)) is None
+
+
+def test_one_lost_row_makes_no_clock_of_its_own(run: Recording) -> None:
+    assert run.q is not None
+    held = replace(run, q=run.q[rows_of(len(run), uneven=False)])
+    found = repeated(held.select(np.arange(len(run)) != 3001))
+    assert found is not None
+    assert found.late == 0.0
+
+
+def test_a_log_that_begins_anew_turns_no_joint_further_than_it_goes(run: Recording) -> None:
+    """Half of the rows are gone, and joint 6 stands half a turn and more away where it goes on."""
+    assert run.q is not None
+    held = replace(run, q=run.q[rows_of(len(run), uneven=False)])
+    assert held.q is not None
+    apart = np.abs(held.q[1000] - held.q[:, None][4000:4200, 0]).max(axis=1)
+    again = 4000 + int(np.argmax(apart)) // EVERY * EVERY
+    rows = np.arange(len(run))
+    straight = straight_between(held.select((rows < 1000) | (rows >= again)))
+    assert straight.q is not None
+    kept = np.searchsorted(run.t, straight.t)
+    assert np.abs(straight.q - held.q[kept]).max() < np.pi
+    assert not ((straight.t > run.t[1000 - EVERY]) & (straight.t < run.t[again])).any()
+
+
+def test_each_kind_of_poses_is_asked_by_itself(run: Recording, arm: Arm) -> None:
+    """Joint angles are held, and the tool's poses are each sample's own: or the other way round."""
+    assert run.q is not None
+    own = rows_of(len(run), uneven=False)
+    tool = quaternions(run.rotations(arm).reshape(-1, 3, 3))
+    one = straight_between(replace(run, q=run.q[own], tool_quaternion=tool))
+    kept = np.searchsorted(run.t, one.t)
+    np.testing.assert_array_equal(one.tool_quaternion, tool[kept])
+    other = straight_between(replace(run, tool_quaternion=tool[own]))
+    np.testing.assert_array_equal(other.q, run.q[np.searchsorted(run.t, other.t)])
+    for each in (one, other):
+        assert 0 < len(run) - len(each) < 3 * EVERY
+
+
+def test_a_file_that_begins_at_rest_is_asked_where_the_arm_moves(run: Recording, tmp_path: Path) -> None:
+    assert run.q is not None
+    held = replace(run, q=run.q[rows_of(len(run), uneven=False)])
+    rest = 3000
+    at = np.maximum(np.arange(len(run) + rest) - rest, 0)
+    readings = {sensor: run.readings(sensor)[at] for sensor in run.sensors}
+    assert held.q is not None
+    Recording(t=0.25 * np.arange(len(at)), q=held.q[at], units=run.units, metadata=run.metadata, **readings).write(
+        tmp_path / "late.parquet"
+    )
+    straight, words = evenly_posed(scan_recording(tmp_path / "late.parquet", batch_rows=1000))
+    assert isinstance(straight, Recording)
+    assert "each pose is repeated in 5 rows" in words
 
 
 def test_a_pause_on_one_clock_moves_no_pose(run: Recording) -> None:
@@ -165,7 +250,7 @@ def test_a_calibration_is_that_of_the_motion(run: Recording, tmp_path: Path) -> 
         for sensor, own in one.sensors.items():
             told = np.isfinite(spread := np.sqrt(np.diag(true[sensor].covariance)))
             assert (np.abs(own.values - true[sensor].values)[told] < spread[told]).all()
-            assert sum("straight lines were put between" in words for words in own.quality.warnings) >= 1
+            assert sum("straight lines were put between them" in words for words in own.quality.warnings) >= 1
     for one in (judged(held, found[0]), judged_together(halves, found[2])):
         for own in one.sensors.values():
             assert own.quality.verdict is not None

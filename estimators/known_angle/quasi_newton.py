@@ -22,6 +22,7 @@ from estimators.known_angle.statistics import Statistics
 from rig.arrays import Array
 from rig.directions import difference_of, direction_from_angles
 from rig.recording import Recording, RecordingScan
+from rig.recording.repeated_poses import evenly_posed
 from rig.threads import one_blas_thread
 
 if TYPE_CHECKING:
@@ -176,7 +177,7 @@ def as_renk(
         RigError: as ``estimators.calibrate``.
     """
     names = list(calibration.sensors)
-    summed = summarise(source, names, arm)
+    summed = summarise(evenly_posed(source)[0], names, arm)
     found = {}
     for place, name in enumerate(names):
         sensor = calibration.sensors[name]

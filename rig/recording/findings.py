@@ -12,7 +12,7 @@ import numpy as np
 from rig.arrays import Array
 from rig.channels import ACCELEROMETER, MAGNETOMETER
 from rig.recording.recording_files import RecordingScan
-from rig.recording.repeated_poses import equal_rows, repeated, repeated_words
+from rig.recording.repeated_poses import equal_rows, repeated
 from rig.recording.samples import Recording
 from rig.recording.thinning import thinned
 from rig.units import STANDARD_GRAVITY
@@ -112,11 +112,11 @@ def stuck_words(run: Recording) -> list[str]:
 
 def _held(run: Recording) -> str:
     """Whether the poses are those of a slower log, each repeated until the next one came."""
-    if (starts := repeated(run)) is None:
+    if (found := repeated(run)) is None:
         return ""
     return (
-        f"{repeated_words(starts)}: a slower log's, held until the next came? rig calibrate and rig diagnose put"
-        " straight lines between; the pose log as a file of its own, given to rig import, has its times as well"
+        f"{found.words}: a slower log's, held until the next came? rig calibrate, live and diagnose put straight lines"
+        " between them; the pose log as a file of its own, given to rig import, has its times as well"
     )
 
 

@@ -6,10 +6,11 @@ that than steps are.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
 from rig.arrays import Array, Rows
@@ -23,8 +24,49 @@ _FIRST, _ANY = 4096, 0.1
 #: From the first to the second half of the rows of a pose, readings go on by this share of what they change between
 #: the pose before and the one after, where the arm moves evenly; by nothing where it is held.
 _GOES_ON: Final = 0.25
+#: And in its last quarter by this share of what they do in its second; of a sensor that settles after a move, by less.
+_STILL: Final = 0.5
 #: Standard deviations from which on that is more than chance.
-_SURE: Final = 4.0
+_SURE, _SETTLES = 4.0, 2.0
+#: Numbers of a pose that change within so many poses to either side do so with each of a log, this share of them; those
+#: of coarse encoders one by one.
+_NEAR, _TOGETHER = 3, 0.75
+#: Times the usual interval from which on one is a gap of the log.
+_LOST: Final = 3.0
+#: Of poses on a clock of its own, a share that stands in other than the usual number of rows.
+_UNEVEN: Final = 0.05
+
+
+@dataclass(frozen=True)
+class Held:
+    """Poses of a slower log.
+
+    Attributes:
+        starts: the rows at which they first stand. often: rows of each, as a rule.
+        late: by which share of a row they are older than these.
+    """
+
+    starts: Rows
+    often: int
+    late: float
+
+    @property
+    def words(self) -> str:
+        """What is the matter."""
+        return f"each pose is repeated in {self.often} rows, throughout, while the readings go on"
+
+    def read_at(self, t: Array, starts: Rows) -> Array:
+        """When poses were read [s] that first stand at some rows after the first, at times (n,)."""
+        return np.asarray((1.0 - self.late) * t[starts] + self.late * t[starts - 1])
+
+    def next(self, poses: Array) -> Rows:
+        """The rows at which later poses (n, k) of the same log first stand, the first of them at row 0.
+
+        While the arm pauses, its pose is read as well.
+        """
+        rows = zip(*equal_rows(poses), strict=True)
+        every = self.often
+        return np.concatenate([np.arange(first, first + max(many - every // 2, 1), every) for first, many in rows])
 
 
 def equal_rows(values: Array) -> tuple[Rows, Rows]:
@@ -34,40 +76,54 @@ def equal_rows(values: Array) -> tuple[Rows, Rows]:
     return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
 
-def poses_of(run: Recording) -> Array | None:
-    """(n, N) [rad] joint angles, else the tool's quaternions (n, 4); None where there are neither."""
-    return run.tool_quaternion if run.q is None else run.q
+def repeated(run: Recording) -> Held | None:
+    """The poses of a slower log, joint angles or else the tool's; None where they are no such log's.
 
-
-def repeated(run: Recording) -> Rows | None:
-    """The rows at which the poses of a slower log first stand; None where they are no such log's.
-
-    An arm that is held in each pose repeats these too: then its readings do not go on within them.
+    An arm that is held in each pose repeats these too: then its readings do not go on within them, but for what a slow
+    sensor has left to do. A coarse encoder repeats angles, one joint's when another's change.
     """
-    poses = poses_of(run)
-    if poses is None or run.metadata.still_poses:
-        return None
+    return next(iter(held_poses(run).values()), None)
+
+
+def held_poses(run: Recording) -> dict[bool, Held]:
+    """As ``repeated``: of joint angles under True, of the tool's poses under False, where they are a slower log's."""
+    found = {joints: _held(run, poses) for joints, poses in _kinds(run).items()}
+    return {joints: held for joints, held in found.items() if held is not None}
+
+
+def _kinds(run: Recording) -> dict[bool, Array]:
+    """The poses that there are, each (n, k): under True joint angles, under False the tool's quaternions."""
+    return {joints: poses for joints, poses in ((True, run.q), (False, run.tool_quaternion)) if poses is not None}
+
+
+def _held(run: Recording, poses: Array) -> Held | None:
+    """As ``repeated``, of one kind of poses."""
     first = poses[:_FIRST]
-    if len(first) < 2 or np.mean((first[1:] == first[:-1]).all(axis=1)) < _ANY:
+    alike = (first[1:] == first[:-1]).all(axis=1)
+    if run.metadata.still_poses or not len(alike) or np.mean(alike) < _ANY:
         return None
     starts, counts = equal_rows(poses)
     inner = counts[1:-1]  # the first and the last may be cut off
     often = int(np.median(inner)) if len(inner) else 0
     if often < 2 or len(inner) < _LOGGED or np.mean(np.abs(inner - often) <= 1) < _THROUGHOUT:
         return None
-    if not _going_on(run.every_reading, starts, counts):
+    if not _changing_together(poses[starts]) or not _going_on(run.every_reading, starts, counts):
         return None
-    return read_at(poses, often)
+    found = Held(starts, often, 0.0)
+    found = replace(found, starts=found.next(poses))
+    uneven = np.mean(np.diff(found.starts[1:]) != often)
+    return replace(found, late=0.5 if uneven > _UNEVEN else 0.0)
 
 
-def read_at(poses: Array, often: int) -> Rows:
-    """The rows at which poses (n, k) were read, each for so many rows; while the arm pauses, too."""
-    rows = zip(*equal_rows(poses), strict=True)
-    return np.concatenate([np.arange(first, first + max(many - often // 2, 1), often) for first, many in rows])
+def _changing_together(poses: Array) -> bool:
+    """Whether what changes of poses (m, k) that follow one another changes at once."""
+    changed = np.diff(poses, axis=0) != 0.0
+    near = maximum_filter1d(changed.astype(np.int8), 2 * _NEAR + 1, axis=0)
+    return float(changed.sum()) > _TOGETHER * float(near.sum())
 
 
 def _going_on(readings: Array, starts: Rows, counts: Rows) -> bool:
-    """Whether readings (n, c) go on within the poses as they do from one to the next.
+    """Whether readings (n, c) go on within the poses as they do from one to the next, to their ends.
 
     By the mean of the second half of a pose's rows less that of the first, against the pose after less the pose before:
     these have no reading in common. The noise in their squares is taken off.
@@ -87,64 +143,77 @@ def _going_on(readings: Array, starts: Rows, counts: Rows) -> bool:
     along = np.sum(within * between, axis=1)
     squares = float(np.sum(between**2) - np.sum((half / many)[:, None] * within**2))
     sure = float(along.sum()) > _SURE * float(np.sqrt(np.sum(along**2)))
-    return sure and float(along.sum()) > 0.5 * _GOES_ON * squares
-
-
-def repeated_words(starts: Rows) -> str:
-    """What is the matter, with the rows of ``repeated``."""
-    often = int(np.median(np.diff(starts)))
-    return f"each pose is repeated in {often} rows, throughout, while the readings go on"
+    if not sure or float(along.sum()) <= 0.5 * _GOES_ON * squares:
+        return False
+    long = many >= 4
+    first, many, between, quarter = first[long], many[long], between[long], many[long] // 4
+    early = mean(first + quarter, first + 2 * quarter) - mean(first, first + quarter)
+    late = mean(first + many - quarter, first + many) - mean(first + many - 2 * quarter, first + many - quarter)
+    less = np.sum((_STILL * early - late) / scale * between, axis=1)
+    return not float(less.sum()) > _SETTLES * float(np.sqrt(np.sum(less**2)))
 
 
 def evenly_posed(source: Recording | RecordingScan) -> tuple[Recording | RecordingScan, str]:
-    """As ``straight_between``, of a recording, or a scan of one by its first rows; and a warning in words, empty where
-    it is as it was.
+    """As ``straight_between``, of a recording, or a scan of one by the first rows in which the arm moves; and a warning
+    in words, empty where it is as it was.
 
     Raises:
         RigError: the file cannot be read, or is such a log and does not fit into the memory.
     """
-    first = source if isinstance(source, Recording) else next(iter(source))
-    if (starts := repeated(first)) is None:
+    whole = source if isinstance(source, Recording) else None
+    if isinstance(source, RecordingScan):
+        moving = next((batch for batch in source if not _resting(batch)), None)
+        whole = None if moving is None or repeated(moving) is None else source.read()
+    if whole is None or (found := repeated(whole)) is None:
         return source, ""
-    whole = first if isinstance(source, Recording) else source.read()
-    words = f"{repeated_words(starts)}, as of a slower log, held until the next came: straight lines were put between"
+    words = f"{found.words}, as of a slower log, held until the next came: straight lines were put between them"
     return straight_between(whole), words
+
+
+def _resting(batch: Recording) -> bool:
+    """Whether there are too few poses to tell."""
+    kinds = _kinds(batch).values()
+    return bool(kinds) and all(len(equal_rows(poses)[0]) <= _LOGGED for poses in kinds)
 
 
 def straight_between(run: Recording) -> Recording:
     """The recording with straight lines and turns about one axis from each pose of a slower log to the next.
 
     A pose was read between the row before and the one where it first stands: at that one, if each stands in equally
-    many rows, as of one clock; else halfway. Before the first that is known so, and after the last, there is no line:
-    these rows go. Other recordings are returned as they are.
+    many rows, as of one clock; else halfway. Before the first that is known so, after the last, and where the log has a
+    gap, there is no line: these rows go. Other recordings are returned as they are.
     """
-    if (starts := repeated(run)) is None:
-        return run
-    return lines_between(run, starts[1:], lateness(starts))  # nobody knows how long the first one stood before
+    straight, known = run, np.ones(len(run), dtype=bool)
+    for joints, found in held_poses(run).items():
+        starts = found.starts[1:]  # nobody knows how long the first one stood before
+        at = found.read_at(run.t, starts)
+        straight = lines_between(straight, joints, starts, at)
+        known &= (run.t >= at[0]) & (run.t <= at[-1])
+        before = np.clip(np.searchsorted(at, run.t, side="right") - 1, 0, len(at) - 2)
+        lost = np.diff(at) > _LOST * np.median(np.diff(at))
+        known &= ~(lost[before] & (run.t > at[before]) & (run.t < at[before + 1]))
+    return run if straight is run else straight.select(known)
 
 
-def lateness(starts: Rows) -> float:
-    """By which share of a row poses are older than the rows at which they first stand; the first may be cut."""
-    return 0.5 if np.ptp(np.diff(starts[1:])) else 0.0
+def lines_between(run: Recording, joints: bool, starts: Rows, at: Array) -> Recording:
+    """The joint angles, or the tool's poses, on straight lines between those that first stand at some rows.
 
-
-def lines_between(run: Recording, starts: Rows, late: float) -> Recording:
-    """As ``straight_between``, of the poses that first stand at some rows after the first, so late."""
+    Args:
+        starts, at: (m,) these rows, and when the poses were read [s].
+    """
     t = run.t
-    at = (1.0 - late) * t[starts] + late * t[starts - 1]
 
     def lines(values: Array) -> Array:
         return np.stack([np.interp(t, at, column) for column in values.T], axis=1)
 
-    q, position = run.q, run.tool_position
-    if q is not None:
-        turning = np.array([joint not in run.slides for joint in range(1, q.shape[1] + 1)])
-        q = lines(np.where(turning, np.unwrap(q[starts], axis=0), q[starts]))  # or a line leads through a whole turn
-    if position is not None:
-        position = lines(position[starts])
-    quaternion = run.tool_quaternion
-    if quaternion is not None:
-        turns = Slerp(at, Rotation.from_quat(quaternion[starts], scalar_first=True))
-        quaternion = turns(np.clip(t, at[0], at[-1])).as_quat(scalar_first=True)
-    whole = replace(run, q=q, tool_quaternion=quaternion, tool_position=position)
-    return whole.select((t >= at[0]) & (t <= at[-1]))
+    if joints:
+        assert run.q is not None
+        turning = np.array([joint not in run.slides for joint in range(1, run.q.shape[1] + 1)])
+        q = lines(np.where(turning, np.unwrap(run.q[starts], axis=0), run.q[starts]))  # or through a whole turn
+        turns = np.where(turning, np.round((q - run.q) / (2.0 * np.pi)), 0.0)
+        return replace(run, q=q - 2.0 * np.pi * turns)
+    assert run.tool_quaternion is not None
+    turned = Slerp(at, Rotation.from_quat(run.tool_quaternion[starts], scalar_first=True))
+    quaternion = turned(np.clip(t, at[0], at[-1])).as_quat(scalar_first=True)
+    position = run.tool_position if run.tool_position is None else lines(run.tool_position[starts])
+    return replace(run, tool_quaternion=quaternion, tool_position=position)

@@ -5,25 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from rig.recording import Recording, joined
-from rig.recording.repeated_poses import (
-    equal_rows,
-    lateness,
-    lines_between,
-    poses_of,
-    read_at,
-    repeated,
-    repeated_words,
-)
+from rig.recording.repeated_poses import Held, equal_rows, held_poses, lines_between
 
 #: So many rows are looked at together at most; so many poses, and of all rows this share, tell that none is repeated.
 _MOST, _ENOUGH, _NEW = 4096, 60, 0.9
+#: While poses stand for so long at most [s], so many of them wait until it is known whether they are repeated.
+_SHORT_S, _WAIT = 1.0, 40
 
 
 class StraightPoses:
     """Takes the samples of a stream, batch by batch, and gives those whose poses are known by then.
-
-    What came before it was seen that poses are repeated is given as it is: some twenty poses, more where they differ by
-    less than the noise.
 
     Attributes:
         words: what was found, once it is; empty before, and where no pose is repeated.
@@ -31,9 +22,11 @@ class StraightPoses:
 
     def __init__(self) -> None:
         self.words = ""
-        self._every: tuple[int, float] | None = None  # rows of a pose, and how late it is
+        self._held: Held | None = None
+        self._kinds: dict[bool, Held] = {}
         self._settled = False
-        self._seen: Recording | None = None
+        self._seen: Recording | None = None  # from a pose's first row on, once they are known to be repeated
+        self._at_s = 0.0  # when that was read
         self._given_s = -np.inf  # the last row that was given
 
     def __call__(self, batch: Recording) -> Recording | None:
@@ -41,23 +34,42 @@ class StraightPoses:
         if self._settled:
             return batch
         seen = batch if self._seen is None else joined([self._seen, batch])
-        poses = poses_of(seen)
+        joints = True in self._kinds if self._kinds else seen.q is not None
+        poses = seen.q if joints else seen.tool_quaternion
         if poses is None:
             self._settled = True
             return batch
-        if self._every is None and (starts := repeated(seen)) is not None:
-            self._every = int(np.median(np.diff(starts))), lateness(starts)
-            self.words = f"{repeated_words(starts)}: straight lines are put between"
-        if self._every is None:
-            self._settled = len(equal_rows(poses)[0]) > max(_ENOUGH, _NEW * len(poses))
-            self._seen, self._given_s = seen.select(slice(-_MOST, None)), float(batch.t[-1])
-            return batch
-        often, late = self._every
-        starts = read_at(poses, often)[1:]
-        self._seen = seen if len(starts) < 2 else seen.select(slice(int(starts[-1]) - 1, None))
-        straight = None if len(starts) < 2 else lines_between(seen, starts, late)
-        if straight is None or straight.t[-1] <= self._given_s:
+        if self._held is None:
+            self._kinds = held_poses(seen)
+            if not self._kinds:
+                return self._undecided(seen, equal_rows(poses)[0])
+            self._held = found = next(iter(self._kinds.values()))
+            self.words = f"{found.words}: straight lines are put between them"
+            first = int(found.starts[1])
+            self._at_s = float(found.read_at(seen.t, found.starts[1:2])[0])
+            seen, poses = seen.select(slice(first, None)), poses[first:]
+        self._seen = seen
+        starts = self._held.next(poses)
+        if len(starts) < 2:
             return None
-        straight = straight.select(straight.t > self._given_s)
-        self._given_s = float(straight.t[-1])
-        return straight
+        at = np.append(self._at_s, self._held.read_at(seen.t, starts[1:]))
+        straight = seen
+        for joints in self._kinds:
+            straight = lines_between(straight, joints, starts, at)
+        self._seen, self._at_s = seen.select(slice(int(starts[-1]), None)), float(at[-1])
+        return self._given(straight, float(at[-1]))
+
+    def _undecided(self, seen: Recording, starts: np.ndarray) -> Recording | None:
+        """What has not been given yet, unless it is soon known whether its poses are repeated."""
+        self._settled = len(starts) > max(_ENOUGH, _NEW * len(seen))
+        self._seen = None if self._settled else seen.select(slice(-_MOST, None))
+        stands_s = float(np.median(np.diff(seen.t[starts]))) if 2 < len(starts) < _WAIT else np.inf
+        if not self._settled and len(starts) < _NEW * len(seen) and stands_s < _SHORT_S:
+            return None
+        return self._given(seen, float(seen.t[-1]))
+
+    def _given(self, seen: Recording, until_s: float) -> Recording | None:
+        """What comes after what was given before, up to a time."""
+        fresh = (seen.t > self._given_s) & (seen.t <= until_s)
+        self._given_s = max(self._given_s, until_s)
+        return seen.select(fresh) if fresh.any() else None
