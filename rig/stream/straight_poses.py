@@ -10,7 +10,7 @@ from rig.recording.repeated_poses import Held, equal_rows, held_poses, lines_bet
 #: So many rows are looked at together at most; so many poses, and of all rows this share, tell that none is repeated.
 _MOST, _ENOUGH, _NEW = 4096, 60, 0.9
 #: While poses stand for so long at most [s], so many of them wait until it is known whether they are repeated.
-_SHORT_S, _WAIT = 1.0, 40
+_SHORT_S, _WAIT = 2.0, 40
 
 
 class StraightPoses:
@@ -63,7 +63,7 @@ class StraightPoses:
         """What has not been given yet, unless it is soon known whether its poses are repeated."""
         self._settled = len(starts) > max(_ENOUGH, _NEW * len(seen))
         self._seen = None if self._settled else seen.select(slice(-_MOST, None))
-        stands_s = float(np.median(np.diff(seen.t[starts]))) if 2 < len(starts) < _WAIT else np.inf
+        stands_s = float(np.median(np.diff(seen.t[starts]))) if 1 < len(starts) < _WAIT else np.inf
         if not self._settled and len(starts) < _NEW * len(seen) and stands_s < _SHORT_S:
             return None
         return self._given(seen, float(seen.t[-1]))
