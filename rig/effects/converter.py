@@ -28,6 +28,8 @@ _OUT_OF_REACH: Final = 1e12
 SIGNIFICANT: Final = 1e-5
 #: A level is clipped at when it holds this many readings and this many times its neighbourhood's density.
 _PILED, _DENSER = 4, 4.0
+#: Noise of so many steps of a converter spreads over its levels.
+_SPREADS: Final = 3.0
 #: A converter's rounding that adds less than this share of the floor's variance is not felt.
 _FELT: Final = 0.005
 #: A reading is no outlier by itself within so many deviations of its neighbours, whatever the tails.
@@ -81,10 +83,12 @@ class Saturation(Effect):
             piled = sign * values >= level - 1e-9 * max(1.0, abs(level))
             below = sign * values > level - max(1.5 * step, _ALIKE * sigma)
             expected = float((below & ~piled).sum())  # on a lattice the next level, else a thousandth of the noise
-            log_p = float(binom.logsf(piled.sum() - 1, len(values), max(expected, 1.0) / len(values)))
+            piled_up = float(binom.logsf(piled.sum() - 1, len(values), max(expected, 1.0) / len(values)))
             beyond = (sign * readings.expected[:, column] - level) / sigma
             # a signal that turns at a lattice's top level reaches none above it
-            log_p = max(log_p, -float(ndtr(beyond - 0.5 * step / sigma).sum()))
+            none_beyond = -float(ndtr(beyond - 0.5 * step / sigma).sum())
+            # noise of many steps does not pile up by itself: half of what is asked for is enough then
+            log_p = max(piled_up, (2.0 if sigma > _SPREADS * step else 1.0) * none_beyond)
             many = piled.sum() >= _PILED and piled.sum() >= _DENSER * max(expected, 0.5)
             if not many or log_p > np.log(SIGNIFICANT):
                 continue
