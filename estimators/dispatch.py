@@ -130,7 +130,7 @@ def calibrate(
             reads=reads_of(summed.metadata, sensor),
             field_unit=summed.metadata.stated_field_unit(sensor),
         )
-        results[sensor] = floors.with_loudness(made if not repeats else made.warned(repeats))
+        results[sensor] = floors.with_loudness(made.warned(*repeats))
     return Calibration(results, source.name, summed.arm)
 
 

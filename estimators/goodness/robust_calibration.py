@@ -70,9 +70,7 @@ def robust_calibrate(
     Raises:
         RigError, RefusedFit: as of ``estimators.calibrate`` and ``reject_outliers``.
     """
-    posed, repeats = evenly_posed(run)
-    assert isinstance(posed, Recording)
-    run = posed
+    run, repeats = evenly_posed(run)
     needed = run.q is not None and run.tool_quaternion is None
     used = arm_or_named(arm, run.metadata.arm) if needed else arm  # ``calibrate`` says what is missing
     found: dict[str, SensorCalibration] = {}
@@ -82,7 +80,7 @@ def robust_calibrate(
         rejection = reject_outliers(run, sensor, used, cut)
         part = run if rejection.kept.all() else run.select(rejection.kept)
         result = calibrate(part, method, noise, arm, field_points, weighting, (sensor,))
-        own = result[sensor].warned(repeats) if repeats else result[sensor]
+        own = result[sensor].warned(*repeats)
         if rejection.rejected:
             words = (
                 f"{rejection.rejected} of {len(run)} samples were left out as outliers (beyond {cut:g} standard"

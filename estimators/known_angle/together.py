@@ -150,7 +150,7 @@ def calibrate_together(
         if not there:
             continue
         source, repeats = evenly_posed(source)
-        warnings += [f"{source.name}: {repeats}"] if repeats else []
+        warnings += [f"{source.name}: {words}" for words in repeats]
         summed = summarise(source, there, arm, progress)
         arms.add(summed.arm)
         for position, sensor in enumerate(there):

@@ -10,6 +10,7 @@ from estimators.stillness.detection import SPEED_LIMIT
 from rig.arrays import Mask
 from rig.errors import RefusedFit, RigError
 from rig.recording import Recording
+from rig.recording.repeated_poses import straight_between
 
 #: Readings so soon after a move and before the next are left out as well [s].
 SETTLE_S: Final = 0.1
@@ -18,7 +19,7 @@ SETTLE_S: Final = 0.1
 def at_rest_samples(recording: Recording) -> Recording:
     """The samples of a recording at which its joints, or its tool, neither turn nor have just turned.
 
-    Nor will for a tenth of a second.
+    Nor will for a tenth of a second. Between poses that a slower log repeats it moves (``straight_between``).
 
     Args:
         recording: with joint angles or tool poses.
@@ -27,6 +28,7 @@ def at_rest_samples(recording: Recording) -> Recording:
         RigError: no pose was recorded.
         RefusedFit: the arm is never at rest.
     """
+    recording = straight_between(recording)
     where = recording.origin or recording.name
     step = np.diff(recording.t)
     if recording.q is not None:

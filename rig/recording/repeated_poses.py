@@ -6,8 +6,9 @@ that than steps are.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, overload
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -153,9 +154,17 @@ def _going_on(readings: Array, starts: Rows, counts: Rows) -> bool:
     return not float(less.sum()) > _SETTLES * float(np.sqrt(np.sum(less**2)))
 
 
-def evenly_posed(source: Recording | RecordingScan) -> tuple[Recording | RecordingScan, str]:
-    """As ``straight_between``, of a recording, or a scan of one by the first rows in which the arm moves; and a warning
-    in words, empty where it is as it was.
+@overload
+def evenly_posed(source: Recording) -> tuple[Recording, tuple[str, ...]]: ...
+
+
+@overload
+def evenly_posed(source: Recording | RecordingScan) -> tuple[Recording | RecordingScan, tuple[str, ...]]: ...
+
+
+def evenly_posed(source: Recording | RecordingScan) -> tuple[Recording | RecordingScan, tuple[str, ...]]:
+    """As ``straight_between``, of a recording, or a scan of one by the first rows in which the arm moves; and warnings,
+    none where it is as it was.
 
     Raises:
         RigError: the file cannot be read, or is such a log and does not fit into the memory.
@@ -164,10 +173,12 @@ def evenly_posed(source: Recording | RecordingScan) -> tuple[Recording | Recordi
     if isinstance(source, RecordingScan):
         moving = next((batch for batch in source if not _resting(batch)), None)
         whole = None if moving is None or repeated(moving) is None else source.read()
-    if whole is None or (found := repeated(whole)) is None:
-        return source, ""
-    words = f"{found.words}, as of a slower log, held until the next came: straight lines were put between them"
-    return straight_between(whole), words
+    if whole is None or not (found := held_poses(whole)):
+        return source, ()
+    words = next(iter(found.values())).words
+    return _straight(whole, found), (
+        f"{words}, as of a slower log, held until the next came: straight lines were put between them",
+    )
 
 
 def _resting(batch: Recording) -> bool:
@@ -183,16 +194,22 @@ def straight_between(run: Recording) -> Recording:
     many rows, as of one clock; else halfway. Before the first that is known so, after the last, and where the log has a
     gap, there is no line: these rows go. Other recordings are returned as they are.
     """
+    found = held_poses(run)
+    return _straight(run, found) if found else run
+
+
+def _straight(run: Recording, found: Mapping[bool, Held]) -> Recording:
+    """As ``straight_between``, of the poses that ``held_poses`` has found."""
     straight, known = run, np.ones(len(run), dtype=bool)
-    for joints, found in held_poses(run).items():
-        starts = found.starts[1:]  # nobody knows how long the first one stood before
-        at = found.read_at(run.t, starts)
+    for joints, each in found.items():
+        starts = each.starts[1:]  # nobody knows how long the first one stood before
+        at = each.read_at(run.t, starts)
         straight = lines_between(straight, joints, starts, at)
         known &= (run.t >= at[0]) & (run.t <= at[-1])
         before = np.clip(np.searchsorted(at, run.t, side="right") - 1, 0, len(at) - 2)
         lost = np.diff(at) > _LOST * np.median(np.diff(at))
         known &= ~(lost[before] & (run.t > at[before]) & (run.t < at[before + 1]))
-    return run if straight is run else straight.select(known)
+    return straight.select(known)
 
 
 def lines_between(run: Recording, joints: bool, starts: Rows, at: Array) -> Recording:

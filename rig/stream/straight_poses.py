@@ -23,7 +23,7 @@ class StraightPoses:
     def __init__(self) -> None:
         self.words = ""
         self._held: Held | None = None
-        self._kinds: dict[bool, Held] = {}
+        self._kinds: tuple[bool, ...] = ()  # whether joint angles or the tool's poses, as ``held_poses`` has it
         self._settled = False
         self._seen: Recording | None = None  # from a pose's first row on, once they are known to be repeated
         self._at_s = 0.0  # when that was read
@@ -34,20 +34,21 @@ class StraightPoses:
         if self._settled:
             return batch
         seen = batch if self._seen is None else joined([self._seen, batch])
-        joints = True in self._kinds if self._kinds else seen.q is not None
-        poses = seen.q if joints else seen.tool_quaternion
-        if poses is None:
+        kinds = [poses for poses in (seen.q, seen.tool_quaternion) if poses is not None]
+        if not kinds:
             self._settled = True
             return batch
         if self._held is None:
-            self._kinds = held_poses(seen)
-            if not self._kinds:
-                return self._undecided(seen, equal_rows(poses)[0])
-            self._held = found = next(iter(self._kinds.values()))
+            every = held_poses(seen)
+            if not every:
+                return self._undecided(seen, min((equal_rows(poses)[0] for poses in kinds), key=len))
+            self._held = found = next(iter(every.values()))
+            self._kinds = tuple(kind for kind, own in every.items() if np.array_equal(own.starts, found.starts))
             self.words = f"{found.words}: straight lines are put between them"
-            first = int(found.starts[1])
             self._at_s = float(found.read_at(seen.t, found.starts[1:2])[0])
-            seen, poses = seen.select(slice(first, None)), poses[first:]
+            seen = seen.select(slice(int(found.starts[1]), None))
+        poses = seen.q if self._kinds[0] else seen.tool_quaternion
+        assert poses is not None
         self._seen = seen
         starts = self._held.next(poses)
         if len(starts) < 2:

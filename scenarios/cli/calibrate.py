@@ -171,9 +171,8 @@ def calibrate(
         source: Path | Recording = run
         if still and len(several) == 1:
             from estimators.stillness.at_rest import at_rest_samples
-            from rig.recording.repeated_poses import straight_between
 
-            source = at_rest_samples(straight_between(scan.read()))
+            source = at_rest_samples(scan.read())
         if len(several) > 1:
             judged, source = _together(several, method, floor, arm, points, weighting, still, stated)
             calibration = with_assumptions(judged, scan, stated)
@@ -265,9 +264,8 @@ def _together(
     floors: list[Noise | None] = [noise] * len(runs)
     if still:
         from estimators.stillness.at_rest import at_rest_samples
-        from rig.recording.repeated_poses import straight_between
 
-        sources = [at_rest_samples(straight_between(scan.read())) for scan in scans]
+        sources = [at_rest_samples(scan.read()) for scan in scans]
         beside = [locked_beside(run) for run in runs]
         if noise is None:
             floors = [None if each is None else noise_floor(each) for each in beside]

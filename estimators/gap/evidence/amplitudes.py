@@ -29,7 +29,7 @@ _AS_NEAR: Final = 0.1
 
 def told(one: Weighed) -> float:
     """The information about the logarithm of the variance, where that is likeliest."""
-    return 0.5 * float(np.sum(_shares(one) ** 2))
+    return _information(_shares(one))
 
 
 def between_steps(linear: Linear, found: Sequence[Weighed]) -> list[Weighed]:
@@ -42,7 +42,7 @@ def between_steps(linear: Linear, found: Sequence[Weighed]) -> list[Weighed]:
         if each.log_mass + _LOST * len(each.term.values) < top - _NEAR:  # as much as any shares could lose
             continue
         shares = _shares(each)
-        sharp = 0.5 * float(shares @ shares) * _step(each) ** 2 > 2.0 * pi
+        sharp = _information(shares) * _step(each) ** 2 > 2.0 * pi
         if sharp and each.log_mass + _LOST * float(shares.sum()) > top - _NEAR:
             every[index] = _likeliest(linear, each, columns)
     return sorted(every, key=lambda each: -each.log_mass)
@@ -51,6 +51,10 @@ def between_steps(linear: Linear, found: Sequence[Weighed]) -> list[Weighed]:
 def _shares(one: Weighed) -> Array:
     """(r,) of each direction the share of its variance that is the term's, at its likeliest step."""
     return np.asarray(one.term.values * one.term.shrunk[0][int(np.argmax(one.gains))])
+
+
+def _information(shares: Array) -> float:
+    return 0.5 * float(shares @ shares)
 
 
 def _step(one: Weighed) -> float:

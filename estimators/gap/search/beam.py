@@ -168,8 +168,8 @@ class Search:
             each = Explanation.of(members, refitted, prior, fine)
             own = each.members
             instants = [index for index, member in enumerate(own) if member.widths] if fine else []
-            best = max((one.log_mass for one in self.found.values() if one.fine), default=-np.inf)
-            if instants and each.log_mass > best - _FAR:
+            fine_ones = (one.log_mass for one in self.found.values() if one.fine)
+            if instants and each.log_mass > max(fine_ones, default=-np.inf) - _FAR:
                 for index in instants:
                     own, refitted = self._at_its_instant(own, index, refitted)
                 each = Explanation.of(own, refitted, prior, fine)
